@@ -127,7 +127,7 @@ def shift(states, sample: Sample) -> np.ndarray:
 def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) -> float | None:
     """Load at which slow dynamics collapses, None if it does not up to 1.3 times the last load of the path.
 
-    The kinetic energy of slow motion decreases with the square of the rate. A load step in which the slower of two runs
+    The kinetic energy of slow motion scales as the square of the rate. A load step in which the slower of two runs
     has more than half of the kinetic energy of the faster one, and thirty times its own median, is a burst. A burst is
     a collapse if the wall deviates from the path from there on, or if the path has ended.
     """

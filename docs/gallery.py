@@ -140,8 +140,8 @@ def write_page(sections: dict[str, list[tuple[str, str]]]) -> None:
     text = [
         "# Gallery", "",
         "Every figure function takes a result, or measures of it, and returns a matplotlib Figure:",
-        "`ss.figures.NAME(…)`. Colours are those of Okabe and Ito, and viridis; a column is 86 mm wide.",
-        "`python docs/gallery.py` draws all figures of this page from `examples/`;",
+        "`ss.figures.NAME(…)`. Colours are those of Okabe and Ito and of viridis; a column is 86 mm wide.",
+        "`python docs/gallery.py` draws all figures on this page from `examples/`;",
         "`stickslip run EXAMPLE --out FOLDER` writes those of one example.", "",
     ]  # fmt: skip
     examples = {heading: example for heading, example, _ in SHOWN.values()}

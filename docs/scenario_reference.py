@@ -192,7 +192,7 @@ def sweep_page() -> str:
     example = (EXAMPLES / "rate_state_sweep.toml").read_text(encoding="utf-8").strip()
     return f"""# Sweeps
 
-Any scenario may contain a table `[sweep]`; `stickslip run` then collects the results of all members in a dataset. The
+Any scenario may contain a `[sweep]` table; `stickslip run` then collects the results of all members in a dataset. The
 modes, the output files and the use of clusters are described in [many runs](../many_runs.md).
 
 | key | default | allowed | |

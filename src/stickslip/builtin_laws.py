@@ -1,6 +1,6 @@
 """Table of built-in contact laws, in the order of their kinds; everything that lists or describes them reads it.
 
-A new law is one entry here, its scalar functions and its constructor in `core/laws/builtin.py`, and tests.
+A new law needs one entry here, its scalar functions and its constructor in `core/laws/builtin.py`, and tests.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class BuiltinLaw(NamedTuple):
 
     @property
     def damping(self) -> str:
-        """Default damping model of scenarios."""
+        """Default damping model for scenarios."""
         return "viscoelastic" if self.uses_radius else "mass_velocity"
 
 
@@ -29,7 +29,7 @@ BUILTIN_LAWS = (
     BuiltinLaw("linear", "k δ, as in paper 002", 1.0, ("Cundall1979",)),
     BuiltinLaw("hertz_mindlin_reff", "k √R δ^(3/2), as in LAMMPS", 1.5, _ELASTIC, uses_radius=True),
     BuiltinLaw(
-        "hertz_mindlin_rescaled", "k δ^(3/2), slips shorten as overlaps fall", 1.5, (*_HERTZ, "LAMMPS"), rescales=True
+        "hertz_mindlin_rescaled", "k δ^(3/2), slip shrinks with the overlap", 1.5, (*_HERTZ, "LAMMPS"), rescales=True
     ),
     BuiltinLaw(
         "hertz_mindlin_reff_rescaled", "as LAMMPS mindlin_rescale", 1.5, (*_ELASTIC, "LAMMPS"), uses_radius=True,

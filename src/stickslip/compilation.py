@@ -1,4 +1,4 @@
-"""Announcement of kernels while they are compiled, to the logger `stickslip` and to displays of progress."""
+"""Announcements of kernel compilation, to the logger `stickslip` and to progress displays."""
 
 import logging
 from collections.abc import Callable, Iterator
@@ -38,7 +38,7 @@ def announced_to(listener: Callable[[str | None], None]) -> Iterator[None]:
 def start(name: str) -> None:
     """Announce that a kernel is being compiled."""
     if not _compiled:
-        _LOG.info("%s: each kind of computation takes some seconds the first time", headline())
+        _LOG.info("%s: each kind of computation takes a few seconds the first time", headline())
     _LOG.debug("compiling %s", name)
     _compiled.append(name)
     for listener in _listeners:

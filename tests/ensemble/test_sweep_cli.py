@@ -129,7 +129,7 @@ def test_members_that_fail_end_with_1_and_the_others_are_kept(tmp_path):
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
     assert run.returncode == 1
     assert run.stderr == (
-        "stickslip: 1 of 5 members failed: the others are saved, repeat the call to run these again\n"
+        "stickslip: 1 of 5 members failed: the others are saved; repeat the call to rerun the failed ones\n"
     )
     assert "no equilibrium at push = 0.001" in run.stdout
     assert open_sweep(tmp_path / "out").finished.values.tolist() == [0, 1, 1, 1, 1]

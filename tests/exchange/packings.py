@@ -42,7 +42,7 @@ def walled() -> tuple[ss.State, ss.Law]:
 
 
 def with_slip(state: ss.State, law: ss.Law, rng) -> ss.State:
-    """Random slip at every contact, some beyond Coulomb's limit, accepted."""
+    """Random slip at every contact, some beyond the Coulomb limit, accepted."""
     c = state.contacts
     slip = np.where((c.mode != OPEN)[:, None], rng.normal(0, 5e-3, c.slip.shape), 0.0)
     if state.cell.dim == 2:

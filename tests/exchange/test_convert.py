@@ -165,7 +165,7 @@ def test_bad_input_ends_with_code_2_and_one_sentence(words, said, tmp_path):
 
 def test_modes_of_another_packing_are_refused(unstable, tmp_path):
     np.savez(tmp_path / "m.npz", exponent=np.ones(1), translation=np.ones((1, 3, 3)), rotation=np.ones((1, 3, 3)))
-    with pytest.raises(ss.packings.PackingError, match="modes of 3 grains, the packing has 30"):
+    with pytest.raises(ss.packings.PackingError, match="modes of 3 grains, but the packing has 30"):
         ss.io.read_mode(tmp_path / "m.npz", 0, 30)
     with pytest.raises(ss.packings.PackingError, match="mode 5 was requested"):
         ss.io.read_mode(tmp_path / "m.npz", 5, 3)
@@ -207,7 +207,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
 
 def test_a_state_keeps_its_sliding_contacts(tmp_path):
-    """Read again, a contact at Coulomb's limit is still there, whatever round-off says."""
+    """Read again, a contact at the Coulomb limit is still there, whatever round-off says."""
     state = spheres()
     for name in ("p.npz", "p.h5", "p.gsd"):
         ss.io.write_packing(tmp_path / name, state, SHARP)

@@ -45,7 +45,7 @@ def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
 
 def test_rows_with_empty_cells_are_left_out_and_told(tmp_path):
     path = written(tmp_path / "a.csv", HEAD + ", note", [f"{row}, " for row in [*ROWS, "12, , 0.6", "13, 130, "]])
-    with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out, the first is line 14"):
+    with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out; the first is line 14"):
         found = read_csv(path)
     assert len(found.time) == 12
 
@@ -128,6 +128,6 @@ def test_the_command_line_reads_files_without_headers(tmp_path):
     words = ("fit", "a.csv", "--stiffness", "1000", "--law", "slip", "-q")
     done = stickslip_here(*words, "--columns", "time=0,load_point [um]=1,friction=2", cwd=tmp_path)
     assert done.returncode == 0
-    assert done.stderr == ("stickslip: a.csv: 1 of 41 rows have an empty cell and are left out, the first is line 41\n")
+    assert done.stderr == ("stickslip: a.csv: 1 of 41 rows have an empty cell and are left out; the first is line 41\n")
     done = stickslip_here(*words, "--columns", "time", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NAME=NUMBER" in done.stderr

@@ -70,7 +70,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path):
     fitted = stickslip("fit", out / "steps_0000_0.csv", "--law", "slip", "--stiffness", "1433")
     assert fitted.returncode == 0, fitted.stderr
     again = stickslip("run", file, "--out", out)
-    assert "1 realizations were finished before and not run again" in " ".join(again.stdout.split())
+    assert "1 realizations had finished earlier and were not run again" in " ".join(again.stdout.split())
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["reproduce", "gouge", "--quick", "--full"], "--full was given with --quick: give one of them"),
+        (["reproduce", "gouge", "--quick", "--full"], "--full was given with --quick: give only one of them"),
         (["reproduce", "disk-array", "--full"], "disk-array has no --full: leave it out"),
     ],
 )

@@ -21,7 +21,7 @@ def of(**law):
     ("law", "words"),
     [
         ({}, "law has no damping: give gamma_n"),
-        ({"gamma_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give one of them"),
+        ({"gamma_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
         ({"restitution": 0.98, **MEETING}, "without law.reading: give reading"),
         ({"restitution": 0.98, "reading": "eq8", "size": 3e-3}, "without law.speed"),
         ({"gamma_n": 1e4, "speed": 25.0}, "law.speed was given without law.restitution"),

@@ -91,7 +91,7 @@ def test_cells_that_are_none_are_refused(gradient, words):
 
 def test_grains_on_top_of_each_other_are_refused_before_all_pairs_are_listed():
     rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match=r"1000000 grains were given within a radius of \("):
+    with pytest.raises(ValueError, match=r"1000000 grains were given within one grain radius of \("):
         ss.assembly(ss.spheres(np.full((10**6, 3), 0.1), 0.5), cell=ss.box())
     loose = rng.uniform(0, 30, (2000, 3))
     ss.assembly(ss.spheres(loose, 0.5), cell=ss.box([40.0] * 3))

@@ -76,7 +76,7 @@ def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):
     with pytest.raises(ss.experiments.ScenarioError, match=r"mine\.py has changed since the run began"):
         ss.packings.poured(chosen)  # … and nothing else than what was named is run
     (folder / "mine.py").unlink()
-    with pytest.raises(ss.experiments.ScenarioError, match="does not exist any more"):
+    with pytest.raises(ss.experiments.ScenarioError, match="no longer exists"):
         ss.packings.poured(chosen)
 
 

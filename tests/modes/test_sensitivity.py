@@ -53,7 +53,7 @@ def test_derivatives_add_up_and_are_those_of_differences(swinging):
 
 
 def assert_twins_agree(state, found, chosen):
-    """Each change against a packing whose contact has lost its stiffness, or slides at Coulomb's limit."""
+    """Each change against a packing whose contact has lost its stiffness, or slides at the Coulomb limit."""
     linear = linearise(state, LAW)
     for k in chosen:
         row = found.contact[k]
@@ -80,7 +80,7 @@ def test_every_change_is_that_of_an_independent_twin(calm):
 
 
 def test_changes_of_spheres():
-    """In three dimensions the direction of sliding matters, and how far the slip is from Coulomb's limit."""
+    """In three dimensions the direction of sliding matters, and how far the slip is from the Coulomb limit."""
     state = sheared(12, 3, 0.7, 2e-3, seed=2)
     found = ss.modes.contact_sensitivity(state, LAW)
     chosen = alone(state, found)

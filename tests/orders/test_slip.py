@@ -172,7 +172,7 @@ def test_the_direction_of_sliding_turns_as_the_exact_solution_does():
 
 @pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
 def test_a_sliding_grain(law_name, coulomb, dim):
-    """Coulomb's limit changes as it bobs, and in three dimensions the direction of sliding turns."""
+    """the Coulomb limit changes as it bobs, and in three dimensions the direction of sliding turns."""
     state, law = dragged(dim, law_name), law_of(law_name, coulomb, 0.3)
     state = ss.run(state, law, 4000, 5e-4)[0]  # where it begins to slide
     assert state.contacts.mode[0] == ss.SLIDE

@@ -314,7 +314,7 @@ def test_a_contact_just_on_the_edge_is_marginal_and_its_status_is_still_unique()
 
 
 def tilted(angle, mu=0.3, depth=0.01):
-    """One disk that cannot turn, at Coulomb's limit on a tilted floor: nothing resists that it slides on."""
+    """One disk that cannot turn, at the Coulomb limit on a tilted floor: nothing resists that it slides on."""
     normal = np.array([np.sin(angle), np.cos(angle), 0])
     down = np.array([normal[1], -normal[0], 0])
     law = ss.laws.for_pair(ss.laws.linear(1.0, 0.37, mu), 0, 1)

@@ -1,4 +1,4 @@
-"""Sharp friction at Coulomb's limit: verdicts against runs from tiny velocities."""
+"""Sharp friction at the Coulomb limit: verdicts against runs from tiny velocities."""
 
 import json
 
@@ -31,7 +31,7 @@ def test_what_grows_only_if_contacts_slide_on_is_not_decided():
     found = ss.stability(state, law)
     assert found.balanced and found.stable is None and found.at_limit == 4
     assert found.grows and not found.if_stuck.grows and found.if_stuck.stable
-    assert found.verdict.startswith("not decided: if the 4 contacts at Coulomb's limit stick")
+    assert found.verdict.startswith("not decided: if the 4 contacts at the Coulomb limit stick")
     assert "stable; if all of them keep sliding: oscillatory instability" in found.verdict
     assert "mixed cases were not considered" in found.scope
     assert growth(state, law, found.growth_rate[0]) < 100
@@ -42,7 +42,7 @@ def test_what_grows_while_contacts_stick_is_unstable():
     found = ss.stability(state, law)
     assert found.at_limit == 2
     assert found.stable is False
-    assert found.verdict.startswith("if the 2 contacts at Coulomb's limit stick")
+    assert found.verdict.startswith("if the 2 contacts at the Coulomb limit stick")
     assert growth(state, law, found.if_stuck.growth_rate[0], 15) > 1000
 
 

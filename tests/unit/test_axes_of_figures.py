@@ -85,7 +85,7 @@ def test_forces_in_the_cone_are_over_their_mean_at_the_start():
     """Of eight contacts, six go far across the cone and stay closed; one opens, and one hardly moves."""
     mu, load = 0.5, np.linspace(0, 1, 5)[:, None]
     normal = np.array([2.0, 4.0, 3.0, 5.0, 1.0, 6.0, 2.0, 9.0]) * (1 - load * np.array([0, 0, 0, 0, 0, 0, 1, 0]))
-    share = load * np.array([0.9, -0.8, 0.7, -0.6, 0.5, 0.4, 1.0, 0.1])  # of Coulomb's limit
+    share = load * np.array([0.9, -0.8, 0.7, -0.6, 0.5, 0.4, 1.0, 0.1])  # of the Coulomb limit
     pairs = np.array([[k, k + 10] for k in range(8)])
     one = Made(forces=np.stack([normal, share * mu * normal], axis=-1), pairs=pairs, seed=7)
     (axes,) = quasi_rigid.cone(one, mu).axes

@@ -18,7 +18,7 @@ SHARP = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp")
 
 @pytest.fixture(scope="module")
 def sheared():
-    """Twenty-four spheres at rest under friction of 0.5, some contacts at Coulomb's limit."""
+    """Twenty-four spheres at rest under friction of 0.5, some contacts at the Coulomb limit."""
     state, _ = ss.packings.jammed(24, packing_fraction=0.7, seed=3)
     end = ramp(state, np.arange(0, 16) * 1e-3, aqs(SHARP))[-1].state
     modes = end.contacts.mode[ss.measure.touching(end)]

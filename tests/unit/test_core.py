@@ -38,7 +38,7 @@ def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides(
     assert outcome.ok
     assert at_rest.grains.position[0, 0] - state.grains.position[0, 0] == pytest.approx(0.002 / 0.5, rel=1e-9)
     beyond, outcome = ss.relax(ss.packings.with_push(state, 0.0041), law, drag=0.5, steps=4000)
-    assert not outcome.ok  # Coulomb's limit is 0.004
+    assert not outcome.ok  # the Coulomb limit is 0.004
     assert beyond.grains.velocity[0, 0] == pytest.approx((0.0041 - 0.004) / 0.5, rel=1e-3)  # terminal: force over drag
 
 
@@ -266,7 +266,7 @@ def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
 def test_an_unknown_kind_of_law_is_refused(kind):
     state, law = make_packing(2), make_law("hertz_mindlin", "sharp")._replace(kind=kind)
     for call in (lambda: ss.forces(state, law), lambda: ss.run(state, law, 1, 1e-3)):
-        with pytest.raises(ValueError, match=f"a law of kind {kind} was given: built-in laws have the kinds 0 to 4"):
+        with pytest.raises(ValueError, match=f"a law of kind {kind} was given: built-in laws have kinds 0 to 4"):
             call()
-    with pytest.raises(ValueError, match="built-in laws have the kinds 0 to 4"):
+    with pytest.raises(ValueError, match="built-in laws have kinds 0 to 4"):
         ss.laws.collision(law._replace(table=law.table[:1, :1]), radius=1.0, mass=1.0, speed=1e-3)

@@ -187,7 +187,7 @@ def test_pouring_leaves_room_and_is_the_same_for_the_same_seed(dim):
         ),
         ({"walls": [{**FLOOR, "velocity": {"z": 1.0}}]}, "has a z component, but grains.dim = 2"),
         ({"walls": [{**FLOOR, "velocity": {"x": "fast"}}]}, "a velocity of 'fast' was given: use a number, a table"),
-        ({"walls": [{**FLOOR, "velocity": {"x": [[1.0, 0.0], [0.0, 0.0]]}}]}, "use increasing times from 0 on"),
+        ({"walls": [{**FLOOR, "velocity": {"x": [[1.0, 0.0], [0.0, 0.0]]}}]}, "use increasing, non-negative times"),
         ({"walls": [{**FLOOR, "normal": [0.0, 0.0]}]}, "a normal of length zero"),
         ({"cell": {"size": [6.0, 9.0], "periodic": ["x"]}}, "wall 'left' crosses the cell, which is periodic along x"),
         ({"cell": {"periodic": ["x"]}}, "cell.size is missing"),

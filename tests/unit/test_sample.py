@@ -101,7 +101,7 @@ def test_slip_that_is_too_long_for_a_number_is_refused(unstable):
 
 def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):
     given = arrays_of(unstable)
-    with pytest.warns(PackingWarning, match="slip beyond Coulomb's limit at"):
+    with pytest.warns(PackingWarning, match="slip beyond the Coulomb limit at"):
         from_arrays(law=ss.laws.hertz_mindlin(mu=1e-3), **given)
     fewer = {k: v[1:] if k in ("pair_i", "pair_j", "image", "slip") else v for k, v in given.items()}
     with pytest.warns(PackingWarning, match="1 touching pair"):

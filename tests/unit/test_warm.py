@@ -26,7 +26,7 @@ def test_kernels_are_compiled_once(tmp_path):
     [
         (["gouje"], "name 'gouje' is not known: use stability, disk-array, sphere-shear, quasi-rigid, flow, gouge, "
                     "rate-state; did you mean 'gouge'?"),
-        (["gouge", "--all"], "--all was given with names: give one of them"),
+        (["gouge", "--all"], "--all was given with names: give one or the other"),
     ],
 )  # fmt: skip
 def test_wrong_words_are_refused(words, sentence):

@@ -13,13 +13,13 @@ CITE = examples(
     ("cite examples/rate_state_sweep.toml --json", "the same as one JSON object"),
 )
 DOCTOR = examples(
-    ("doctor", "a minute the first time, while kernels are compiled; seconds later"),
+    ("doctor", "a minute the first time, while kernels are compiled; seconds thereafter"),
     ("doctor --json", "for a bug report, or to test an installation"),
 )
 WARM = examples(
     ("warm", "what the first steps need: stability analyses and the disk array"),
     ("warm gouge flow", "what these experiments need"),
-    ("warm --all", "everything, for an installation that many will use"),
+    ("warm --all", "everything, for an installation shared by many users"),
 )
 
 
@@ -86,10 +86,10 @@ def warm(
 ) -> None:
     """Compile kernels now rather than at their first use, in several processes.
 
-    Kernels are saved in the cache that `stickslip doctor` shows. Those that exist already are not compiled again.
+    Kernels are saved in the cache that `stickslip doctor` shows. Those that already exist are not compiled again.
     """
     if names and everything:
-        raise ValueError("--all was given with names: give one of them")
+        raise ValueError("--all was given with names: give one or the other")
     from ..doctor import warm as job
     from ..doctor.machine import caches
     from ..experiments import terminal
@@ -100,7 +100,7 @@ def warm(
     chosen = tuple(dict.fromkeys(known if everything else names or job.FIRST))
     before = caches()
     if not before["kept"]:
-        raise ValueError("no folder for compiled kernels is writable, so that they would not last: set NUMBA_CACHE_DIR")
+        raise ValueError("no folder for compiled kernels is writable, so they would not be kept: set NUMBA_CACHE_DIR")
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         failures = job.compile_kernels(chosen, workers=workers, report=tell)
     if failures:

@@ -51,7 +51,7 @@ Workers = Annotated[
     ),
 ]
 Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler to run them instead.")
+    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]

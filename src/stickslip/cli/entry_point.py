@@ -34,7 +34,7 @@ class StoppedError(Exception):
 
 @contextmanager
 def convert_errors():
-    """Turn errors raised after the input was accepted into a failed run (exit code 1)."""
+    """Report as a failed run (exit code 1) any error raised after the input was accepted."""
     from ..data.archive import ArchiveError
     from ..data.schema import ScenarioError
 
@@ -47,7 +47,7 @@ def convert_errors():
 
 
 def _show_warning(message, *where, **more) -> None:
-    """Show a warning as other messages are shown, without the line of code that issued it."""
+    """Show a warning like any other message, without the line of code that issued it."""
     print(f"stickslip: {message}", file=sys.stderr)
 
 
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def _reopen_closed_streams() -> None:
-    """Connect closed standard streams to the null device; a results file could otherwise get their descriptor."""
+    """Connect closed standard streams to the null device; a results file could otherwise receive their descriptors."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             number = os.open(os.devnull, os.O_RDWR)
@@ -91,7 +91,7 @@ def _reopen_closed_streams() -> None:
 
 
 def _transliterate(problem: UnicodeError) -> tuple[str, int]:
-    """Transliterate characters that the terminal's code page lacks to ASCII."""
+    """Transliterate to ASCII the characters that the terminal's code page lacks."""
     lacking = problem.object[problem.start : problem.end]
     near = (
         ASCII_SPELLING.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() for c in lacking
@@ -112,7 +112,7 @@ def _error_message(problem: Exception) -> str:
 
 
 def _discard_stdout() -> None:
-    """Redirect standard output, which cannot be written, to the null device; its buffer is discarded."""
+    """Redirect standard output, once it cannot be written to, to the null device; its buffer is discarded."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

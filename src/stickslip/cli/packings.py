@@ -19,7 +19,9 @@ METHODS = {
     "fastest": "only the fastest growth",
 }  # fmt: skip
 NO_VERDICT = 3  # exit code where there is no verdict
-REMEDY = "give what is missing, or let it come to rest with --settle; the result then refers to the settled packing"
+REMEDY = (
+    "give what is missing, or let the packing come to rest with --settle; the result then refers to the settled packing"
+)
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
@@ -31,7 +33,7 @@ STABILITY = examples(
 )
 CONVERT = examples(
     ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, contacts in a second file"),
-    ("convert examples/sheared_spheres.npz --to packing.gsd", "for OVITO; needs the extra exchange"),
+    ("convert examples/sheared_spheres.npz --to packing.gsd", "for OVITO; needs the exchange extra"),
     ("convert examples/sheared_spheres.npz --to m.gsd --modes modes.npz", "animate the mode that `stability` found"),
 )
 
@@ -93,7 +95,10 @@ def stability(
         bool, typer.Option("--settle", help="Let it come to rest under this law first; analyse that state.")
     ] = False,
     modes: Annotated[
-        Path | None, typer.Option("--modes", help="Output file for modes; default: FILE's name with -modes.npz, here.")
+        Path | None,
+        typer.Option(
+            "--modes", help="Output file for modes; default: FILE's name with -modes.npz, in the current folder."
+        ),
     ] = None,
     beyond: Annotated[
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
@@ -105,8 +110,8 @@ def stability(
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
-    Only an equilibrium is analysed: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
-    unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or undecided.
+    Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
+    or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
     """
     from ..data.exchange.files import capture_warnings, read_packing
     from ..experiments import terminal

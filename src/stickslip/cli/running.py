@@ -30,7 +30,7 @@ REPRODUCE = examples(
 )
 RUN = examples(
     ("run examples/rate_state.toml --out results/rate-state", "a slider with rate-and-state friction: seconds"),
-    ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, by the table [sweep]"),
+    ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, through the table [sweep]"),
     ("run examples/rate_state.toml --out results/rate-state --json", "the same, with a JSON object as output"),
     ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; prints only paths"),
 )
@@ -59,7 +59,10 @@ def reproduce(
         bool, typer.Option("--quick", help="Fewer realizations and shorter runs; reports what is cut.")
     ] = False,
     full: Annotated[
-        bool, typer.Option("--full", help="Gouge only: also velocity steps and other slides; reports how many hours.")
+        bool,
+        typer.Option(
+            "--full", help="Gouge only: also velocity steps and other slides; reports how many hours it takes."
+        ),
     ] = False,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
@@ -73,7 +76,9 @@ def reproduce(
     check_choice("experiment", experiment, _papers())
     if full and (quick or experiment != "gouge"):
         raise ValueError(
-            "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
+            "--full was given with --quick: give only one of them"
+            if quick
+            else f"{experiment} has no --full: leave it out"
         )
     spread = _choose_workers(workers, scheduler)
     from ..experiments import run_folder
@@ -186,7 +191,7 @@ def resume(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Continue a run that was killed: dynamics bit for bit, quasi-static steps to their solver's tolerance."""
+    """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
     from ..experiments import terminal
     from ..experiments.resume import find_unfinished
 
@@ -254,7 +259,7 @@ def _run_sweep_in(
 
 
 def _sweep_tables(tables: dict, engine: str | None) -> dict:
-    """Tables of a sweep, with `engine` instead of their own if it is given."""
+    """Tables of a sweep, with `engine` in place of their own if given."""
     if engine is None:
         return tables
     check_choice("engine", engine, ENGINES)
@@ -271,7 +276,7 @@ def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> 
     if chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if workers is not None:
-        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers, give only one")
+        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers; give only one")
     reach(scheduler)
     return scheduler
 

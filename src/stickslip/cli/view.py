@@ -14,11 +14,11 @@ REPORT = examples(
     ("report results/rate-state", "measures, figures and scenario: results/rate-state/report.html"),
 )
 MOVIE = examples(
-    ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the extra report"),
+    ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the report extra"),
     ("run examples/column_collapse.toml --out results/column", "a flow: a minute or two"),
     ("movie results/column --colour speed", "results/column/movie.gif"),
 )
-Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing as `stability` reads it.")]
+Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing in any format that `stability` reads.")]
 Settle = Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")]
 Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")]
 
@@ -69,7 +69,10 @@ def movie(
     place: Place,
     options: dict,
     out: Annotated[
-        Path | None, typer.Option("--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif here.")
+        Path | None,
+        typer.Option(
+            "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
+        ),
     ] = None,
     modes: Modes = None,
     mode: Annotated[
@@ -88,7 +91,9 @@ def movie(
     ] = None,
     fps: Annotated[
         int | None,
-        typer.Option("--fps", metavar="N", help="Frames per second; default: a run lasts 8 s, a mode has 15."),
+        typer.Option(
+            "--fps", metavar="N", help="Frames per second; default: 15 for a mode; a run is made to last 8 s."
+        ),
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,

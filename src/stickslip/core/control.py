@@ -42,13 +42,13 @@ def rigid(control: Control, bodies) -> Control:
 
 
 def force_controlled(control: Control, bodies, force) -> Control:
-    """Control in which walls or rigid groups are servo-controlled: they move along a force until contacts balance it.
+    """Control in which walls or rigid groups are servo-controlled: they move under a force until contacts balance it.
 
     Parameters
     ----------
     bodies : numbers of walls, or of grains of a rigid group
     force : (3,) or (2,) on each of them; nonzero components are controlled. A pressure times the area on which it acts,
-        or for a rigid group the total force over the number of its members [force]
+        or for a rigid group the total force divided by the number of its members [force]
 
     Examples
     --------

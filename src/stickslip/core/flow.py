@@ -10,8 +10,8 @@ VECTORS, RATE, RATE_AHEAD, STRETCH, TURN, INVERSE_HALF, SINCE, PULL = range(8)
 
 
 class Flow(NamedTuple):
-    """Cell deformation and time profiles of a step, written in place. The arrays are few because many slow
-    compilation."""
+    """Cell deformation and time profiles of a step, written in place. Only a few arrays are used, because
+    many would slow compilation."""
 
     matrix: np.ndarray  # (8, 3, 3)
     factor: np.ndarray  # (2, C + 1) of courses, mean over the step and at its end; the last is 1, for none

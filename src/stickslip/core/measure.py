@@ -52,13 +52,13 @@ def stress(state: State, law: Law) -> np.ndarray:
 
     Source
     ------
-    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig 5, with the opposite sign and 1/L² for 1/V.
+    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig. 5, with the opposite sign and 1/L² for 1/V.
     """
     return np.einsum("ca,cb->ab", contact_forces(state, law), branch_vectors(state)) / volume(state)
 
 
 def pressure(state: State, law: Law) -> float:
-    """Trace of the stress over the number of dimensions."""
+    """Trace of the stress divided by the number of dimensions."""
     return float(np.trace(stress(state, law))) / state.cell.dim
 
 
@@ -69,7 +69,7 @@ def mean_normal_force(state: State, law: Law) -> float:
 
 
 def wrapped(state: State) -> np.ndarray:
-    """Positions wrapped into a cell along the axes, (N, 3): between 0 and its length along periodic axes."""
+    """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and its length along periodic axes."""
     size = np.where(state.cell.periodic, np.diag(state.cell.vectors), 1.0)
     return state.grains.position - np.floor(state.grains.position / size) * np.where(state.cell.periodic, size, 0.0)
 
@@ -121,7 +121,7 @@ def volume(state: State) -> float:
 
 
 def packing_fraction(state: State) -> float:
-    """Volume of the grains, overlaps counted twice, over that of the cell."""
+    """Volume of the grains, overlaps counted twice, divided by that of the cell."""
     radius = state.grains.radius
     grains = np.pi * radius**2 if state.cell.dim == 2 else 4 / 3 * np.pi * radius**3
     return float(grains.sum()) / volume(state)
@@ -139,7 +139,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
     Parameters
     ----------
-    least : int, 2 with friction (one contact cannot balance itself), dim + 1 without
+    least : int, 2 with friction (a single contact force cannot be balanced), dim + 1 without
     known : (N,) bool, grains known to be rattlers, whatever they touch
     """
     n, rows = len(state.grains.radius), touching(state)

@@ -15,7 +15,7 @@ class Status(Enum):
         "equilibrium was not reached in the allowed number of steps: perhaps nothing balances this load; "
         "otherwise allow more steps, or use stronger drag or a tolerance above round-off"
     )
-    NOT_A_NUMBER = "a grain's position became infinite or not a number: use a smaller time step or smaller load steps"
+    NOT_A_NUMBER = "a grain's position became infinite or NaN: use a smaller time step or smaller load steps"
     BLOWN_UP = "a grain moved by more than its radius in one time step: use a smaller time step"
     STALLED = "Newton's method stopped converging: use smaller load steps, or damped dynamics"
     SINGULAR = (
@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
 
 
 class NotInEquilibriumError(RuntimeError):
-    """Error of a run that did not find a required equilibrium; `outcome` is the outcome of the solve."""
+    """Error for a run that did not reach a required equilibrium; `outcome` is the outcome of the solve."""
 
     def __init__(self, sentence: str, outcome: Outcome):
         super().__init__(f"{sentence}: {outcome}")

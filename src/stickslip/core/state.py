@@ -1,7 +1,7 @@
 """Data types: grains, walls, cell, contacts, control, and the state that holds them. All are plain values.
 
-Two dimensions are three dimensions restricted to a plane: every vector has three components, of which the first
-`cell.dim` move. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
+Two-dimensional systems are three-dimensional ones restricted to a plane: every vector has three components, of which
+only the first `cell.dim` vary. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
 """
 
 from typing import NamedTuple
@@ -70,7 +70,7 @@ class Contacts(NamedTuple):
     mode: np.ndarray  # (C,) int8: OPEN, STICK or SLIDE
     pair: np.ndarray  # (C, 3) [length]
     roll: np.ndarray  # (C, 3) [length]
-    reached: np.ndarray  # (C,) bool: has been at Coulomb's limit since it closed
+    reached: np.ndarray  # (C,) bool: has been at the Coulomb limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
     skin: np.ndarray  # (1,) [length], or (2,) with the largest gap across which the law acts
     count: np.ndarray  # (1,)
@@ -134,7 +134,10 @@ class State(NamedTuple):
 
 
 def as_numbers(value, dtype=float) -> np.ndarray:
-    """Array of real or whole numbers. Raise ValueError with one sentence if a value cannot be converted exactly."""
+    """Array of real or whole numbers.
+
+    Raise ValueError with a one-sentence message if a value cannot be converted exactly.
+    """
     array = np.asarray(value)
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
         what = {"c": "complex numbers", "M": "dates", "m": "time differences", "O": "complex numbers"}
@@ -243,9 +246,9 @@ def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=
 
 
 def reset_reached(contacts: Contacts) -> Contacts:
-    """Contacts of an equilibrium: only those that slide now count as having reached Coulomb's limit.
+    """Contacts of an equilibrium: only those that slide now count as having reached the Coulomb limit.
 
-    Contacts that slide without slip slide because there is no friction, and have not reached a limit.
+    Contacts that slide without slip do so because there is no friction, and have not reached a limit.
     """
     return contacts._replace(reached=(contacts.mode == SLIDE) & contacts.slip.any(axis=1))
 
@@ -316,7 +319,8 @@ def assembly(
     Raises
     ------
     ValueError
-        with one sentence, if parts do not fit together or hold invalid values, or a centre is behind a wall.
+        with a one-sentence message, if the parts do not fit together or hold invalid values, or a centre is behind a
+        wall.
     """
     walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
@@ -336,7 +340,7 @@ def assembly(
 
 
 def check(state: State) -> None:
-    """Raise ValueError with one sentence if a state is not valid."""
+    """Raise ValueError with a one-sentence message if a state is not valid."""
     grains, walls, cell, contacts, control = state[:5]
     n, b = len(grains.radius), state.n_bodies
     for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
@@ -366,12 +370,12 @@ def check(state: State) -> None:
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
-        raise ValueError("a cell of 2 dimensions was given that is periodic or has walls along z: neither is allowed")
+        raise ValueError("a two-dimensional cell that is periodic or has walls along z was given: neither is allowed")
     least = 1e-4 * float(grains.radius.min())
     if not contacts.skin[0] >= least:
         raise ValueError(
             f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
-            f"radius, or contact lists are rebuilt at every step"
+            f"radius, or contact lists would be rebuilt at every step"
         )
 
 
@@ -381,7 +385,7 @@ def _check_crowding(grains: Grains) -> None:
     _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
     if count.max() > MAX_IN_CUBE:
         x = ", ".join(f"{v:.4g}" for v in grains.position[place[count.argmax()]])
-        raise ValueError(f"{count.max()} grains were given within a radius of ({x}): move them apart")
+        raise ValueError(f"{count.max()} grains were given within one grain radius of ({x}): move them apart")
 
 
 def deforms(state: State) -> bool:
@@ -391,7 +395,7 @@ def deforms(state: State) -> bool:
 
 
 def _check_control(state: State) -> None:
-    """Raise ValueError with one sentence if the control contradicts itself or the cell."""
+    """Raise ValueError with a one-sentence message if the control contradicts itself or the cell."""
     control, cell = state.control, state.cell
     for members in groups(control):
         if not len(members):
@@ -428,7 +432,7 @@ def _check_control(state: State) -> None:
 
 
 def _check_springs(control: Control) -> None:
-    """Raise ValueError with one sentence if a stiffness is negative, or a spring pulls a body that is not free."""
+    """Raise ValueError with a one-sentence message if a stiffness is negative, or a spring pulls a non-free body."""
     held = (control.spring > 0) & ~control.free[:, :3]
     if (control.spring < 0).any():
         raise ValueError(f"a spring of stiffness {control.spring.min():g} was given: it must be positive")

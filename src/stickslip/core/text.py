@@ -17,7 +17,7 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
     Raises
     ------
     ValueError
-        with one sentence, if the file is not UTF-8 text.
+        with a one-sentence message, if the file is not UTF-8 text.
     OSError
         if the file cannot be read.
     """
@@ -31,18 +31,21 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
     except UnicodeDecodeError:
         if fallback:
             return content.decode(fallback, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-        raise ValueError(f"{path} is not a text file in UTF-8: {remedy}") from None
+        raise ValueError(f"{path} is not a UTF-8 text file: {remedy}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _has_wide_letters(content: bytes) -> bool:
-    """Return True if letters have two or four bytes, by a byte order mark, or because every other byte is zero."""
+    """Return True if characters take two or four bytes: there is a byte order mark, or every other byte is zero."""
     halves = [set(content[:_SAMPLE_BYTES][k::2]) == {0} for k in (0, 1)]
     return content.startswith(_MARKS) or halves[0] != halves[1]
 
 
 def parse_integer(word: str) -> int:
-    """Convert a word in a file to an integer. The ValueError on failure can be part of a sentence."""
+    """Convert a word in a file to an integer.
+
+    The message of the ValueError raised on failure can be part of a sentence.
+    """
     if len(word.strip()) > _MAX_DIGITS:
         raise ValueError(f"{word.strip()[:20]!r} … has {len(word.strip())} digits: at most {_MAX_DIGITS} are allowed")
     return int(word)
@@ -50,4 +53,4 @@ def parse_integer(word: str) -> int:
 
 def shortened(word: str, most: int = 60) -> str:
     """Word for a message, shortened if it is long."""
-    return word if len(word) <= most else f"{word[:most]} … ({len(word)} letters)"
+    return word if len(word) <= most else f"{word[:most]} … ({len(word)} characters)"

@@ -7,8 +7,8 @@ order of their names, so that the bytes do not depend on whether a part was comp
 up to their count, with all of their memory. Datasets have the attribute `units` if the unit is known.
 
 A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
-leaves the previous file unchanged. It begins with a block of text, which HDF5 skips, that holds a checksum of the rest,
-because HDF5 itself may hang on a damaged file.
+leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
+rest, because HDF5 itself may hang on a damaged file.
 """
 
 import hashlib
@@ -236,8 +236,8 @@ def _load_array(item: h5py.Dataset):
     stored = item.file.id.get_filesize()
     if item.nbytes > max(LARGE, EXPANDS * stored):
         raise ArchiveError(
-            f"{item.file.filename} has {stored / 1e6:.3g} MB, but its {item.name} claims {item.nbytes / 1e9:.3g} GB: "
-            f"no run writes such a file, give the results.h5 of a run"
+            f"{item.file.filename} holds {stored / 1e6:.3g} MB, but its {item.name} claims {item.nbytes / 1e9:.3g} GB: "
+            f"no run writes such a file; give the results.h5 of a run"
         )
     value = item[()]
     if isinstance(value, h5py.Empty):

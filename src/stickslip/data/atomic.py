@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def name_file_in_errors(path: str | Path):
-    """Add a path to errors of the operating system, such as a full disk, from libraries that do not name the file."""
+    """Add a path to operating-system errors, such as a full disk, raised by libraries that do not name the file."""
     try:
         yield
     except OSError as problem:
@@ -55,7 +55,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
     Raises
     ------
     ValueError
-        with one sentence that names the first file that may not be written.
+        with a one-sentence message that names the first file that may not be written.
     """
     sources = [Path(path) for path in made_from if path is not None]
     for path in paths:

@@ -139,7 +139,7 @@ def unfinished_scenario(folder: Path) -> Path | None:
 
 
 def is_worth_resuming(folder: Path) -> bool:
-    """Return True if something of an unfinished run or sweep has been saved in its folder."""
+    """Return True if any part of an unfinished run or sweep has been saved in its folder."""
     saved = (path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*.h5"))
     return any(not path.name.startswith(".") for path in saved)
 

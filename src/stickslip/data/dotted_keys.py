@@ -58,6 +58,6 @@ def _with_value(tables, parts: list[str], value, key: str):
         new = _with_value(tables[here], below, value, key) if below else value
         return [*tables[:here], new, *tables[here + 1 :]]
     if not isinstance(tables, dict):
-        raise ScenarioError(f"sweep.{key}: {part!r} is in a list, give the number of the entry as in legs.2.velocity")
+        raise ScenarioError(f"sweep.{key}: {part!r} is in a list; give the number of the entry, as in legs.2.velocity")
     default = [] if below and below[0].isdigit() else {}
     return tables | {part: _with_value(tables.get(part, default), below, value, key) if below else value}

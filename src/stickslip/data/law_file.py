@@ -19,7 +19,7 @@ class LawFile(ScenarioTable):
     """A law in a user's Python file, instead of a kind and its parameters."""
 
     file: str | None = Field(None, description="Python file with a contact law, relative to the scenario; it is run")
-    parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from the file")
+    parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
     checksum: str | None = Field(None, description="of the file's text; added automatically")
 
     @model_validator(mode="before")
@@ -79,7 +79,7 @@ def load_law(choice: LawFile) -> Law:
     """Load the law from the file that a scenario names; ScenarioError if the file is missing or has changed."""
     path = Path(choice.file)
     if not path.is_file():
-        raise ScenarioError(f"law.file = {choice.file} does not exist any more: restore it, or name another file")
+        raise ScenarioError(f"law.file = {choice.file} no longer exists: restore it, or name another file")
     if _checksum(path) != choice.checksum:
         raise ScenarioError(f"law.file = {choice.file} has changed since the run began: restore it, or start a new run")
     return from_file(path, **choice.parameters)

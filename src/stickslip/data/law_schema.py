@@ -23,7 +23,7 @@ class LawChoice(LawFile):
     """Contact law and its parameters."""
 
     kind: Literal["hertz_mindlin", "linear"] = Field("hertz_mindlin", description="F_n = k_n δ^(3/2), or k_n δ")
-    coulomb: Literal["smooth", "sharp"] = Field("smooth", description="approach of F_t to Coulomb's limit μ F_n")
+    coulomb: Literal["smooth", "sharp"] = Field("smooth", description="approach of F_t to the Coulomb limit μ F_n")
     kn: Positive = Field(1.0, description="k_n; in force/length for a linear law [force/length^(3/2)]")
     kt: NotNegative = Field(2 / 7, description="k_t, as `kn` [force/length^(3/2)]")
     mu: NotNegative = Field(10.0, description="friction between grains")

@@ -29,7 +29,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Raises
     ------
     ValueError
-        with one sentence that says which process holds the lock and since when, or why the folder is not writable.
+        with a one-sentence message: which process holds the lock and since when, or why the folder is not writable.
     """
     place = _folder_to_lock(folder)
     if place.is_file():
@@ -59,7 +59,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def _acquire(place: Path, lock: FileLock) -> None:
-    """Create the folder and acquire the lock; retried while another process removes a folder that it had created."""
+    """Create the folder and acquire the lock; retry while another process is removing a folder that it had created."""
     for last in (False,) * (TRIES - 1) + (True,):
         try:
             place.mkdir(parents=True, exist_ok=True)

@@ -62,7 +62,9 @@ def digest(path: Path) -> str:
 
 
 def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
-    """Names of files that no run has written, or that were changed since; without a trace of a run, of all files.
+    """Names of files that no run has written, or that have been changed since.
+
+    If there is no trace of a run, of all files.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
 
 def _is_empty_run_folder(path: Path) -> bool:
-    """Return True for a folder that runs create first and that has no file yet, left by a run that was stopped."""
+    """Return True for a folder that runs create first and that a stopped run left without files."""
     if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
         return False
     return all(inner.is_dir() and not inner.is_symlink() for inner in path.rglob("*"))
@@ -99,7 +101,7 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
     Raises
     ------
     ValueError
-        with one sentence that names the foreign file.
+        with a one-sentence message that names the foreign file.
     """
     for name in (WRITING, ANEW, GONE, UNFINISHED):
         path, piece = folder / name, name in (GONE, UNFINISHED)

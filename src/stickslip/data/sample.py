@@ -15,7 +15,7 @@ from ..core.measure import branch_vectors
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 
-AT_LIMIT = 1e-3  # relative distance to Coulomb's limit within which a slip with few digits counts as sliding
+AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
 NO_CONTACTS = "no contacts were given: they were found from positions, without memory (zero slip)"
 _PLAIN = {function.__name__: function for function in (hertz_mindlin, linear, hertz_mindlin_reff)}
@@ -48,7 +48,7 @@ def from_arrays(
     pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. By default the
         contacts are found from positions, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
-    mode : (M,) 1 for sticking contacts, 2 for sliding ones. The slip of a sliding contact is set to Coulomb's limit if
+    mode : (M,) 1 for sticking contacts, 2 for sliding ones. Slips of sliding contacts are set to the Coulomb limit if
         it is beyond the limit or within 0.1 % of it (otherwise it slid under another law). By default the slip decides,
         which for a contact at its limit is a matter of round-off
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
@@ -187,7 +187,9 @@ def _build_cell(cell, periodic, dim: int):
     flags = [True, True, dim == 3] if periodic is None else _check_array("periodic", periodic, (3,), bool)
     if dim == 2:
         if cell[2, :2].any() or cell[:2, 2].any():
-            raise PackingError("cell leaves the plane although dim is 2: its third row must be along z, others in it")
+            raise PackingError(
+                "cell leaves the plane although dim is 2: its third row must be along z, the others in the plane"
+            )
         flags = [bool(flags[0]), bool(flags[1]), False]
     return box(cell, flags, dim)
 
@@ -198,7 +200,7 @@ def _check_box(state: State) -> None:
         if height[k] < largest:
             raise PackingError(
                 f"the box is {height[k]:.4g} wide across its vector {k}, less than the largest grain ({largest:.4g}): "
-                f"repeat it until it is wider"
+                f"replicate it until it is wider"
             )
 
 
@@ -267,19 +269,19 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     new.roll[row[there]] = turned[i[there]] + turned[j[there]]
     missing = int((touches & (new.mode[:count] == OPEN)).sum())
     if missing:
-        words = f"{pluralize(missing, 'touching pair')} not in the list: taken with zero slip"
+        words = f"{pluralize(missing, 'touching pair')} not in the list: assumed to have zero slip"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return state._replace(contacts=new)
 
 
 def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False, within: float = AT_LIMIT) -> State:
-    """State with its memory committed: slip perpendicular to the normal and within Coulomb's limit.
+    """State with its memory committed: slip perpendicular to the normal and within the Coulomb limit.
 
     Parameters
     ----------
     memory : as in `forces`; FROZEN leaves contacts unchanged where nothing has moved
-    modes : if True, keep the given modes: slip of sliding contacts near the limit is set to it, slip of sticking
-        contacts is truncated at it
+    modes : if True, keep the given modes: slip of sliding contacts near the limit is set to it, and slip of
+        sticking contacts is truncated at it
     within : relative distance to the limit that counts as near
 
     Raises
@@ -291,7 +293,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     count = int(state.contacts.count[0])
     longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
     if longest > HUGE:
-        raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed, the file may be damaged")
+        raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed; the file may be damaged")
     _, trial = forces(state, law, memory=memory)
     branch = branch_vectors(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
@@ -307,7 +309,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
         cut &= state.contacts.mode[:count] != SLIDE
         _apply_modes(state, law, trial, cut, within)
     if cut.any():
-        words = f"slip beyond Coulomb's limit at {pluralize(int(cut.sum()), 'contact')}: truncated at the limit"
+        words = f"slip beyond the Coulomb limit at {pluralize(int(cut.sum()), 'contact')}: truncated at the limit"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return accept(state, trial)
 

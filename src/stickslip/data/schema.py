@@ -14,7 +14,7 @@ LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also for parameters of laws: pr
 
 def _check_size(value: float) -> float:
     if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in size", SIZES)
+        raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in magnitude", SIZES)
     return value
 
 
@@ -27,7 +27,7 @@ Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False), Sized]
 Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON use lists
 Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
-Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed, the same run")]
+Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")]
 
 
 class ScenarioError(ValueError):
@@ -128,7 +128,7 @@ def validate_scenario(kind: type[ScenarioBase], /, **tables):
     Raises
     ------
     ScenarioError
-        with one sentence that names the key, the value that was given, and what is allowed.
+        with a one-sentence message that names the key, the value that was given, and what is allowed.
     """
     try:
         return kind.model_validate(tables)

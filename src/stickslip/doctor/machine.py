@@ -25,7 +25,7 @@ MPI = "`pip install mpich` installs the library"
 
 
 class Fault(NamedTuple):
-    """Defect of an installed part, and the remedy if that is not to install it again."""
+    """Defect in an installed part, and the remedy if that is not reinstalling it."""
 
     words: str
     remedy: str = ""
@@ -149,7 +149,7 @@ def _describe_numba() -> str:
         except ImportError:
             continue
         return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {layer}"
-    return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, no threading layer can be loaded"
+    return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, but no threading layer can be loaded"
 
 
 def _version(library: str) -> str | None:

@@ -16,7 +16,10 @@ COMPILING = "the first time kernels are compiled: up to a minute"
 
 
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
-    """Examine this installation and show the results; return True if every number is right, and JSON or the verdict."""
+    """Examine this installation and show the results.
+
+    Return whether every number is right, together with the JSON or the verdict.
+    """
     found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
     if not as_json:
         show_machine(*found)
@@ -97,7 +100,7 @@ def _describe_caches(caches: dict) -> dict[str, str]:
         writable = "for this process only, because no other folder is writable: set NUMBA_CACHE_DIR"
     words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
     words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
-        "" if caches["files"] else "; filled by first runs, or now by stickslip warm"
+        "" if caches["files"] else "; filled during the first runs, or now by stickslip warm"
     )
     if caches["of_other_versions"]:
         words["other versions"] = f"{caches['of_other_versions']} folders in it, safe to delete"

@@ -1,4 +1,4 @@
-"""Compilation of kernels before their first use: the smallest runs of experiments, in separate processes."""
+"""Compilation of kernels before their first use, by the smallest runs of the experiments, in separate processes."""
 
 from collections.abc import Callable, Iterable
 
@@ -15,7 +15,7 @@ _FRACTION = {2: 0.9, 3: 0.68}  # packing fractions that jam
 
 
 def kinds() -> tuple[str, ...]:
-    """Names of what can be compiled: stability analyses, and every experiment with a smallest run."""
+    """Names of what can be compiled: stability analyses, and every experiment that defines a smallest run."""
     return STABILITY, *(name for name, one in EXPERIMENTS.items() if one.smallest)
 
 

@@ -1,6 +1,6 @@
 """Many independent runs, in local processes or on a Dask cluster.
 
-run_members      call a function for many tasks; one that fails is reported, the others continue
+run_members      call a function for many tasks; one that fails is reported and the others continue
 trial            one call in a process of its own, with a time limit
 reach            check that runs can be distributed as requested
 default_workers  number of cores that this process may use

@@ -37,7 +37,7 @@ def connect(address):
     Raises
     ------
     ValueError
-        with one sentence, if Dask is not installed or no scheduler answers.
+        with a one-sentence message, if Dask is not installed or no scheduler answers.
     """
     distributed = require("distributed", "cluster")
     if isinstance(address, distributed.Client):
@@ -73,7 +73,10 @@ def _read_json(path: str, tries: int = 10):
 
 
 def _resolve_address(address: str) -> str:
-    """Return the address, or the one in a JSON file, once a scheduler answers there; a client would retry for long."""
+    """Return the address, or the one in a JSON file, once a scheduler answers there.
+
+    A client would keep retrying for a long time.
+    """
     if address.endswith(".json"):
         if not os.path.exists(address):
             raise OSError("there is no such file")
@@ -90,11 +93,11 @@ def _resolve_address(address: str) -> str:
         with ThreadPoolExecutor(1) as apart:  # an event loop may be running already, as in notebooks
             kind = apart.submit(asyncio.run, asyncio.wait_for(_request_identity(address), PATIENCE)).result()["type"]
     except TimeoutError:
-        raise OSError(f"the program that listens there did not answer for {PATIENCE:g} s") from None
+        raise OSError(f"the program that listens there did not answer within {PATIENCE:g} s") from None
     except Exception:  # another program's answer can fail in any way if it is parsed as that of a scheduler
         raise ValueError("the program that listens there is not a scheduler") from None
     if kind != "Scheduler":
-        raise ValueError(f"a {kind} of Dask listens there")
+        raise ValueError(f"a Dask {kind} listens there")
     return address
 
 
@@ -168,7 +171,7 @@ def _result_of(future) -> tuple[bytes | None, str | None]:
     try:
         return future.result()
     except killed:
-        return None, "worker died (killed, or out of memory) each time the scheduler tried"
+        return None, "worker died (killed, or out of memory) each time the scheduler tried the task"
     except WorkerDiedError as problem:
         return None, str(problem)
     except Exception as problem:

@@ -65,7 +65,7 @@ def _enqueue_next(source, waiting) -> int:
 
 
 class _WorkerThread(threading.Thread):
-    """A thread with one process at a time, which takes tasks and posts their results."""
+    """A thread that drives one process at a time, takes tasks and posts their results."""
 
     def __init__(self, waiting, events, pause: float | None):
         super().__init__(daemon=True)

@@ -31,7 +31,7 @@ def default_workers() -> int:
 
 @readable
 class Spread(NamedTuple):
-    """Resources on which runs are distributed."""
+    """Resources over which runs are distributed."""
 
     slots: int  # number of simultaneous runs
     words: str
@@ -43,7 +43,7 @@ def reach(workers: Workers) -> Spread:
     Raises
     ------
     ValueError
-        with one sentence, if the number is below 1, or no Dask scheduler answers at the address.
+        with a one-sentence message, if the number is below 1, or no Dask scheduler answers at the address.
     """
     if workers is None or isinstance(workers, int):
         number = default_workers() if workers is None else workers
@@ -70,7 +70,7 @@ def run_members(
 ) -> list[Member]:
     """Call `function(*task)` for every task and return the outcomes in order; results do not depend on `workers`.
 
-    If a process dies, only its own member is affected: it is tried once more (on a cluster as often as the scheduler
+    If a process dies, only its own member is affected: it is tried once more (on a cluster, as often as the scheduler
     allows) and is then reported as failed. The others continue.
 
     Parameters
@@ -81,7 +81,7 @@ def run_members(
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     report : called as report(number done, number of tasks, member)
     live : called as live(completed share of all running tasks, words) with the messages of the tasks
-    load : load(k) returns the result of task k if it was finished before, else None; finished tasks are not run
+    load : load(k) returns the result of task k if it has already finished, else None; finished tasks are not run again
     save : called as save(k, result) in this process, as soon as task k has finished
 
     Raises

@@ -35,11 +35,11 @@ serve()
 
 
 class WorkerDiedError(RuntimeError):
-    """Raised if a process ended during a task; the message is one sentence for the user."""
+    """Raised if a process ends during a task; the message is one sentence for the user."""
 
 
 class SchedulerGoneError(RuntimeError):
-    """Raised if a cluster's scheduler does not answer any more."""
+    """Raised if a cluster's scheduler no longer answers."""
 
 
 def describe_error(problem: Exception) -> str:
@@ -53,7 +53,7 @@ def ensure_running(worker: "WorkerProcess | None") -> "WorkerProcess":
 
 
 class WorkerProcess:
-    """Parent's handle of a worker process; only one thread at a time may use it."""
+    """Parent's handle to a worker process; only one thread at a time may use it."""
 
     def __init__(self):
         # the cores are already distributed over processes: BLAS and Numba get one thread each
@@ -133,8 +133,8 @@ def _read_exactly(stream, size: int) -> bytes:
 def serve() -> None:
     """Run tasks until the parent is gone; what they print goes to stderr.
 
-    Arguments of the process are folders to import from, after all others. The process always ends in this function,
-    because the listening thread holds stdin and the interpreter would abort at shutdown.
+    Arguments of the process are folders to import from, searched after all others. The process always ends in this
+    function, because the listening thread holds stdin and the interpreter would otherwise abort at shutdown.
     """
     code = 1
     try:
@@ -190,7 +190,7 @@ def _run_task(packed: bytes, more: tuple) -> tuple:
 def _make_reporter(out, pause: float):
     """Return tell(share, words), which sends the first message, and later ones only after a pause.
 
-    With None the share is the one reported before.
+    With None, the share is the last one reported.
     """
     last, known = -math.inf, 0.0
 

@@ -3,7 +3,7 @@
 disk_array, sphere_shear, quasi_rigid, gouge    the four papers
 flow, rate_state    granular flows; a spring-slider
 EXPERIMENTS, Experiment     the list of experiments, and the description of one
-ScenarioError       raised for an invalid scenario, with one sentence
+ScenarioError       raised for an invalid scenario, with a one-sentence message
 """
 
 from ..lazy import attach

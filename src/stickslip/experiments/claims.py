@@ -45,7 +45,7 @@ def claim(
     id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", *,
     error: float | None = None, reference: Value = None, reference_source: str = "", quantifier: str = IS,
 ) -> Claim:  # fmt: skip
-    """Evaluate a measurement; the note gets the reason if undecided, and the comparison with the reference.
+    """Evaluate a measurement; the note states the reason if undecided, and the comparison with the reference.
 
     Parameters
     ----------
@@ -83,19 +83,19 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     partly
         A number within twice the tolerance; a window with one end within the tolerance.
     not reproduced
-        A number outside of that; a window with both ends outside the tolerance, or one that was searched for and not
+        A number beyond that; a window with both ends outside the tolerance, or one that was searched for and not
         found (an empty list); a statement that does not hold.
     refuted
-        A statement claimed to hold always, with a counterexample in the note.
+        A statement claimed always to hold, with a counterexample in the note.
     undecided
         The standard error exceeds the tolerance (the distance to the nearer edge of its band) or is unknown, as for a
         single realization; nothing was measured; something possible was not observed.
     no reference
         The paper prints nothing to compare with, regardless of any reference from elsewhere.
 
-    A tolerance below 0.5 is a fraction of the paper's number. From 0.5 on it is a factor 1 + tolerance in both
-    directions. If the paper prints zero, it is absolute. Twice the tolerance is twice the fraction, or the factor
-    1 + 2 tolerance.
+    A tolerance below 0.5 is a fraction of the paper's number. From 0.5 upwards, it is a factor of 1 + tolerance in both
+    directions. If the paper prints zero, it is absolute. Twice the tolerance is twice the fraction, or a factor
+    of 1 + 2 tolerance.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def _compare_numbers(target: float, measured: float, tolerance: float, error: fl
 
 
 def band(target: float, tolerance: float, times: int = 1) -> tuple[float, float]:
-    """Return the least and greatest value within a multiple of the tolerance of a number."""
+    """Return the smallest and largest values within a multiple of the tolerance from a number."""
     wide = times * tolerance
     if target == 0:
         return -wide, wide
@@ -193,7 +193,7 @@ def note_quick_run(claims: list[Claim]) -> list[Claim]:
 
 
 def standard_error(values) -> float | None:
-    """Standard error of a mean, widened by Student's t for few values: half of the half width of a 95 % confidence
+    """Standard error of a mean, widened by Student's t for few values: half the half-width of a 95 % confidence
     interval.
 
     None with fewer than two values, since a single realization has no known error.

@@ -30,8 +30,8 @@ Shows = dict[str, tuple[str, str]]  # figure of the paper: its content, and the 
 MEANING = {
     REPRODUCED: "within the tolerance; a statement that holds",
     PARTLY: "within twice the tolerance; one end of a window",
-    NOT_REPRODUCED: "outside of that; a statement that does not hold",
-    REFUTED: "claimed to hold always, with a counterexample in the note",
+    NOT_REPRODUCED: "beyond that; a statement that does not hold",
+    REFUTED: "claimed always to hold, with a counterexample in the note",
     UNDECIDED: "the error exceeds the tolerance or is unknown; not measured; possible, but not observed",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
@@ -58,7 +58,7 @@ def variant(made: Claim) -> str:
 
 
 def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
-    """Return the rows of the chart, by figure: deviations from the paper's value or the reference, in tolerances.
+    """Return the rows of the chart, by figure: deviations from the paper or the reference, in units of the tolerance.
 
     The paper's own model comes first, then the variants.
     """
@@ -74,7 +74,10 @@ def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
 
 
 def deviation(target, measured, tolerance: float, error: float | None) -> tuple[tuple[float, ...], float]:
-    """Return the deviations of numbers and their error, in tolerances; empty for statements and missing values."""
+    """Return the deviations of numbers and their errors, in units of the tolerance.
+
+    Empty for statements and missing values.
+    """
     if measured is None or target is None or isinstance(target, bool):
         return (), 0.0
     pairs = list(zip(target, measured, strict=True)) if isinstance(target, list) and measured else [(target, measured)]
@@ -98,7 +101,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
 
 
 def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
-    """Return two sentences: the number of reproduced claims, and the main reason why others are not."""
+    """Return two sentences: the number of reproduced claims, and the main reason why the others are not."""
     own = [c for c in claims if not variant(c)]
     judged = [c for c in own if c.verdict != NO_REFERENCE]
     count = Counter(c.verdict for c in judged)
@@ -224,7 +227,7 @@ def _markdown_row(c: Claim) -> str:
 
 
 def _format_tolerance(c: Claim) -> str:
-    return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor {1 + c.tolerance:.2g}"
+    return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor of {1 + c.tolerance:.2g}"
 
 
 def _escape(words: str) -> str:

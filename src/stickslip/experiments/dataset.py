@@ -31,11 +31,11 @@ MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 def open_dataset(place: str | Path) -> xr.DataTree:
     """Open the results of a run or a sweep, or what an unfinished run has saved so far.
 
-    The node `frames` holds the states: position, velocity, … along `time` (or `load` if frames are loads of a
-    quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of the
+    The node `frames` holds the states: position, velocity, … along `time` (or `load` if the frames are loads along
+    a quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of the
     archive is a node of the same name, such as `series`. Its arrays have `time`, `strain` or `load` as their coordinate
     if it increases. Units are in the attribute `units`: SI units, or dimensions if the scenario defines its own units.
-    The scenario's text and the versions are attributes of the root. A sweep is the dataset of the root, see
+    The scenario's text and the versions are attributes of the root. A sweep is the root's dataset; see
     `open_sweep`.
 
     Parameters
@@ -124,7 +124,7 @@ def _open_unfinished(folder: Path) -> xr.DataTree:
 
 
 def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
-    """Build all nodes; a dimension that clashes with one of a parent node is prefixed with the node's name."""
+    """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
     _collect(tree, "", tree.get("law"), states, tables, laws)
     states = {name: state for name, state in states.items() if len(state.grains.radius) == _usual_grain_number(states)}

@@ -1,4 +1,4 @@
-"""Description of one experiment: everything that commands, sweeps, restarts and the documentation need."""
+"""Description of one experiment: everything that the commands, sweeps, restarts and documentation need."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -60,7 +60,7 @@ class Experiment(NamedTuple):
 
 
 def lazy_function(package: str, path: str) -> Callable:
-    """Return a function that imports `path` ("module.function") of a package on its first call."""
+    """Return a function that imports `path` ("module.function") from a package when first called."""
     module, _, name = path.partition(".")
 
     def call(*args, **options):

@@ -46,7 +46,7 @@ def common_fields(
 
 
 def describe_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
-    """Describe a run with its measures, and the claims of a paper's run."""
+    """Describe a run with its measures, and the claims if it reproduces a paper."""
     scenario = result.scenario
     found = experiment_of(scenario).measures(result)
     measures = {name: {"value": float(value), "unit": unit} for name, (value, unit) in found.items()}

@@ -1,4 +1,4 @@
-"""The loop over realizations of every experiment: run them in parallel, save each, skip saved ones, report failures."""
+"""The loop over realizations that all experiments share: run in parallel, save, skip saved ones, report failures."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -65,7 +65,7 @@ def run_realizations(
     report: Report = silent,
     describe: Callable[[Member], str] = _describe,
 ) -> Realizations:
-    """Run a function for every task that has no saved result, and save each result as soon as it is there.
+    """Run a function for every task that has no saved result, and save each result as soon as it is available.
 
     Parameters
     ----------

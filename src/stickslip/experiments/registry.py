@@ -16,7 +16,7 @@ _ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state)
 # the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
-INTEGER_RANGE = "integers are limited to 64 bits, use a smaller one or write it as a float such as 1e30"
+INTEGER_RANGE = "integers are limited to 64 bits; use a smaller one or write it as a float such as 1e30"
 _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None): "null"}
 
 
@@ -44,7 +44,7 @@ def simulate(
     ----------
     scenario : from `scenario(...)` or `read_scenario`
     folder : where finished parts are saved during the run; with the same folder, an interrupted run continues
-    workers : processes, or the address of a Dask scheduler, for independent realizations (threads of a flow)
+    workers : processes, or the address of a Dask scheduler, for independent realizations (threads for a flow)
     report : called as report(stage, fraction done, text with the main quantities)
     more : other options of the experiment
 

@@ -62,7 +62,7 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
 
 
 def read_json(path: Path) -> dict:
-    """Read an object from a JSON file; raise ValueError with one sentence if the file is damaged."""
+    """Read an object from a JSON file; raise ValueError with a one-sentence message if the file is damaged."""
     try:
         if isinstance(found := json.loads(path.read_text(encoding="utf-8")), dict):
             return found

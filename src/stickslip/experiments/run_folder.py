@@ -27,8 +27,8 @@ SHOWN = 8  # file names listed in a message
 def prepare_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     """Check before any computation that results can be written to a folder.
 
-    With `overwrite`, the checkpoint of an unfinished run is removed now, and existing results when those of the new run
-    are complete.
+    With `overwrite`, the checkpoint of an unfinished run is removed immediately, and existing results are removed once
+    those of the new run are complete.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def prepare_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise ValueError with one sentence if a folder is not writable."""
+    """Raise ValueError with a one-sentence message if a folder is not writable."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     if folder.is_dir():
@@ -91,7 +91,7 @@ def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
 
 
 def join_names(names: list[str]) -> str:
-    """Join names for a message; of many, only the first ones are listed."""
+    """Join names for a message; if there are many, only the first few are listed."""
     return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
 
 
@@ -101,7 +101,7 @@ def is_run_file(name: str) -> bool:
 
 
 def _probe(folder: Path) -> None:
-    """Write and remove a temporary file in a folder, and any folders created for it."""
+    """Write a temporary file in a folder, then remove it and any folders created for it."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -115,7 +115,7 @@ def _probe(folder: Path) -> None:
 
 @contextmanager
 def staged_results(folder: Path, *, failures=()):
-    """Context manager of a staging folder whose files replace those of an earlier run when all are complete.
+    """Context manager for a staging folder whose files replace those of an earlier run when all are complete.
 
     The run is then finished, unless members failed: `stickslip resume` runs these again.
 

@@ -23,7 +23,7 @@ STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "p
 
 @contextmanager
 def console_output(*, quiet: bool = False, as_json: bool = False):
-    """Route console output to standard output, to nowhere if `quiet`, or to standard error if standard output is JSON.
+    """Route console output to standard output, nowhere if `quiet`, or to standard error if standard output is JSON.
 
     With `as_json`, output is printed only if standard error is a terminal.
     """
@@ -136,7 +136,10 @@ def format_duration(seconds: float) -> str:
 
 
 def show_table(table: Table) -> None:
-    """Print a table; on a narrow terminal without room for it, print each row as lines of a heading and a value."""
+    """Print a table.
+
+    On a narrow terminal without room for it, print each row as lines, each with a heading and a value.
+    """
     room = console.width
     if room >= NARROW or Measurement.get(console, console.options.update(max_width=1000), table).maximum <= room:
         return console.print(table)

@@ -33,7 +33,7 @@ Quasi-rigid loading (paper 002)
 Fault gouge (paper 003), rate and state
 
     steady_sliding         friction and thickness against slip
-    velocity_steps         change of friction after velocity steps
+    velocity_steps         change in friction after velocity steps
     holds, reslides        friction in holds and in slides after them
     healing                peak friction against hold time
     sample                 the sample in steady sliding

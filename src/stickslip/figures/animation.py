@@ -25,7 +25,7 @@ def movie(
     frames: list[Frame], path: Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
-    """Draw frames one after the other, with common limits of axes and colours.
+    """Draw frames one after the other, with common limits for axes and colours.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def movie(
     MissingExtraError
         if there is no ffmpeg for an MP4.
     RuntimeError
-        if ffmpeg ends prematurely.
+        if ffmpeg exits prematurely.
     """
     check_movie(path, fps)
     layout = layout_of(frames, colour=colour, mode=mode, si=si)
@@ -78,7 +78,7 @@ def movie(
 def check_movie(path: Path, fps: int) -> None:
     """Raise ValueError or MissingExtraError if a movie cannot be written."""
     if path.suffix.lower() not in ENDINGS:
-        raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: a movie is {' or '.join(ENDINGS)}")
+        raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: use {' or '.join(ENDINGS)}")
     if not 1 <= fps <= 100:
         raise ValueError(f"{fps} frames per second were requested: give 1 to 100")
     if path.suffix.lower() == ".mp4":
@@ -87,13 +87,13 @@ def check_movie(path: Path, fps: int) -> None:
 
 @contextmanager
 def _explain_ffmpeg_failure():
-    """Turn a premature end of ffmpeg, as on a full disk, into a one-sentence error."""
+    """Turn a premature exit of ffmpeg, for example on a full disk, into a one-sentence error."""
     try:
         yield
     except (CalledProcessError, BrokenPipeError) as problem:
         how = f"exit code {problem.returncode}" if isinstance(problem, CalledProcessError) else "it closed its pipe"
         raise RuntimeError(
-            f"ffmpeg ended before the movie was complete ({how}): free some disk space if it is full, or write a .gif"
+            f"ffmpeg ended before the movie was complete ({how}): free some space if the disk is full, or write a .gif"
         ) from None
 
 
@@ -121,5 +121,5 @@ class _GifWriter(PillowWriter):
 
 
 def _find_ffmpeg() -> str:
-    """Path of ffmpeg: that of the system, or the one installed by a wheel."""
+    """Path to ffmpeg: the system's own, or the one installed by a wheel."""
     return which("ffmpeg") or require("imageio_ffmpeg", "report").get_ffmpeg_exe()

@@ -102,7 +102,7 @@ def _draw_row(axes, k: int, row: Row) -> None:
 
 
 def _draw_legend(figure, rows: list[Row]) -> None:
-    """Legend of the verdicts that occur, and of the other marks."""
+    """Legend for the verdicts that occur, and for the other marks."""
     seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
     handles = [
         Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)

@@ -84,7 +84,7 @@ def trajectory(result, grain: int = 3):
     windows = (
         (
             (first - 150, first),
-            f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact reaches Coulomb's limit",
+            f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact reaches the Coulomb limit",
         ),
         ((first, end), "from there until its contact with the substrate does"),
     )
@@ -166,7 +166,7 @@ def mode_shape(spectrum, index: int):
 
 @styled
 def center_of_mass(result, load: float, line=None, printed=None):
-    """Center of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
+    """Centre of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def center_of_mass(result, load: float, line=None, printed=None):
     return figure
 
 
-STUCK, AT_LIMIT, SLIDES = "stuck", "has reached Coulomb's limit at the substrate", "has slid by a tenth of a diameter"
+STUCK, AT_LIMIT, SLIDES = "stuck", "has reached the Coulomb limit at the substrate", "has slid by a tenth of a diameter"
 
 
 @styled
@@ -261,7 +261,7 @@ def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
             spokes.set_segments(np.stack([center, center + tip], axis=1))
             moved = data.position[k, :, 0].mean() - data.position[0, :, 0].mean()
             title.set_text(
-                f"$F_x$ = {data.load:.3f}   t = {time:8.0f}   center of mass moved by {moved:6.3f} diameters"
+                f"$F_x$ = {data.load:.3f}   t = {time:8.0f}   centre of mass moved by {moved:6.3f} diameters"
             )
             return patches, spokes, title
 

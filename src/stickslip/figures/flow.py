@@ -48,7 +48,10 @@ def snapshots(result):
 
 
 def _select_frames(result) -> list:
-    """Frames at nearly equal intervals, including the first and the last; of the last stage if there are several."""
+    """Frames at nearly equal intervals, including the first and the last.
+
+    Only from the last stage if there are several.
+    """
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)
     wanted = np.linspace(frames[0].time, frames[-1].time, PANELS)
@@ -97,7 +100,7 @@ def _draw_walls(axes, state) -> None:
 
 @styled
 def time_series(result):
-    """Energies, contacts, and the extent of the flow or the friction and distance of plates."""
+    """Energies, contacts, and either the extent of the flow or the friction and the distance between plates."""
     series, plates = result.series, list(result.poured.plates)
     sheared = len(plates) > 1
     figure, panels = column_axes(5 if sheared else 4, 6.6 if sheared else 5.6, sharex=True)
@@ -178,7 +181,7 @@ def _plot_plates(top, bottom, series, names) -> None:
 
 @styled
 def velocity_profile(edges, velocity, deviation):
-    """Mean velocity along x against height, with its standard deviation in time.
+    """Mean velocity along x against height, with its standard deviation over time.
 
     Parameters
     ----------
@@ -190,7 +193,7 @@ def velocity_profile(edges, velocity, deviation):
     axes.errorbar(
         velocity[:, 0], height, xerr=deviation[:, 0], fmt="o-", color=BLUE, lw=0.7, elinewidth=0.5, capsize=1.2
     )
-    axes.set(xlabel="mean velocity $v_x$ ± deviation in time [length/time]", ylabel="height $y$ [length]")
+    axes.set(xlabel="mean velocity $v_x$ ± deviation over time [length/time]", ylabel="height $y$ [length]")
     axes.set_title("second half of the last stage", fontsize=7)
     axes.xaxis.set_major_locator(MaxNLocator(6))
     return figure

@@ -10,7 +10,7 @@ from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, colum
 
 @styled
 def steady_sliding(realizations, diameter: float):
-    """Friction and thickness against slip of all realizations, from rest to steady sliding.
+    """Friction and thickness against slip for all realizations, from rest to steady sliding.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def steady_sliding(realizations, diameter: float):
 
 @styled
 def velocity_steps(curves, *, twins: bool = True):
-    """Change of friction after each step, ± two standard errors.
+    """Change in friction after each step, ± two standard errors.
 
     The reference is a copy without the step (`twins`) or the later mean.
     """
@@ -47,11 +47,11 @@ def velocity_steps(curves, *, twins: bool = True):
 
 @styled
 def holds(panels):
-    """Change of friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
+    """Change in friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
 
     Parameters
     ----------
-    panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change of friction)}
+    panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change in friction)}
     """
     figure, rows = column_axes(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
     for axes, (curves, laws) in zip(rows[:, 0], panels, strict=True):
@@ -133,7 +133,7 @@ def healing(times, peaks, slope, b: float, thickness):
     peaks : one `Number` per hold
     slope : `Number`, peak per e-fold of hold time
     b : parameter of rate-and-state friction
-    thickness : `Curve` of the change of thickness over D during holds
+    thickness : `Curve` of the change in thickness over D during holds
     """
     figure, (above, below) = column_axes(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])

@@ -45,8 +45,8 @@ def packing(
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
     A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
-    ellipses are enlarged by the same factor, the largest to the mean radius. Balls in space are drawn at 0.6 of their
-    size.
+    ellipses are enlarged by the same factor, which brings the largest to the mean radius. In three dimensions, balls
+    are drawn at 0.6 of their size.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def _normal_forces(frame: Frame) -> np.ndarray:
 
 
 def _nearly_touching(frame: Frame) -> np.ndarray:
-    """Rows of pairs of grains in the contact list that nearly touch."""
+    """Rows of the contact list for pairs of grains that nearly touch."""
     state, c = frame.state, frame.state.contacts
     count, radius = int(c.count[0]), frame.state.grains.radius
     rows = np.flatnonzero((c.mode[:count] == OPEN) & (c.j[:count] < len(radius)))
@@ -261,7 +261,7 @@ def _drawing_limits(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _draw_scale_bar(axes, frame: Frame, layout: Layout) -> None:
-    """Draw a scale bar of the mean diameter."""
+    """Draw a scale bar one mean diameter long."""
     long = 2 * float(frame.state.grains.radius.mean())
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)

@@ -8,7 +8,7 @@ from .quantities import Mode
 
 
 def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
-    """Translations of a mode, scaled so that the largest one, over its radius, is one."""
+    """Translations of a mode, scaled so that the largest, divided by the grain's radius, is one."""
     radius = frame.state.grains.radius[:, None]
     largest = (np.sqrt((np.abs(mode[0]) ** 2).sum(axis=1, keepdims=True)) / radius).max()
     return mode[0] / largest if largest > 0 else mode[0]
@@ -47,7 +47,10 @@ def wall_edges(frame: Frame) -> np.ndarray:
 
 
 def view_basis(frame: Frame) -> np.ndarray:
-    """(3, 3) unit vectors to the right, up and toward the viewer; three dimensions are seen obliquely from above."""
+    """(3, 3) unit vectors to the right, up and toward the viewer.
+
+    Three-dimensional packings are seen obliquely from above.
+    """
     up = np.array(up_direction(frame))
     if frame.state.cell.dim == 2:
         return np.eye(3)

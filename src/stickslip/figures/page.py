@@ -1,4 +1,4 @@
-"""Self-contained HTML pages, which need neither network nor other files."""
+"""Self-contained HTML pages, which need neither a network nor other files."""
 
 import base64
 from html import escape

@@ -11,7 +11,7 @@ IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
 
 @styled
 def pairs_along_strain(paths, fine: float):
-    """Smallest and largest Im λ of one packing up to `fine`, and the number of pairs of all packings (Fig 1)."""
+    """Smallest and largest Im λ of one packing up to `fine`, and the number of pairs for all packings (Fig 1)."""
     figure, (top, bottom) = column_axes(2, 4.2)
     path = max(paths, key=lambda p: (p.pairs[p.strain <= fine] > 0).sum())
     near = path.strain <= fine
@@ -96,7 +96,7 @@ def _oscillation(time, growth):
 
 @styled
 def trajectories(run, dim: int, grains: int = 4):
-    """Displacements during growth of the instability, some turns of many: grains in space, one in time (Fig 4)."""
+    """Displacements during growth of the instability, a few of many turns: grains in space, one in time (Fig 4)."""
     figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")

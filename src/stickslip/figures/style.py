@@ -55,7 +55,7 @@ def styled(function):
 
 
 def column_axes(rows: int = 1, height: float = 2.5, **options):
-    """Create a figure of one column width with stacked axes; height in inches."""
+    """Create a figure one column wide with stacked axes; height in inches."""
     return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
 
 

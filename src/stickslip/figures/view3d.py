@@ -123,7 +123,7 @@ def _first_shown(frames: list[Frame], count: int) -> int:
 
 
 def _select_frames(frames: list[Frame]) -> list[int]:
-    """Numbers of frames that fit in a page, evenly spaced and including the first and the last."""
+    """Numbers of frames that fit on a page, evenly spaced and including the first and the last."""
     size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
     count = min(len(frames), max(2, int(MOST / size)))
     return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
@@ -200,7 +200,7 @@ def _plot(data: dict, shown: int, height: int):
 
 
 def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
-    """Line segments (E, 2, 3); a single segment of zero length if there are none, which K3D requires."""
+    """Line segments (E, 2, 3); a single segment of zero length if there are none, because K3D requires at least one."""
     ends = ends.astype(np.float32).reshape(-1, 3) if len(ends) else np.zeros((2, 3), np.float32)
     rows = np.arange(len(ends), dtype=np.uint32)
     return k3d.lines(

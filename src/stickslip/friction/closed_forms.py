@@ -53,8 +53,8 @@ def stiff_healing(rs: RateState, velocity: float, hold):
 def frozen_hold(a: float, stiffness: float, velocity: float, time):
     """Slip velocity during a hold of the load point while the state is constant, V = V_i/(1 + k V_i t/a).
 
-    From a V'/V = −k V. Valid for slip far below about D_c a/(k D_c + b), and for all times if b = 0. Friction decreases
-    by a ln(1 + k V_i t/a).
+    This follows from a V'/V = −k V. Valid for slip well below D_c a/(k D_c + b), and for all times if b = 0.
+    Friction decreases by a ln(1 + k V_i t/a).
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def frozen_hold(a: float, stiffness: float, velocity: float, time):
 
 
 def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
-    """Slip velocity after slip x during a hold of the load point that follows steady sliding at V_i, by the slip law.
+    """Slip velocity after slip x during a hold of the load point that follows steady sliding at V_i, for the slip law.
 
     With y = ln(θ V_i/D_c) and z = ln(V/V_i) the force balance is a z + b y = −k x and the law is dy/dx = −(z + y)/D_c,
     hence dy/dx + λ y = k x/(a D_c) with λ = (a − b)/(a D_c). The solution is y = (k/(a D_c)) [x/λ − (1 − e^{−λx})/λ²],

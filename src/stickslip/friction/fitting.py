@@ -1,7 +1,7 @@
 """Fits of rate-and-state parameters to records: least squares with correlated noise, intervals, and identifiability.
 
 Correlation of the residuals between samples is modelled as an autoregressive process, whose order is selected by BIC,
-and filtered out of data and model (generalised least squares). Intervals and likelihood are those of the filtered
+and filtered out of both data and model (generalised least squares). Intervals and likelihood are those of the filtered
 problem.
 """
 
@@ -30,7 +30,7 @@ from .ratestate import LAWS, RateState
 MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
     "the residuals vary as slowly as the signal: the law does not describe these data, or their noise is too slow; the "
-    "values are the best fit, intervals cannot be given"
+    "values are the best fit, but intervals cannot be given"
 )
 # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law
 MAX_EXCESS = 1.0
@@ -115,7 +115,7 @@ def fit(
     ValueError
         if the input is not valid.
     RuntimeError
-        if the slider runs away with all parameters that were tried.
+        if the slider runs away for all parameters tried.
 
     Examples
     --------
@@ -148,9 +148,9 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     """Estimate parameters and noise alternately; return x, filters, whether residuals are noise, and evaluations.
 
     Residuals are not noise if fewer than MIN_INDEPENDENT independent samples are left per parameter, or if filtering
-    has led away from the least-squares estimate, whose sum of squares the right law exceeds only by a fraction of order
-    m/n_eff. The residuals are then as slow as the signal, and filtering them removes the signal as well, so the
-    ordinary least-squares estimate is returned.
+    has moved the estimate away from the least-squares one, whose sum of squares the correct law exceeds only by a
+    fraction of order m/n_eff. The residuals then vary as slowly as the signal, and filtering them removes the signal as
+    well, so the ordinary least-squares estimate is returned.
     """
     x, evaluations = start, 0
     rest = residual(task, x)
@@ -173,7 +173,7 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
 
 
 def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
-    """(m, N) rows g with Σ g gᵀ = J C Jᵀ, the noise absorbed by the fit, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
+    """(m, N) rows g with Σ g gᵀ = J C Jᵀ, the noise absorbed by the fit; C = (JᵀΣ⁻¹J)⁻¹ is that of the parameters."""
     rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
     size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
     variance = float(rest @ rest) / (len(rest) - len(x))
@@ -190,7 +190,7 @@ def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[d
         if name not in (*NAMES, "v0") or (name == "v0" and name in free):
             raise ValueError(f"{name!r} was given: parameters are {', '.join(NAMES)}, and v0, which is always fixed")
     for name in set(fixed) & set(free):
-        raise ValueError(f"{name} was given as fixed and as free: choose one")
+        raise ValueError(f"{name} was given as both fixed and free: choose one")
     for name, value in fixed.items():
         least = -np.inf if name in ("mu0", "trend") else 0.0
         if not np.isfinite(value) or value < least or (value == 0 and name in ("a", "dc", "v0", "stiffness", "theta")):

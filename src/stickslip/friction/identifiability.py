@@ -25,7 +25,7 @@ class Estimates(NamedTuple):
 
 
 def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (JᵀJ)⁻¹ by singular values, and the parameters involved in directions that do not change the model.
+    """Covariance (JᵀJ)⁻¹ from singular values, and the parameters involved in directions that do not change the model.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
     of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
 
     Parameters ---------- inner, blind : from `covariance` x : (m,) logarithms where `logs`, else values reach : Student
-    t quantile open_sides : name → (limit, "above" or "below") of parameters that fit equally well without bound
+    t quantile open_sides : name → (limit, "above" or "below") of parameters whose values fit equally well without bound
     """
     half = reach * np.sqrt(np.diag(inner))
     unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])

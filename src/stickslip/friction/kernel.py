@@ -5,7 +5,8 @@ a hold.
 
 Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
 no table of coefficients, adapts its order, and solves the 2 × 2 systems by Cramer's rule. A step ends at every
-requested time, so that nothing is interpolated. `python -m benchmarks --friction` compares its speed with LSODA.
+requested time, so that nothing is interpolated. `python -m benchmarks --friction` compares its speed with that of
+LSODA.
 """
 
 import numpy as np
@@ -88,7 +89,7 @@ def extrapolate(w, f, h, p, velocity, normal, tolerance, table):
 
 @njit(cache=True, error_model="numpy")
 def after_normal_jump(w, f, p, alpha, old, new):
-    """w and f after a jump of the normal stress from `old` to `new`.
+    """w and f after a jump in the normal stress from `old` to `new`.
 
     θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), at constant spring force F = n(μ0 + a w + b f) + ηV.
     """
@@ -110,7 +111,7 @@ def after_normal_jump(w, f, p, alpha, old, new):
 
 @njit(cache=True, error_model="numpy")
 def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
-    """Integrate w and f to `times` (ascending, from the start of the legs); return also a code and the time reached.
+    """Integrate w and f to `times` (ascending, from the start of the legs); also return a code and the time reached.
 
     At the end of a leg the values are those before the next leg begins.
     """

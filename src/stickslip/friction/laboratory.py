@@ -56,13 +56,13 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
 
     Parameters
     ----------
-    columns : for a file without headers: number of each column, counted from 0, by its header, as in
+    columns : for a file without headers: column numbers, counted from 0, keyed by the headers they stand for, as in
         {"time": 0, "load_point [um]": 1, "friction": 3}; without a unit it is in metres, seconds or pascals
 
     Raises
     ------
     ValueError
-        with one sentence that names the wrong column, unit or line, and what is allowed.
+        with one sentence that names the offending column, unit or line, and states what is allowed.
     """
     path = Path(path)
     header, rows = _read_table(path, columns)
@@ -72,7 +72,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     if len(full) < len(rows):
         first = next(number for number, fields in rows if not all(fields[k] for k, _ in found.values()))
         warnings.warn(
-            f"{path}: {len(rows) - len(full)} of {len(rows)} rows have an empty cell and are left out, the first is "
+            f"{path}: {len(rows) - len(full)} of {len(rows)} rows have an empty cell and are left out; the first is "
             f"line {first}",
             stacklevel=2,
         )
@@ -118,7 +118,7 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     Parameters
     ----------
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
-    normal : True to include changes of normal stress, over its initial value (with alpha: Linker and Dieterich)
+    normal : True to include changes in normal stress, relative to its initial value (with alpha: Linker and Dieterich)
     """
     time = record.time - record.time[0]
     if record.load_point is None:

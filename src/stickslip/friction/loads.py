@@ -74,7 +74,7 @@ def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tup
     ----------
     time : [time] (N,) increasing
     load_point : [length] (N,)
-    normal : (N,) normal stress over its reference, held from each sample to the next; None for constant
+    normal : (N,) normal stress over its reference, held from each sample to the next; None if constant
     """
     time, place = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)

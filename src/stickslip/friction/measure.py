@@ -1,4 +1,4 @@
-"""Measurements on a record without a model: steady means with standard errors, peaks after holds, healing."""
+"""Model-free measurements on a record: steady means with standard errors, peaks after holds, healing."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ class Healing(NamedTuple):
 
 
 class HoldResponse(NamedTuple):
-    """Response to K holds of a record."""
+    """Response to the K holds in a record."""
 
     hold: np.ndarray  # duration [time]
     steady: np.ndarray  # friction before the hold
@@ -106,7 +106,7 @@ def healing(hold, excess) -> Healing:
 
 
 def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
-    """Drop of friction during every hold of a record, and peak after it.
+    """Drop in friction during every hold of a record, and the peak after it.
 
     Parameters
     ----------

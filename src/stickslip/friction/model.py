@@ -71,7 +71,7 @@ def prepare(data: Data, windows=None) -> Prepared:
         raise ValueError("data need either legs of the load point or the measured slip velocity: give exactly one")
     used = np.ones(len(time), bool) if windows is None else _in_windows(time, windows)
     if used.sum() < 8:
-        raise ValueError(f"only {used.sum()} samples are used: a fit needs at least 8, give wider windows or more data")
+        raise ValueError(f"only {used.sum()} samples are used: a fit needs at least 8; give wider windows or more data")
     if data.velocity is not None:
         velocity = np.asarray(data.velocity, float)
         if velocity.shape != time.shape or not ((velocity > 0) & np.isfinite(velocity)).all():
@@ -85,7 +85,7 @@ def prepare(data: Data, windows=None) -> Prepared:
     ends = np.cumsum(duration)
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
         raise ValueError(
-            f"samples go from {time[0]:g} to {time[-1]:g} but the legs from 0 to {ends[-1]:g}: they must cover the data"
+            f"samples go from {time[0]:g} to {time[-1]:g}, legs from 0 to {ends[-1]:g}: the legs must cover the data"
         )
     before = float(speed[0]) if data.before is None else data.before
     if not before > 0:

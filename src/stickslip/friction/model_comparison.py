@@ -1,4 +1,4 @@
-"""Comparison of two fits of the same data."""
+"""Comparison of two fits to the same data."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     """Test whether the data discriminate between two fits.
 
     ΔAIC shows which fit is closer to the data. The laws are not nested and both may be wrong, so the difference must
-    also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood per sample
+    also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference in log-likelihood per sample
     (doi:10.2307/1912557). A preference requires ΔAIC ≥ 6 and |z| ≥ 1.96.
 
     Raises
@@ -39,7 +39,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
         same = same and len(one) == len(other)
     data = [[r + m for r, m in zip(f.residuals, f.models, strict=True)] for f in (first, second)] if same else [[], []]
     if not same or not all(np.allclose(p, q, rtol=0, atol=1e-9) for p, q in zip(*data, strict=True)):
-        raise ValueError("the two fits are of different data: compare fits of the same records and windows")
+        raise ValueError("the two fits are to different data: compare fits to the same records and windows")
     gap = second.aic - first.aic
     mean = (first.log_likelihood - second.log_likelihood) / first.samples
     each = 0.5 * (second.innovations**2 - first.innovations**2)

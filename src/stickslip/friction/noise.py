@@ -16,11 +16,11 @@ def autocovariance(pieces, lags: int) -> np.ndarray:
 
 
 def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, with the order selected by BIC, and head of the whitening filter.
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, order selected by BIC, and the head of the whitening filter.
 
     Uses Levinson's recursion on the autocovariance (Yule and Walker). Noise absorbed by a fit is added: residuals of
-    generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, which makes noise look less
-    correlated than it is.
+    generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, which makes the noise look
+    less correlated than it is.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def whitened(rows, noise, pieces) -> np.ndarray:
 
 
 def effective_samples(noise, total: int) -> float:
-    """Number of independent samples with the same information about a mean as `total` samples with this noise."""
+    """Number of independent samples that carry the same information about a mean as `total` samples with this noise."""
     phi, head = noise
     if len(phi) == 0:
         return float(total)

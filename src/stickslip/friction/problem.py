@@ -19,7 +19,7 @@ WIDE = 0.3  # half width of the interval of a logarithm above which its ends are
 
 
 class Task(NamedTuple):
-    """A fit: records, law, and the mapping from the vector x to parameters of each record."""
+    """A fit: records, law, and the mapping from the vector x to the parameters of each record."""
 
     cases: list[Prepared]
     law: str
@@ -126,16 +126,14 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
         if again and solved.cost <= min(cost for cost, _ in found) * (1 + SAME):
             break  # two guesses led to the best minimum
     if not found:
-        raise RuntimeError(
-            "the slider runs away with all parameters that were tried: give the damping, or the stiffness"
-        )
+        raise RuntimeError("the slider runs away for all parameters tried: give the damping, or the stiffness")
     x = min(found, key=lambda one: one[0])[1]
     solved = solve(task, x, WHITE)
     return solved.x, count + solved.nfev
 
 
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
-    """Find unbounded sides of wide intervals, where far values fit equally well if all other parameters are refitted.
+    """Find unbounded sides of wide intervals, where distant values fit equally well after refitting the others.
 
     Intervals follow from derivatives at the best point. As k → ∞, for example, these vanish while the sum of squares
     stays finite.

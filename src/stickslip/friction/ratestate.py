@@ -88,7 +88,7 @@ def check(rs: RateState) -> None:
     if not np.isfinite(rs.mu0):
         raise ValueError(f"mu0 = {rs.mu0} was given: use a finite number")
     if rs.alpha > 0 and rs.b == 0:
-        raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, use b > 0")
+        raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
 
 
 def spring_slider(
@@ -104,13 +104,13 @@ def spring_slider(
     """History of a slider pulled by a spring.
 
     (n a + η V) d ln V/dt = k (V_lp − V) − n b d ln θ/dt, with θ' given by the law. ln V and ln θ are integrated with a
-    stiff method that restarts at every leg. With η = 0 the motion is quasi-static, and slip below the critical
-    stiffness may run away.
+    stiff method that restarts at every leg. With η = 0 the motion is quasi-static, and below the critical stiffness
+    slip may run away.
 
     Parameters
     ----------
     legs : of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
-    times : (N,) ascending, within the legs; default: about 120 per leg, dense at its start [time]
+    times : (N,) ascending, within the legs; default: about 120 per leg, denser at its start [time]
     before : initial slip velocity; default: that of the first leg [length/time]
     theta : initial state; default: the steady state D_c/V [time]
     tolerance : error of ln V and ln θ in each step
@@ -118,7 +118,7 @@ def spring_slider(
     Raises
     ------
     ValueError
-        if parameters, legs or times are not valid. Runaway slip is not an error, see `SlipHistory.end`.
+        if parameters, legs or times are not valid. Runaway slip is not an error; see `SlipHistory.end`.
 
     Examples
     --------

@@ -22,8 +22,8 @@ class Sliding(NamedTuple):
 def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.0) -> float:
     """k_c = (b − a − η V)/D_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
 
-    For both laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and Ruina 1983, doi:10.1115/1.3167042); radiation
-    damping η adds η V to the direct effect a.
+    This holds for both laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and Ruina 1983, doi:10.1115/1.3167042);
+    radiation damping η adds η V to the direct effect a.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
 def _sentence(rs, spring, stable: bool, critical: float, growth: float) -> str:
     if critical <= 0:
         return f"steady sliding is stable with any spring: b = {rs.b:g} does not exceed the direct effect"
-    ratio = f"stiffness {spring.stiffness:.4g} is {spring.stiffness / critical:.4g} of the critical {critical:.4g}"
+    ratio = f"stiffness {spring.stiffness:.4g} is {spring.stiffness / critical:.4g} times the critical {critical:.4g}"
     if stable:
-        return f"steady sliding is stable: {ratio}; disturbances decay by a factor e in {-1 / growth:.4g}"
-    return f"steady sliding is unstable: {ratio}; disturbances grow by a factor e in {1 / max(growth, 1e-300):.4g}"
+        return f"steady sliding is stable: {ratio}; disturbances decay by a factor of e in {-1 / growth:.4g}"
+    return f"steady sliding is unstable: {ratio}; disturbances grow by a factor of e in {1 / max(growth, 1e-300):.4g}"

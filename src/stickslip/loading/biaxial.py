@@ -36,7 +36,7 @@ def biaxial_box(
     ----------
     pressure : float; pressure/kn is the typical overlap in diameters [force/length]
     radius : as in `jammed` [length]; masses are those of disks of density 1/(π/4)
-    tolerance : float, largest unbalanced force over the pressure times a length of 1
+    tolerance : float, largest unbalanced force, in units of the pressure times a length of 1
 
     Returns
     -------
@@ -87,7 +87,7 @@ def sheared_box(
 
 
 def settle(state: State, law: Law, tolerance: float) -> State:
-    """Bring a state to rest by damped dynamics, with its largest unbalanced force below the tolerance.
+    """Bring a state to rest by damped dynamics until its largest unbalanced force is below the tolerance.
 
     Raises
     ------
@@ -122,8 +122,6 @@ def with_load(control: Control, wall: int, factor: float) -> Control:
     """Control with the force on a wall multiplied by a factor; `wall` is a body number."""
     force = control.force.copy()
     if not force[wall].any():
-        raise ValueError(
-            f"body {wall} has no force that could be multiplied: wall k of a packing with n grains is body n + k"
-        )
+        raise ValueError(f"body {wall} has no force to multiply: wall k of a packing with n grains is body n + k")
     force[wall] *= factor
     return control._replace(force=force)

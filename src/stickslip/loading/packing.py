@@ -98,7 +98,7 @@ def jammed(
     seed: int = 0,
     tolerance: float = 5e-14,
 ):
-    """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible by its seed.
+    """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible from its seed.
 
     The energy is minimised by SciPy's L-BFGS-B, then the forces are balanced by `equilibrate`. A given pressure is
     reached by repeated affine compression (or expansion) and quenching.
@@ -106,9 +106,9 @@ def jammed(
     Parameters
     ----------
     packing_fraction : float, volume of all grains, overlaps counted twice, over that of the box (area in 2D)
-    pressure : float [force/length^(dim−1)], reached to 1e-6 relative; give either this or the packing fraction
+    pressure : float [force/length^(dim−1)], reached to a relative accuracy of 1e-6; give this or the packing fraction
     dim : 2 (disks) or 3 (spheres)
-    radius : float; or a few sizes with equally many grains each, such as (0.5, 0.7) for half and half; or (n,) radii
+    radius : float; or a few sizes with equal numbers of grains, such as (0.5, 0.7) for half and half; or (n,) radii
         [length]
     mass, i0 : as in `disks`; I0 is 1/2 for disks and 2/5 for spheres unless given
     law : Law whose normal force is used; default `hertz_mindlin()`. Its friction and dashpots are ignored

@@ -102,7 +102,7 @@ def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Checkpoi
     """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each.
 
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
-    one to the tolerance of the solver.
+    one to within the tolerance of the solver.
     """
     path = []
     for k, load in enumerate(loads):
@@ -149,7 +149,10 @@ def bisect_change(
 def follow_pair(
     path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6
 ) -> Family:
-    """Follow one pair, given as point of the path -> eigenvalue, to its birth and death, to `relative` in the load."""
+    """Follow one pair, given as point of the path -> eigenvalue, to its birth and death.
+
+    Each is located to within `relative` in the load.
+    """
     first, last = min(members), max(members)
 
     def looks_like(k):
@@ -218,7 +221,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
 
 
 def perturbed(state: State, seed: int, velocity: float) -> State:
-    """State with normal random velocities of standard deviation `velocity` in free coordinates [length/time]."""
+    """State with normally distributed velocities of standard deviation `velocity` [length/time] in free coordinates."""
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
     kick = rng.normal(0.0, velocity, (n, 6)) * state.control.free[:n]
@@ -249,7 +252,7 @@ def fit_growth(
     Parameters
     ----------
     time, msd : (T,) [time], [length²]
-    growth_rate, frequency : initial guesses [1/time] from the spectrum, accurate to a factor of two and to `within`
+    growth_rate, frequency : initial guesses [1/time] from the spectrum, within a factor of two and to `within`
     within : float, relative range of frequencies searched
     """
     above_top = np.flatnonzero(msd > window[1])
@@ -279,7 +282,7 @@ def fit_growth(
 
 
 def free_run(state: State, law: Law, *, duration: float, dt: float, sample: float, drag=0.0, spin_drag=None):
-    """Run Newtonian dynamics with all grains recorded every `sample` [time], and contact events."""
+    """Run Newtonian dynamics, recording all grains every `sample` [time], and contact events."""
     probes = np.arange(len(state.grains.radius))
     return run(
         state,

@@ -24,7 +24,7 @@ KEPT = 20_000  # samples of a time series that are saved
 
 @readable
 class Released(NamedTuple):
-    """Run from an unstable state. Stress is compression positive; shear stress is −σ_xy, which opposes γ > 0."""
+    """Run from an unstable state. Compressive stress is positive; shear stress is −σ_xy, which opposes γ > 0."""
 
     strain: float
     pairs: int  # complex pairs at the start
@@ -60,7 +60,7 @@ class Released(NamedTuple):
 
     @property
     def drop(self) -> float:
-        """Loss of shear stress between the means over the first and the last tenth."""
+        """Drop in shear stress from the mean over the first tenth to that over the last."""
         part = max(1, len(self.time) // 10)
         return float(self.shear_stress[:part].mean() - self.shear_stress[-part:].mean())
 
@@ -121,8 +121,8 @@ def release(
 ) -> Released:
     """Run undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times.
 
-    The run lasts from `least` to `duration`. It is divided into chunks; in between the spectrum of the current state is
-    computed, `snapshots` times during the growth and as often afterwards.
+    The run lasts from `least` to `duration`. It is divided into chunks; between them, the spectrum of the current state
+    is computed, `snapshots` times during the growth and as often afterwards.
 
     Parameters
     ----------

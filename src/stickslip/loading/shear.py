@@ -15,7 +15,7 @@ from .protocols import Protocol
 
 
 def sheared(state: State, strain: float, *, slip: bool = True) -> State:
-    """Simple shear along x with gradient y by `strain`; see `strained`."""
+    """Simple shear along x with gradient along y, by `strain`; see `strained`."""
     gradient = np.zeros((3, 3))
     gradient[0, 1] = strain
     return strained(state, gradient, slip=slip)

@@ -82,7 +82,7 @@ def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
 
 
 def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
-    """Slip rates without load of the contacts of a Farkas vector; None if this motion is resisted."""
+    """Slip rates, without load, of the contacts in a Farkas vector; None if this motion is resisted."""
     here = scale_problem(problem)
     y = absence.vector * here.gap_unit
     slides = y > TIGHT * y.max()

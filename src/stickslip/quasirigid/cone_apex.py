@@ -7,8 +7,8 @@ disjoint and cover the plane, and the force rate −K S V is continuous across t
     slides with s    V_n < 0,  m V_n + s V_t > 0          S = ((1, 0), (−m s, 0)),  s = ±1
     sticks           V_n < 0,  m V_n ± V_t ≤ 0            S = 1
 
-A contact at the limit with a force has the two statuses of the principle of minimum sliding. With V₀ the velocities if
-all these contacts stick, Z = Cᵀ k₀⁻¹ C their compliance and Δ(σ) = K (S(σ) − 1), the statuses obey
+A contact at the limit that carries a force has the two statuses of the principle of minimum sliding. With V₀ the
+velocities if all these contacts stick, Z = Cᵀ k₀⁻¹ C their compliance and Δ(σ) = K (S(σ) − 1), the statuses obey
 
     g(V) = V + Z Δ(σ(V)) V = V₀,        det(1 + Z Δ(σ)) = det k(σ) / det k₀.
 
@@ -122,7 +122,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
     -------
     Found
         verified: V solves the piece of the statuses and lies in its cell. If nothing is found and there are at most
-        4096 combinations, none is consistent; if there are more, the search along the pieces met none.
+        4096 combinations, none is consistent; if there are more, the search along the pieces found none.
     """
     for start in starts or (np.full(len(apex.sign), STICKS),):
         found = _iterate_statuses(apex, np.asarray(start))
@@ -160,7 +160,7 @@ def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    """Solution, or None if the matrix is singular to round-off, as for a disk whose contacts all slide or open."""
+    """Solution; None if the matrix is singular to within round-off, as for a disk whose contacts all slide or open."""
     if not len(matrix):
         return right
     if not np.linalg.cond(matrix) < SINGULAR:
@@ -301,7 +301,7 @@ def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
 
 
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
-    """Find all consistent statuses by enumeration, and test if det k has the same sign for all combinations.
+    """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 
     Combinations with the same velocities, which lie on a boundary of their cells, count once.
 

@@ -31,7 +31,7 @@ class AllStatusRates(NamedTuple):
 
     @property
     def consistent(self) -> np.ndarray:
-        """Numbers of the regular statuses that are consistent, to within the error bounds."""
+        """Indices of the regular statuses that are consistent, to within the error bounds."""
         good = np.where(self.slides, self.rate >= -self.error, self.rate <= self.error).all(axis=1)
         return np.flatnonzero(good & (self.sign != 0))
 
@@ -106,8 +106,8 @@ def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
     """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of several statuses with the same rates, which have a contact on a boundary, one is returned, with det A_SS > 0 if
-    possible.
+    Of several statuses with the same rates (a contact is then on a boundary), only one is returned, with det A_SS > 0
+    if possible.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
 
 
 def _face_ends(face: SolutionFace) -> list[Solution]:
-    """Ends of the solutions {t: at + turn t ≥ 0}, or none; an end at infinity is replaced by a finite point."""
+    """Ends of the solution set {t: at + turn t ≥ 0}, or none; an end at infinity is replaced by a finite point."""
     still = (np.abs(face.turn) <= face.turn_error[:, None]).all(axis=1)
     if (face.missed > face.missed_error).any() or (face.at[still] < -face.at_error[still]).any():
         return []

@@ -1,8 +1,8 @@
 """Events at the end of a linear piece of a path: a contact reaches the cone or its apex, or a pair closes.
 
 Within a piece, forces and positions are linear in the load. Where the nonlinearity of the packing would matter, an
-event is approached in several steps. Otherwise a disk with two contacts whose force vanishes would seem to reach the
-cone just before the force is zero.
+event is approached in several steps. Otherwise the two contacts of a disk, whose forces vanish together, would seem to
+reach the cone just before the forces are zero.
 """
 
 from typing import NamedTuple
@@ -57,9 +57,9 @@ def next_event(
     Parameters
     ----------
     increment : Increment
-    force, rate : (M, 2) and their rates over the whole increment [force]
+    force, rate : (M, 2) forces and their rates over the whole increment [force]
     known : (M,) bool, contacts that were on the cone with a consistent status; sticking ones leave it
-    left : remaining share of the increment
+    left : remaining fraction of the increment
     """
     first = NextEvent(left, np.zeros(0, int), INCREMENT)
     reached = _shares_to_cone(increment, force, rate, known, choice)
@@ -69,7 +69,7 @@ def next_event(
 
 
 def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
-    """(M,) shares of the increment after which sticking contacts reach the cone, on either side."""
+    """(M,) fractions of the increment after which sticking contacts reach the cone, on either side."""
     m, reached = increment.matrix, np.full(len(force), np.inf)
     for side in (1.0, -1.0):
         margin = m.mu * force[:, 0] - side * force[:, 1]
@@ -117,7 +117,7 @@ def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> Nex
 
 
 def with_partners(increment, contacts: np.ndarray) -> np.ndarray:
-    """Contacts together with the second contacts of disks that have two, which reach the apex together."""
+    """Given contacts plus the other contact of each disk that has two, since both reach the apex together."""
     chosen = np.zeros(increment.matrix.count, bool)
     chosen[contacts] = True
     while True:

@@ -1,8 +1,8 @@
 """One increment of a load path, linear in the load until a contact reaches the cone, opens, or closes.
 
 c, K and the geometric stiffness are frozen. Events that only change the statuses at the cone are processed within the
-increment. If a contact opens or closes, the increment ends, and its status is decided at the start of the next one,
-together with those of all contacts without force.
+increment. If a contact opens or closes, the increment ends, and the status of the contact is decided at the start of
+the next one, together with those of all contacts without force.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
 """
@@ -63,7 +63,7 @@ def external_force(state: State, free: Freedom) -> np.ndarray:
 
 
 class Increment:
-    """One increment of load at frozen c, K and geometric stiffness."""
+    """One increment of load with frozen c, K and geometric stiffness."""
 
     def __init__(self, place: PathState, law, begin: Control, end: Control, share, increment, geometric, mends):
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
@@ -95,7 +95,7 @@ class Increment:
     def _decide_at_apex(self, place: PathState) -> None:
         """Decide whether contacts without force open, stick or slide; bodies without contact forces are released.
 
-        All contacts without force are decided together; decisions one after the other could undo each other.
+        All contacts without force are decided together; decisions made one after the other could undo each other.
         """
         before, place = place, self._with_touching_pairs(place)
         self._set_state(place)
@@ -134,7 +134,7 @@ class Increment:
         return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
 
     def _record_fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
-        """Record other consistent combinations; statuses of all contacts, as in `cone_apex`."""
+        """Record other consistent combinations; the statuses are those of all contacts, as in `cone_apex`."""
         others = np.array(others)
         differ = np.flatnonzero((others != taken).any(axis=0))
         fork = Fork(
@@ -145,7 +145,7 @@ class Increment:
         self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies_of(differ[0])))
 
     def run(self, start: float):
-        """Run the increment; return the state at its end, the share of the leg that was used, and the verdict."""
+        """Run the increment; return the state at its end, the fraction of the leg that was used, and the verdict."""
         m = self.matrix
         self._set_load(start)
         if self.lost is not None:

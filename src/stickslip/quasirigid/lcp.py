@@ -1,4 +1,4 @@
-"""Linear complementarity problem of the critical contacts, with round-off bounds of its data, and two solvers.
+"""Linear complementarity problem of the critical contacts, with round-off bounds on its data, and two solvers.
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 
@@ -65,7 +65,7 @@ def complementarity(
 
 
 def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
-    """Numbers of the critical contacts, from numbers or from a mask of all contacts."""
+    """Indices of the critical contacts, from indices or from a mask of all contacts."""
     if critical is None:
         return np.flatnonzero(matrix.limit)
     critical = np.asarray(critical)
@@ -106,7 +106,7 @@ def complementarity_of_system(system: StatusSolver) -> Complementarity:
 
 
 def scale_problem(problem: Complementarity) -> ScaledProblem:
-    """Scale a problem so that its largest entries are about 1, with error bounds of all entries."""
+    """Scale a problem so that its largest entries are about 1, with error bounds for all entries."""
     a, q = problem.matrix, problem.vector
     if not (np.isfinite(a).all() and np.isfinite(q).all()):
         raise ValueError("A or q is not finite: every entry must be a number; look for NaN in positions and forces")
@@ -130,7 +130,7 @@ def scale_problem(problem: Complementarity) -> ScaledProblem:
 
 
 def sign_slack(rate: np.ndarray, slack=0.0):
-    """Magnitude below which a rate may have either sign: a share of the largest rate, or `slack` if larger."""
+    """Magnitude below which a rate may have either sign: a fraction of the largest rate, or at least `slack`."""
     return np.maximum(slack, SLACK * np.abs(rate).max(initial=0.0))
 
 
@@ -141,7 +141,7 @@ def inconsistent(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
 
 
 def principal_pivoting(problem: Complementarity) -> tuple[np.ndarray | None, int]:
-    """Solve by Murty's principal pivoting, which flips the inconsistent contact with the largest number.
+    """Solve by Murty's principal pivoting, which flips the inconsistent contact with the largest index.
 
     Returns
     -------

@@ -1,16 +1,17 @@
-"""Linear relations of a packing of disks under slow loads, and the stiffness matrix k = c K S cᵀ.
+"""Linear relations for a packing of disks under slow loads, and the stiffness matrix k = c K S cᵀ.
 
-A contact has the force F = (F_n, F_t) on its body i, along n from j to i and along t, clockwise of n, and the spring
-elongation D = (−δ, s·t). With v the generalised velocities (rotations as R ω), Table I of the paper reads
+A contact exerts the force F = (F_n, F_t) on its body i, along n (from j to i) and t (clockwise from n), and has the
+spring elongation D = (−δ, s·t). With v the generalised velocities (rotations as R ω), Table I of the paper reads
 
     f = c F,     dF/dt = −K dD/dt,     dD/dt = S V,     V = cᵀ v.
 
 S is 1 at a sticking contact and ((1, 0), (−m sgn D_t, 0)) at a sliding one, which thus stays at the Coulomb limit;
 m = μ K_n/K_t for a linear law. A law whose tangential force depends on the overlap has K = ((K_n, 0), (−φ', K_t)), φ'
 = sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. The geometric stiffness −(dc/dt) F, due to the rotation of contacts, is
-small like the overlap over the radius.
+small, of the order of the overlap over the radius.
 
-Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata of the documentation.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata given in the
+documentation.
 """
 
 from typing import NamedTuple
@@ -75,7 +76,7 @@ def linear_system(
     """
     if state.cell.dim != 2:
         raise ValueError(
-            "a packing in three dimensions was given: contacts there slide in a continuum of directions, and this "
+            "a packing in three dimensions was given: contacts there can slide in a continuum of directions, and this "
             "theory with two statuses applies to disks in two dimensions only"
         )
     if law.coulomb == SMOOTH:
@@ -166,7 +167,7 @@ def block_diagonal(parts: np.ndarray):
 
 
 def stiffness_matrix(matrix: LinearSystem, sliding=None, *, geometric: bool = True):
-    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness; equal to −J of these statuses.
+    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness; equal to −J for these statuses.
 
     Parameters
     ----------

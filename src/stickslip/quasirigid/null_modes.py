@@ -1,4 +1,4 @@
-"""Classification of the null modes of the stiffness matrix, which the quasi-static balance leaves undetermined.
+"""Classification of the null modes of the stiffness matrix, motions that the quasi-static balance leaves undetermined.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III E.
 """
@@ -52,7 +52,7 @@ def mechanisms(
     sliding : (M,) bool, statuses of the contacts of `linear_system(state, law, rattlers=True)`; default: those at
         the limit
     wall_arm : if given, walls may also rotate, as in `linear_system`; then the rotation of the whole packing about one
-        point is RIGID, too, if only the overlaps resist it, with the resulting small `quotient`
+        point is also RIGID if only the overlaps resist it, and has a correspondingly small `quotient`
 
     Returns
     -------
@@ -62,7 +62,7 @@ def mechanisms(
     Raises
     ------
     ValueError
-        beyond 6000 coordinates, for which singular values take too long.
+        beyond 6000 coordinates, where singular values take too long to compute.
     """
     matrix = linear_system(state, law, rattlers=True, wall_arm=wall_arm)
     size = len(matrix.free)

@@ -1,4 +1,4 @@
-"""Statuses of contacts without force in a packing, because they open or have just closed.
+"""Statuses of contacts that carry no force because they open or have just closed.
 
 A disk without force at any contact is released as a body. It stays released if all of its contacts open under the least
 motion that follows its neighbours. Otherwise it carries load again.
@@ -37,7 +37,7 @@ COMBINED = 3  # bodies up to which all combinations of released ones are tried; 
 
 
 class ReducedMap(NamedTuple):
-    """Map of some contacts of a packing, and the velocities of all coordinates that follow from theirs."""
+    """Map of some contacts of a packing, and the resulting velocities of all coordinates."""
 
     apex: Apex
     free: np.ndarray  # (n,) velocities if all these contacts stick
@@ -58,7 +58,7 @@ def reduce_to_contacts(
     Parameters
     ----------
     load : (n,) rate of the external load on the free coordinates [force/time]
-    contacts : (E,) numbers of the contacts that may change their status; all others stick
+    contacts : (E,) indices of the contacts that may change their status; all others stick
     sign : (E,) sgn D_t of those at the Coulomb limit with a force, 0 for those at the apex
     without : coordinates that are held fixed
     alone : (M,) bool, contacts of disks whose contacts are all at the apex
@@ -123,10 +123,10 @@ def decide_statuses(
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
     Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations
-    of released and load-carrying ones are tried. For more, all are released first, then those that are dragged along
-    carry load. Stable combinations come first, and of these the one that releases most bodies, or fewest if some have
-    just been `wedged`. If there is none, bodies that would be dragged along are released if they can escape at all,
-    unless they have just been `wedged` and cannot.
+    of released and load-carrying ones are tried. For more, all are released first; those that are dragged along then
+    carry load. Stable combinations come first, and of these the one that releases the most bodies, or the fewest if
+    some have just been `wedged`. If there is none, bodies that would be dragged along are released if they can escape
+    at all, unless they have just been `wedged` and so cannot escape.
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
@@ -172,7 +172,8 @@ def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
     """Consistent (statuses, stable) with some bodies released, bodies that stay caught, and whether all were found.
 
-    A body may be dragged along by its least motion although another motion releases it; then not all were found.
+    A body may be dragged along by its least motion although another motion would release it; in that case not all were
+    found.
     """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)
@@ -215,7 +216,7 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
-    """(B, M) mask of the contacts of each grain with a free rotation; empty rows for all other bodies."""
+    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies."""
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
     out[body[c.row[c.data != 0]], c.col[c.data != 0] // 2] = True

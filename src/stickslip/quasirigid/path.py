@@ -1,10 +1,10 @@
 """Piecewise-linear path of a packing under a slowly changing load, from event to event.
 
-Between events velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes linearly,
-so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the statuses are
-determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an increment of
-load and recomputed after it. At the end of an increment a few Newton steps remove the imbalance due to the rotation of
-contacts.
+Between events, velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes
+linearly, so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the
+statuses are determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an
+increment of load and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to
+the rotation of contacts.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
@@ -36,7 +36,7 @@ RETURNS = "is wedged and carries load again"
 
 
 class PathPoint(NamedTuple):
-    """Point of a load path at the end of an increment."""
+    """Point on a load path at the end of an increment."""
 
     load: float  # in legs: 1.5 is the middle of the second one
     state: State
@@ -68,7 +68,7 @@ class LoadPath(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """Sentence on the end of the path and on the uniqueness of its statuses."""
+        """Sentence about the end of the path and the uniqueness of its statuses."""
         end = "the full load was reached" if self.complete else self.verdict.value
         if forks := len(self.alternatives):
             end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
@@ -97,7 +97,7 @@ def load_path(
     state : State in equilibrium under its own control, in two dimensions
     law : Law with sharp friction, linear in the overlap (`linear`)
     legs : Control at the end of each leg; forces, torques, gravity and stress change linearly in between
-    increment : largest increment of load between two updates of the geometry, in legs
+    increment : largest increment of load between two updates of the geometry, as a fraction of a leg
     geometric : whether k includes the geometric stiffness
     report : called as report(share done, words) after every increment
 
@@ -288,7 +288,7 @@ def _check_leg(begin: Control, end: Control) -> None:
     for name in ("free", "group", "cell_free"):
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError(
-                "the controls of the legs free other components than that of the state: only loads may change"
+                "the controls of the legs do not free the same components as that of the state: only loads may change"
             )
     for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress"}:
         if not np.array_equal(getattr(end, name), getattr(begin, name)):

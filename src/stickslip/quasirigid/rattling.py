@@ -142,7 +142,7 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
 
 
 def _wedging_contacts(i, j, normal, mu, whole) -> np.ndarray:
-    """Numbers of contacts that can hold rattlers in balance by forces within their cones; empty if none can."""
+    """Indices of contacts that can hold rattlers in balance by forces within their cones; empty if none can."""
     if len(i) < 2:
         return np.zeros(0, int)
     along = np.stack([normal[:, 1], -normal[:, 0]], axis=1)

@@ -47,25 +47,25 @@ class Verdict(Enum):
     """Outcome of the search for a status; each value is a sentence."""
 
     CONSISTENT = (
-        "every critical contact slides if and only if it would otherwise leave Coulomb's cone; other statuses were "
+        "every critical contact slides if and only if it would otherwise leave the Coulomb cone; other statuses were "
         "not sought"
     )
     UNIQUE = "this status is the only consistent one under this load"
     NOT_UNIQUE = (
-        "several statuses are consistent under this load, which does not determine the response; `others` has the rest"
+        "several statuses are consistent under this load, so it does not determine the response; `others` has the rest"
     )
     SINGULAR = (
         "several slip rates give the same forces: the forces are determined, but the motion of a grain that slides at "
         "all of its contacts is not; `others` has the rest"
     )
     NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here; use another load"
-    UNSTABLE = "it is proven that no status is consistent: the packing loses its stability here; follow it by dynamics"
-    NO_PROGRESS = (
-        "200 events occurred without progress of the load: the path cannot be continued; follow the packing by dynamics"
+    UNSTABLE = (
+        "it is proven that no status is consistent: the packing loses its stability here; follow it using dynamics"
     )
+    NO_PROGRESS = "200 events occurred without the load advancing: the path ends here; follow it using dynamics"
     MECHANISM = (
         "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
-        "load, or follow it by dynamics"
+        "load, or follow it using dynamics"
     )
     NOT_FOUND = "no consistent status was found, but one may exist: try another `start` or fewer critical contacts"
 
@@ -81,7 +81,7 @@ class Alternative(NamedTuple):
 
 @readable
 class ContactStatus(NamedTuple):
-    """Status of all contacts under a load rate, with velocities, verdict and its justification."""
+    """Status of all contacts under a load rate, with velocities, a verdict and its justification."""
 
     verdict: Verdict
     sliding: np.ndarray  # (M,) bool
@@ -121,17 +121,17 @@ def contact_status(
     A contact slides if and only if it would otherwise leave the Coulomb cone. All inconsistent contacts are flipped
     together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at
     a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
-    contact with a factor of k(S) itself. Up to 14 critical contacts all statuses are enumerated unless A is a P-matrix:
-    stable ones come first, and the absence of a status is proven. Beyond that, a proof of absence needs a Farkas
-    certificate.
+    contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
+    P-matrix: stable ones come first, and the absence of a status is proven. Beyond that, a proof of absence needs a
+    Farkas certificate.
 
     Parameters
     ----------
     load : (n,) rate of the external load on the free coordinates [force/time]
-    critical : numbers of the contacts at the Coulomb limit; default: those of `matrix.limit`
+    critical : indices of the contacts at the Coulomb limit; default: those of `matrix.limit`
     start : (M,) bool, initial status, such as that of the last step; default: all critical contacts slide
     geometric : whether the forces rotate with the contacts
-    unique : whether stability and uniqueness of the status are tested; default: up to 14 critical contacts
+    unique : whether stability and uniqueness of the status are tested; default: only for up to 14 critical contacts
 
     Returns
     -------
@@ -340,8 +340,8 @@ def _verdict(
 ) -> Verdict:
     """Verdict on all consistent statuses, the best one first.
 
-    Two statuses have the same forces if A is singular on the union of their sliding contacts. A small difference of
-    forces alone is not conclusive, since it may be due to a weak contact.
+    Two statuses have the same forces if A is singular on the union of their sliding contacts. A small difference in
+    the forces alone is not conclusive, since it may be due to a weak contact.
     """
     if answers[0].stable is False:
         return Verdict.NEGATIVE

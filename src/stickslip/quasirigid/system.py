@@ -1,4 +1,4 @@
-"""Solutions of k(S) v = b for changing contact status S, with one factor that is corrected for small changes."""
+"""Solutions of k(S) v = b for a changing contact status S, with one factor that is corrected for small changes."""
 
 import numpy as np
 from scipy import sparse
@@ -75,7 +75,7 @@ class StatusSolver:
         Raises
         ------
         LinAlgError
-            if k(S) v does not balance the load, since k(S) is singular to round-off.
+            if k(S) v does not balance the load because k(S) is singular to round-off.
         """
         v = self._woodbury(slides)
         if v is None:
@@ -103,7 +103,7 @@ class StatusSolver:
         return self._expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
-        """(Mc,) round-off of Ṽ, a difference of velocities of touching bodies: a share of each of them."""
+        """(Mc,) round-off of Ṽ, a difference of velocities of touching bodies: a fraction of each of them."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
     def _expand(self, v: np.ndarray) -> np.ndarray:
@@ -112,7 +112,10 @@ class StatusSolver:
         return full
 
     def _woodbury(self, slides: np.ndarray) -> np.ndarray | None:
-        """v from the factor of a status that differs in few contacts (Woodbury); None if this is not applicable."""
+        """v from the factor of a status that differs in only a few contacts (Woodbury).
+
+        None if this is not applicable.
+        """
         if self.factored is None:
             return None
         flipped = np.flatnonzero(slides != self.factored)
@@ -167,8 +170,8 @@ def elimination_order(c, body: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    SuperLU computes an order for the matrix that it factorises. The graph of bodies has a ninth of the size of that of
-    coordinates and gives an order as good.
+    SuperLU computes an order for the matrix that it factorises. The graph of bodies is a ninth of the size of that of
+    the coordinates and gives an equally good order.
     """
     _, lead, node = np.unique(body, return_index=True, return_inverse=True)
     if len(lead) < 2:

@@ -27,7 +27,7 @@ class UniquenessVerdict(Enum):
     SINGULAR = (
         "singular: several slip rates give the same forces under some loads; see `contact_status` for a given load"
     )
-    UNDECIDED = "not known: no fast test decides; all minors are computed only up to 14 critical contacts"
+    UNDECIDED = "not known: no fast test is conclusive; all minors are computed only for up to 14 critical contacts"
 
 
 @readable
@@ -53,8 +53,8 @@ def certificate(problem: Complementarity) -> Uniqueness:
     """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
     A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
-    Otherwise all principal minors are computed up to 14 contacts. Beyond that, the minors of one and two contacts and
-    of all contacts may still exclude a P-matrix.
+    Otherwise all principal minors are computed for up to 14 contacts. Beyond that, the minors of one and two contacts
+    and of all contacts may still show that A is not a P-matrix.
     """
     size = len(problem.vector)
     if not size:
@@ -162,7 +162,7 @@ def _make_singular(here: ScaledProblem, chosen: np.ndarray, words: str) -> Uniqu
 
 
 def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(Mc,) minors of one contact, (Mc, Mc) of two with infinite diagonal, and error bounds of the latter."""
+    """(Mc,) minors of one contact, (Mc, Mc) of two with infinite diagonal, and error bounds for the latter."""
     a, error = here.matrix, here.error
     diagonal, own = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
@@ -172,6 +172,9 @@ def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, 
 
 
 def may_be_p(problem: Complementarity) -> bool:
-    """Return False if a minor of one or two contacts is not positive; principal pivoting may then cycle for long."""
+    """Return False if a minor of one or two contacts is not positive.
+
+    Principal pivoting may then cycle for a long time.
+    """
     diagonal, pair, _ = minors_of_one_and_two(scale_problem(problem))
     return bool((diagonal > 0).all() and (pair > 0).all())

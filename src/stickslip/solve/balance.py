@@ -71,7 +71,7 @@ def _local_force_scales(state: State, law: Law) -> np.ndarray:
 
 
 def motion_imbalance(state: State, law: Law) -> float:
-    """Force change caused by the motion, v √(m k) of a spring k that stops a mass m, over the mean contact force.
+    """Force change caused by the motion, v √(m k) for a spring k that stops a mass m, over the mean contact force.
 
     The largest value over all grains that are not rattlers. Velocities are relative to their mean if nothing holds
     the grains in place.
@@ -110,7 +110,7 @@ def _percent(share: float) -> str:
 def likely_causes(state: State, law: Law) -> tuple[str, ...]:
     """Possible reasons why the forces of a packing do not balance, the most informative first.
 
-    The state can show contacts that were never sheared, missing confinement, motion, and positions with few digits.
+    The state can reveal contacts that were never sheared, missing confinement, motion, and positions with few digits.
     A different contact law cannot be seen in the state and is always listed last.
     """
     found, n, rows = [], len(state.grains.radius), touching(state)

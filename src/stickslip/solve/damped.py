@@ -42,7 +42,7 @@ class DampedStability(NamedTuple):
     modes: np.ndarray  # (n, K) complex: generalised displacements of unit mass-weighted norm
     slowest: complex | None  # exponent of the slowest decay; None if not all were computed
     scope: str  # limits of the analysis, in words
-    if_stuck: "DampedStability | None" = None  # the same with contacts at Coulomb's limit sticking, see `Stability`
+    if_stuck: "DampedStability | None" = None  # the same with contacts at the Coulomb limit sticking, see `Stability`
 
     @property
     def free(self) -> Freedom:

@@ -20,7 +20,7 @@ SHARP = 4.0  # ratio of the bin width to the resolution of the polynomials
 
 
 def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
-    """Participation ratio of modes, the share of bodies that take part.
+    """Participation ratio of modes, the fraction of bodies that take part.
 
     p = (Σ_b w_b)²/(N Σ_b w_b²), where w_b = Σ m |q|² over the coordinates of body b. It is 1 if all bodies move alike,
     as in a plane wave, and 1/N if only one moves. The weights include mass, rotations and |q|² of complex modes; for
@@ -60,7 +60,7 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
 
 @readable
 class DensityOfStates(NamedTuple):
-    """D(ω) of an undamped packing. Σ density · Δω is the share of its n modes with frequencies within the edges."""
+    """D(ω) of an undamped packing. Σ density · Δω is the fraction of its n modes with frequencies within the edges."""
 
     edges: np.ndarray  # (B + 1,) [1/time]
     density: np.ndarray  # (B,) D, with real λ > 0 at ω = √λ and both members of complex pairs at ω = |Re √λ| [time]
@@ -92,9 +92,9 @@ def density_of_states(
     ----------
     bins : number of bins between 0 and the largest frequency, or their edges [1/time]
     method : "dense" computes all eigenvalues (at most 10,000 coordinates); "polynomials" estimates the counts by the
-        kernel polynomial method: (1/n) tr T_k(A) from random probes, Jackson's kernel, bins integrated in closed form.
-        It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts zero modes other than translations, and
-        negative λ, in the lowest bin. "auto": dense up to 2500 coordinates
+        kernel polynomial method: (1/n) tr T_k(A) with random probes, the Jackson kernel and bins integrated in closed
+        form. It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts zero modes other than translations,
+        and negative λ, in the lowest bin. "auto": dense up to 2500 coordinates
     probes, seed : number of random vectors of ±1, and their seed; the error falls as 1/√(probes n)
     report : called as report(stage, share done, words)
 
@@ -154,7 +154,10 @@ def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
 
 
 def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
-    """Density from Chebyshev moments. With λ = centre + half cos θ, resolution π/K in θ is √λ_max/2 π/K in ω."""
+    """Density from Chebyshev moments.
+
+    With λ = centre + half cos θ, a resolution π/K in θ corresponds to √λ_max/2 π/K in ω.
+    """
     if probes < 2:
         raise ValueError(f"probes = {probes} was given: at least 2 are needed to estimate the error")
     n, rng = matrix.shape[0], np.random.default_rng(seed)
@@ -199,6 +202,6 @@ def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
 
 
 def _jackson_factors(order: int) -> np.ndarray:
-    """(K,) factors of Jackson's kernel, which keep the density positive."""
+    """(K,) factors of the Jackson kernel, which keep the density positive."""
     k, step = np.arange(order), np.pi / (order + 1)
     return ((order - k + 1) * np.cos(k * step) + np.sin(k * step) / np.tan(step)) / (order + 1)

@@ -40,7 +40,7 @@ def equilibrate(
     check: str = "buckling",
     steps: int = 30_000,
 ):
-    """Bring a packing back to equilibrium after a step of load or strain.
+    """Bring a packing back to equilibrium after a step in load or strain.
 
     Newton's method with the exact Jacobian is tried first. If it fails, strongly damped dynamics runs until the
     residual is 3e-3 of the mean contact force and Newton is tried again, then 3e-5, 3e-7 and 3e-9, each stage starting
@@ -50,10 +50,10 @@ def equilibrate(
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     keep : Factorisation, reused from step to step of a path
-    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all below
-        700 coordinates and among the 12 softest beyond, whenever a new factorisation was needed (as long as one factor
-        leads from equilibrium to equilibrium, the Jacobian is nearly the one already checked). "spectrum" also looks
-        for complex pairs, by dense eigenvalues, every time. "nothing" skips the check
+    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all of
+        them below 700 coordinates and among the 12 softest above that, whenever a new factorisation was needed (as
+        long as one factor leads from equilibrium to equilibrium, the Jacobian is nearly the one already checked).
+        "spectrum" also looks for complex pairs every time, by a dense eigenvalue computation. "nothing" skips the check
     steps : int, largest number of steps of damped dynamics in each stage
 
     Returns
@@ -76,7 +76,7 @@ def equilibrate(
         return end, outcome._replace(warning=no_equilibrium_message(rest))
     words = _describe_instability(end, law, check)
     if words and len(contacts_at_limit(end, law)):
-        words += ", if contacts at Coulomb's limit keep sliding"
+        words += ", if contacts at the Coulomb limit keep sliding"
     keep.found_stable = -1 if words else keep.factorisations
     if words:
         outcome = outcome._replace(warning=words)

@@ -89,10 +89,10 @@ def fastest_pair(
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system, as excited by random probes.
 
-    The growth rate is g = |Im √λ|. The probes run until `amplification`/`rate`, or until a verified mode has grown by
-    exp(`amplification`), when any faster mode would stand out. Peaks of growing power are verified by shift-invert
-    windows, which distinguish pairs from nearly degenerate real modes. The window at λ ≈ 0 is always computed; it shows
-    slow buckling.
+    The growth rate is g = |Im √λ|. The probes run until the time `amplification`/`rate`, or until a verified mode has
+    grown by exp(`amplification`), when any faster mode would stand out. Peaks of growing power are verified by
+    shift-invert windows, which distinguish pairs from nearly degenerate real modes. The window at λ ≈ 0 is always
+    computed; it shows slow buckling.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def fastest_pair(
 
     Notes
     -----
-    The result is not a proof; see `FastestPair.__str__`. Single precision limits `rate` to more than about 1e-6 of the
+    The result is not a proof; see `FastestPair.__str__`. Single precision limits `rate` to above about 1e-6 of the
     largest frequency. The windows are in double precision.
 
     Source

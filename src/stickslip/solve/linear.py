@@ -25,7 +25,7 @@ def _thread_controller() -> ThreadpoolController:
 def one_thread():
     """Context manager that limits BLAS to one thread.
 
-    Systems of a few hundred coordinates are solved faster this way, on a shared machine up to ten times faster.
+    Systems of a few hundred coordinates are solved faster this way, up to ten times faster on a shared machine.
     """
     return _thread_controller().limit(limits=1, user_api="blas")
 

@@ -86,7 +86,7 @@ class ElasticModuli(NamedTuple):
 
     @property
     def asymmetry(self) -> float:
-        """Share of C without major symmetry C_abcd = C_cdab: zero if forces have a potential and stress vanishes."""
+        """Fraction of C without major symmetry C_abcd = C_cdab: zero if forces have a potential and stress vanishes."""
         c = symmetrised(self.tensor)
         return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
 
@@ -103,7 +103,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
 
     Parameters
     ----------
-    state : State, accepted and in equilibrium, in a fully periodic cell, without walls and rigid groups
+    state : State, accepted and in equilibrium, in a fully periodic cell, without walls or rigid groups
 
     Raises
     ------

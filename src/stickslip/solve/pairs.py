@@ -60,23 +60,23 @@ def complex_pairs(
 ) -> ComplexPairs:
     """Find all complex pairs λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
 
-    M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K of about 1e-3 of S. A pair is born where K couples two nearly
-    degenerate modes of S more strongly than their separation. S is diagonalised in single precision. Windows of its
-    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
-    close to a pair to decide, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest
-    |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
+    M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is about 1e-3 of S in size. A pair is born where K couples two
+    nearly degenerate modes of S more strongly than their separation. S is diagonalised in single precision. Windows of
+    its modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
+    close to being a pair for a decision, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of
+    the largest |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------
     certificate : whether real eigenvalues are certified by Gershgorin discs; needs double precision and several times
         the run time
     report : called as report(share done, words)
-    dense_below : coordinates below which LAPACK is used
+    dense_below : number of coordinates below which LAPACK is used
 
     Raises
     ------
     ValueError, LinAlgError
-        if there are no coordinates or more than 12,000; if a candidate could not be refined.
+        if there are no coordinates or more than 12,000; or if a candidate could not be refined.
 
     Source
     ------

@@ -86,19 +86,19 @@ def contact_sensitivity(
     """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 
     A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For a small change of one contact, dλ = wᴴ dA v/(wᴴv). At the birth
-    of a pair wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
+    of a pair, wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
     changes the block of a contact is replaced: by zero if the contact opens; if it slides, by the block of a contact at
     the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). Everything else is
     unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
-    become rattlers by the change are excluded together with their contacts.
+    become rattlers through the change are excluded together with their contacts.
 
     Parameters
     ----------
     pair : index of the complex pair whose derivative is computed, the fastest growing first
     most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
-        those with the least predicted growth); default: as many as take about ten seconds, which is all in small
-        packings. The prediction rests on first-order shifts of all modes and the coupling of neighbours, and may miss
-        some changes
+        those with the least predicted growth); default: as many as fit into about ten seconds, which is all of them in
+        small packings. The prediction rests on first-order shifts of all modes and the coupling of neighbours, and may
+        miss some changes
     report : called as report(stage, share done, words)
 
     Raises
@@ -153,7 +153,7 @@ def contact_sensitivity(
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     if len(contacts_at_limit(state, law)):
-        scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit are assumed to keep sliding"])
+        scope = "; ".join([*filter(None, [scope]), "contacts at the Coulomb limit are assumed to keep sliding"])
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
     last = _rank_changes(growth, verdict, after, words, slope)

@@ -78,7 +78,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
 
     Parameters
     ----------
-    modes : if False, modes are not computed (n, 0), which takes a third of the time
+    modes : if False, modes are not computed and have the shape (n, 0); this takes a third of the time
 
     Raises
     ------
@@ -162,7 +162,7 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
 def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
     """Overlap of the planes of two complex modes, 0 to 1, in the mass-weighted metric.
 
-    A plane is spanned by the real and imaginary part of a mode. The result is the smaller cosine of the principal
+    A plane is spanned by the real and imaginary parts of a mode. The result is the smaller cosine of the principal
     angles.
     """
 

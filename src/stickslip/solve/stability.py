@@ -25,7 +25,9 @@ from .pairs import complex_pairs
 from .spectrum import SOFTEST, soft_modes
 
 PAIR_ABOVE = 1e-9  # of the largest |λ|
-MIXED = "contacts at Coulomb's limit were assumed all to stick, or all to slide; mixed cases were not considered"
+MIXED = (
+    "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
+)
 UNLOADED = "decreasing overlaps, for which this law shortens slips, were not considered: overlaps were assumed to grow"
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 
@@ -112,7 +114,7 @@ class Stability(NamedTuple):
 
 
 def combine_stability(grows: bool, stuck) -> bool | None:
-    """Combine the verdicts for contacts at the Coulomb limit that keep sliding and for the same contacts sticking.
+    """Combine the verdicts for contacts at the Coulomb limit when they keep sliding and when they stick.
 
     Small disturbances make these contacts stick, so a mode that grows in this case does grow. A mode that grows only if
     all of them keep sliding in one direction needs a motion that keeps them sliding; the verdict is then undecided.
@@ -128,7 +130,7 @@ def combine_motions(count: int, found, stuck) -> str:
         return found.motion
     undecided, verb = "" if stuck.grows else "not decided: ", "sticks" if count == 1 else "stick"
     return (
-        f"{undecided}if the {pluralize(count, 'contact')} at Coulomb's limit {verb}, as after small disturbances: "
+        f"{undecided}if the {pluralize(count, 'contact')} at the Coulomb limit {verb}, as after small disturbances: "
         f"{stuck.motion}; if all of them keep sliding: {found.motion}"
     )
 

@@ -74,7 +74,7 @@ def transient_growth(
         factor.)
     duration : window that is searched [time]; default: 20 periods of the slowest mode, or a whole beat of the two most
         nearly coinciding modes if that is longer. Without dashpots the motion is quasi-periodic and approaches its
-        supremum again and again, possibly only after a longer time: `amplitude` is the largest value found, `bound` an
+        supremum again and again, possibly only beyond this window: `amplitude` is the largest value found, `bound` an
         upper bound
     samples : number of evenly spaced times, in addition to a third as many early times and the times at which nearly
         coinciding modes are in opposite phase

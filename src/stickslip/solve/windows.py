@@ -69,7 +69,7 @@ def build_window(basis: Basis, first: int) -> Window:
 
     Outer modes are eliminated to second order and to first order in λ − centre:
     M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. G differs
-    from one, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
+    from the identity, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
     """
     n = len(basis.diagonal)
     last = min(n, first + WINDOW) - 1
@@ -132,10 +132,10 @@ def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list
 
 
 def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(n − 1,) skew coupling that neighbouring real eigenvalues lack to become a pair [1/time²].
+    """(n − 1,) additional skew coupling that neighbouring real eigenvalues would need to become a pair [1/time²].
 
     [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
-    δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not announce a pair.
+    δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not signal a pair.
     """
     gap = np.abs(np.diff(values))
     cosine = np.minimum(np.abs(np.einsum("ij,ij->j", vectors[:, :-1].conj(), vectors[:, 1:])), 1.0)

@@ -58,7 +58,7 @@ EVENT_COLUMNS = ("kind", "time", "i", "j", "image_x", "image_y", "image_z", "x",
 
 
 class Bodies(NamedTuple):
-    """Grains and walls in one set of arrays, as kernels take them."""
+    """Grains and walls in one set of arrays, as kernels expect them."""
 
     position: np.ndarray  # (B, 3)
     angle: np.ndarray  # (B, 3)
@@ -125,7 +125,7 @@ def relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, n
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
-    """Return True if pair vector and rolled angle are those at which the contact's memory was committed."""
+    """Return True if the pair vector and rolled angle are those at which the contact's memory was committed."""
     plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
     return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
 
@@ -150,8 +150,8 @@ def sweep_contacts(
 ):  # fmt: skip
     """Add the loads of all contacts and update their memory in place. The function is inlined into its callers.
 
-    `step` holds velocities and spins of the step that ends here, and its length. They determine for which fraction of
-    the step a closing contact has touched. If the length is zero, the contact starts without slip. `rescaled`: see
+    `step` holds velocities and spins of the step that ends here, and its length. They determine the fraction of the
+    step during which a closing contact touched. If the length is zero, the contact starts without slip. `rescaled`: see
     `builtin.rescaling_flag`.
     """
     position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
@@ -284,7 +284,7 @@ def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
 def evaluate(
     kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
 ):  # fmt: skip
-    """Evaluate all contacts at rest. A single kernel serves all built-in laws, unlike those of the time loop."""
+    """Evaluate all contacts at rest. A single kernel serves all built-in laws, unlike in the time loop."""
     still = (bodies.velocity, bodies.spin, 0.0)
     sweep_contacts(
         kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events, event_count,
@@ -298,8 +298,8 @@ NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
-    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. The lever arms are R rather than R − δ/2, as in the
-    papers, so that the total angular momentum changes by O(δ).
+    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. As in the papers, the lever arms are R rather than R −
+    δ/2, so that the total angular momentum changes by O(δ).
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ def pair_vector(dim, x, shift, c, i, j):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
-    """Normal from j to i, overlap δ, and 1/|r_ij|. The latter is zero for walls, whose normal does not rotate."""
+    """Normal from j to i, overlap δ, and 1/|r_ij|. The last is zero for walls, whose normal does not rotate."""
     if not is_wall:
         distance = np.sqrt(rx * rx + ry * ry + rz * rz)
         inverse = 1.0 / distance
@@ -73,7 +73,7 @@ def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
     """Project w along the mid-step normal m onto the plane of contact: w − (n·w) m.
 
     The projection rotates a slip from the plane of contact before the step to that after it, to third order in the
-    angle, and removes the component that approaches or separates the grains. With m = n it is orthogonal.
+    angle, and removes the component along which the grains approach or separate. With m = n it is orthogonal.
     """
     along = wx * nx + wy * ny + wz * nz
     return wx - along * mx, wy - along * my, wz - along * mz
@@ -88,7 +88,7 @@ def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
-    """Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, exactly zero without dr.
+    """Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, exactly zero if dr = 0.
 
     If `inverse` is zero, as for walls, it is −n·dr.
     """
@@ -98,7 +98,7 @@ def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
-    """Fraction of a step during which a closing contact has touched, as a numerator and a denominator.
+    """Fraction of a step during which a closing contact touched, as a numerator and a denominator.
 
     `depth` is the overlap at the end. It grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
     """

@@ -2,7 +2,7 @@
 
 Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends on r = r_i − r_j and
 ρ = R_i angle_i + R_j angle_j only. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
-hand, those of the law come from its source. With the slip u, see `tangent`, and the tangential force φ(δ, |u|):
+hand; those of the law come from its source. With the slip u, see `tangent`, and the tangential force φ(δ, |u|):
 
     dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
 
@@ -50,7 +50,7 @@ class Linearisation(NamedTuple):
     before: np.ndarray  # (C, 3) slip when the memory was committed
     way: np.ndarray  # (C, 3) Δr since then
     turn: np.ndarray  # (C, 3) Δρ since then
-    slip: np.ndarray  # (C, 3) current slip before truncation at Coulomb's limit
+    slip: np.ndarray  # (C, 3) current slip before truncation at the Coulomb limit
     closed: np.ndarray  # (C,) 1 if the contact touches, else 0
     remembers: np.ndarray  # (C,) 1 if it already touched when the memory was committed
     slides: np.ndarray  # (C,) 1 if it slides
@@ -65,7 +65,7 @@ class Linearisation(NamedTuple):
     damping_t: np.ndarray  # (C,)
     stiffness_t: np.ndarray  # (C,) k_t of a sticking contact
     slope_t: np.ndarray  # (C,) dk_t/dδ
-    limit: np.ndarray  # (C,) Coulomb's limit of the tangential force
+    limit: np.ndarray  # (C,) Coulomb limit of the tangential force
     mu: np.ndarray  # (C,) derivative of the limit with respect to F_n
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
@@ -247,7 +247,8 @@ def triplets(state: State, blocks: np.ndarray):
     """Rows, columns and values of the (6B, 6B) matrix of all bodies, assembled from contact blocks.
 
     The force is +F on body i and −F on body j; torque/R is the same on both. r = x_i − x_j, ρ = ρ_i + ρ_j. Entries with
-    equal row and column add. A moment M contributes +M/R_i and −M/R_j, and angle_i − angle_j = ρ_i/R_i − ρ_j/R_j.
+    the same row and column are summed. A moment M contributes +M/R_i and −M/R_j, and angle_i − angle_j = ρ_i/R_i −
+    ρ_j/R_j.
     """
     count = len(blocks)
     if blocks.shape[1] > 6:

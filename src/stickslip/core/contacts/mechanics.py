@@ -66,7 +66,7 @@ def effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
-    """Return True if a pair is out of the range of the law."""
+    """Return True if a pair is beyond the range of the law."""
     if not acts_across_gaps(kind):
         return overlap <= 0.0
     r_eff, _ = effective_values(kind, 0, radius, inverse_mass, i, j, is_wall)
@@ -92,14 +92,14 @@ def contact_radius_ratio(overlap, gained):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
-    """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n, and f s."""
+    """Factor f on the slip s for laws that rescale, after a displacement dr of the pair that ends at n, and f s."""
     fade = contact_radius_ratio(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def scale_to_length(ax, ay, az, bx, by, bz):
-    """Vector a scaled to the length of b, as LAMMPS `granular` rotates its memory."""
+    """Vector a scaled to the length of b, as LAMMPS `granular` does when it rotates its memory."""
     square = ax * ax + ay * ay + az * az
     factor = np.sqrt((bx * bx + by * by + bz * bz) / (square if square > 0.0 else 1.0))
     return factor * ax, factor * ay, factor * az
@@ -130,12 +130,12 @@ def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=None):
-    """Slip a + d part/whole truncated at Coulomb's limit, and the resulting mode. With HELD memory the mode is fixed.
+    """Slip a + d part/whole truncated at the Coulomb limit, and the resulting mode. With HELD memory the mode is fixed.
 
     `a` is the previous slip, rotated with the contact and shortened by `fade`, d the increment, and part/whole the
     fraction of it that counts. In three dimensions the slip of a contact that keeps sliding turns, see
     `turning_weight`. The slip of one that starts to slide is truncated along a + d part/whole. One division serves all
-    cases, because a vector division takes as long as ten products.
+    cases, because a vector division takes as long as ten multiplications.
     """
     bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
     scale, bound = stiffness * stiffness, whole * limit
@@ -168,7 +168,7 @@ def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz):
-    """Tangential force with its dashpot, truncated at Coulomb's limit."""
+    """Tangential force with its dashpot, truncated at the Coulomb limit."""
     tx, ty, tz = tx - damping * vx, ty - damping * vy, tz - damping * vz
     square = tx * tx + ty * ty + tz * tz
     factor = limit / np.sqrt(square) if square > limit * limit else 1.0
@@ -177,7 +177,7 @@ def with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
-    """Tangential force and slip if spring and dashpot together are truncated at Coulomb's limit, as in LAMMPS.
+    """Tangential force and slip if spring and dashpot together are truncated at the Coulomb limit, as in LAMMPS.
 
     s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns force, slip, and whether it slides.
     """

@@ -1,7 +1,7 @@
 """Neighbour list: pairs within range, sorted by key. The memory of contacts survives rebuilds.
 
 Pairs are found with a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared cells and
-boxes narrower than the range of a grain therefore need no special case: every image is a bin some boxes away.
+boxes narrower than the range of a grain therefore need no special case: every image is a bin some number of boxes away.
 """
 
 from typing import NamedTuple
@@ -50,8 +50,8 @@ class Bins(NamedTuple):
     """Grains sorted into bins, with those of a column of bins contiguous in memory.
 
     Columns run along the second axis, because in two dimensions there is only one bin along the third. Bins are shorter
-    along columns. A search therefore reads a few contiguous ranges of memory that are only slightly longer than the
-    range.
+    along columns. A search therefore reads a few contiguous stretches of memory that are only slightly longer than the
+    search range.
     """
 
     number: np.ndarray  # (3,) bins along each axis
@@ -208,7 +208,7 @@ _FULL, _TOO_FAR, _MANY = -1, -2, -3
 def _find_pairs(bins, search, x, radius, wall_normal, vectors, skin, key, first, many):
     """Write the keys of all pairs to `key`, sorted for each grain.
 
-    Returns the end of the keys; or _FULL if `key` is too short, _MANY if `search.hit` is, or _TOO_FAR if a pair is more
+    Returns the end of the keys, or _FULL if `key` is too short, _MANY if `search.hit` is, or _TOO_FAR if a pair is more
     boxes apart than a key can hold.
     """
     n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
@@ -312,7 +312,7 @@ def moved_too_far(x, contacts) -> bool:
 
 @njit(cache=True)
 def pack_keys(contacts):
-    """Keys of a list without keys."""
+    """Keys for a list that has none."""
     key = np.empty(len(contacts.i), np.int64)
     for c in range(len(key)):
         image = contacts.image
@@ -360,7 +360,10 @@ def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
 
 
 def with_neighbor_list(state: State, law: Law | None = None) -> State:
-    """State with a list of contacts that is valid at its positions, and for a law. The memory is matched by key."""
+    """State with a list of contacts that is valid at its positions and for a given law.
+
+    The memory is matched by key.
+    """
     if law is not None:
         state = state._replace(contacts=with_rolling_memory(with_range(state, law), law))
     x = body_positions(state)
@@ -382,7 +385,9 @@ def select_rows(contacts: Contacts, rows) -> Contacts:
 
 
 def without_walls(state: State, walls) -> State:
-    """State without some walls, numbers 0 … W−1. All other contacts keep their memory, and later walls are renumbered.
+    """State without the given walls, numbered 0 … W−1.
+
+    All other contacts keep their memory, and later walls are renumbered.
 
     Examples
     --------

@@ -8,8 +8,8 @@ truncated at the cap of the law and transported like the slip:
 with m the mid-step normal, see `geometry.mid_normal`.
 
 A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so that the
-matrix that maps coordinates to r, ρ and θ = angle_i − angle_j, transposed, maps F, T/R and M to loads. Twisting about
-the normal is free.
+transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. Twisting
+about the normal is free.
 
 Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030 (model
 C without its dashpot); the same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
@@ -125,7 +125,7 @@ def add_rolling_energy(
 ):  # fmt: skip
     """Add one step of rolling to a ledger's row: stored and dissipated energy, and work on imposed rotations.
 
-    `fraction` is the fraction of the step during which the contact has touched.
+    `fraction` is the fraction of the step during which the contact touched.
     """
     stored_at, coulomb_at, nonpotential_at, external_at = at
     mine, own = before.rolling[m if known else 0], after.rolling[c]
@@ -268,7 +268,7 @@ def _largest_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia):
 
 
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
-    """Upper bound of ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
+    """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
     if not resists_rolling(law.kind):
         return 0.0
     shift = shifts(state.contacts, state.cell.vectors)

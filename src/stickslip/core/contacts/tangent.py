@@ -8,7 +8,7 @@ so that
     d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
 
 For laws that rescale, the previous memory is multiplied by f = √(δ/δ_old) where δ < δ_old, and its increment by
-(1 + f)/2; df = −f/(2δ) n·dr. At δ = δ_old this has a kink. There f = 1 and df = 0 are used, the tangent of a growing
+(1 + f)/2; df = −f/(2δ) n·dr. At δ = δ_old this has a kink. There f = 1 and df = 0 are used, the tangent for a growing
 overlap.
 """
 
@@ -79,7 +79,7 @@ def memory_tangent(
     ----------
     before : (C, 3) previous memory
     way, by_way : (C, 3) and (C, 3, K) increment of the memory, and its derivative
-    reach, by_overlap : (C,) length at Coulomb's limit, and its derivative with respect to the overlap
+    reach, by_overlap : (C,) length at the Coulomb limit, and its derivative with respect to the overlap
     weighted : (C,) bool, True where κ is not 1: see `mechanics.turning_weight`
     fade, fading : (C,) factor f by which a decreasing overlap shortens the memory, and df/dδ; default 1 and 0
     """

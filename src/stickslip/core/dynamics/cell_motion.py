@@ -60,7 +60,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
     Raises
     ------
     ValueError
-        if G has another shape, leaves the plane, or the state has walls (they would have to bend).
+        if G has another shape or leaves the plane, or if the state has walls (they would have to bend).
     """
     dim = state.cell.dim
     gradient = as_numbers(gradient)
@@ -228,7 +228,7 @@ def begin_cell_step(frame, flow, pace):
 
 @njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def end_cell_step(dim, frame, flow, pace, moving, fresh):
-    """End a step: sum the stress in the order of the grains' numbers, and accelerate the cell."""
+    """End a step: sum the stress in order of grain number, and accelerate the cell."""
     total = np.zeros((3, 3))
     for a in range(len(frame.place)):
         g = frame.place[a]
@@ -254,7 +254,7 @@ def end_cell_step(dim, frame, flow, pace, moving, fresh):
 
 
 def unbalanced_cell(frame: Frame, flow: Flow, dim: int, drag: float) -> float:
-    """Largest force or drag force on a free component of the cell, over ℓ [force]."""
+    """Largest force or drag force on a free component of the cell, divided by ℓ [force]."""
     length = abs(np.linalg.det(flow.matrix[VECTORS, :dim, :dim])) ** (1 / dim)
     force = np.maximum(np.abs(flow.matrix[PULL]), drag * np.abs(flow.matrix[RATE]))[frame.free]
     return float(frame.mass * length * force.max(initial=0.0))

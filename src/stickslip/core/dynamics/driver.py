@@ -46,16 +46,16 @@ _MOVING_FIELDS, _EMPTY = ("position", "angle", "velocity", "spin"), np.zeros((0,
 
 
 def _thread_count(n: int, asked: int | None, watched: bool) -> int:
-    """Number of threads of a run. Events are recorded in order of memory, which requires one thread."""
+    """Number of threads for a run. Events are recorded in memory order, which requires one thread."""
     available = numba.get_num_threads()
     return 1 if watched else min(available, max(1, n // GRAINS_PER_THREAD) if asked is None else asked)
 
 
 def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bodies in the order of memory, (B,): tile after tile, the grains of the last tile, walls.
+    """Bodies in memory order, (B,): tile after tile, the grains of the last tile, walls.
 
-    Also returns the bounds of the tiles, (T + 1,), equally many for each thread. Within a tile grains lie along a
-    space-filling curve.
+    Also returns the bounds of the tiles, (T + 1,), with equally many tiles for each thread. Within a tile grains lie
+    along a space-filling curve.
     """
     n, last = len(state.grains.radius), _in_last_tile(state)
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
@@ -88,7 +88,7 @@ def _gather_springs(state: State, moving: MovingBodies) -> Springs | None:
 def _make_moving_bodies(
     state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int
 ) -> MovingBodies:
-    """Working copy of all bodies in the order of memory."""
+    """Working copy of all bodies in memory order."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
     order, tile = _memory_order(state, threads)
     mass, inertia = moved_masses(state), np.append(state.grains.inertia, np.ones(b - n))
@@ -128,7 +128,7 @@ def _make_moving_bodies(
 class _BlockRun:
     """State of a run.
 
-    It holds the only references to list and blocks, so that their memory can be freed before new ones are made.
+    It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
     """
 
     def __init__(
@@ -247,7 +247,7 @@ class _BlockRun:
         return residual, worst
 
     def finish(self, skin: float) -> State:
-        """State at the last step, with a list of the given skin."""
+        """State at the last step, with a list with the given skin."""
         commit(self.blocks, self.contacts, 0, 1)
         self.blocks = empty_blocks()  # free memory for the result
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
@@ -290,9 +290,9 @@ class _BlockRun:
     def _limits(self, skin: float) -> tuple[np.ndarray, float]:
         """Displacement limit of each body, (B,), and the displacement of the fastest one per step.
 
-        With larger limits blocks are chosen less often, but contain more pairs that do not touch. The total cost is
-        minimal if the limit is proportional to the root of the speed, with measured factors. Fast bodies have larger
-        limits.
+        With larger limits, blocks are chosen less often but contain more pairs that do not touch. The total cost is
+        minimal if the limit is proportional to the square root of the speed, with measured factors. Fast bodies have
+        larger limits.
         """
         dt, size = self.plan.dt, 2 * float(self.state.grains.radius.mean()) * self.few
         fastest, usual = (speed * dt for speed in speeds(self.moving))

@@ -126,7 +126,7 @@ def _drift(flow, dt, x, y, z, vx, vy, vz):
 def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
     """End a step by half a kick with implicit drag, and begin the next by half a kick with explicit drag and the drift.
 
-    Returns the squared displacement since the blocks were chosen, over that allowed for the body.
+    Returns the squared displacement since the blocks were chosen, divided by that allowed for the body.
     """
     body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
     a, b, dt = body[g, KICK], body[g, KICK_T], pace.dt
@@ -287,7 +287,7 @@ def _begin_step(dim, predict, first, last, moving, pace, flow):
 
 @njit(cache=True, **INNER)
 def _record_events(blocks, before, contacts, moving, time, events, event_count):
-    """Record contacts that closed, opened or first reached Coulomb's limit according to their modes."""
+    """Record contacts that, according to their modes, closed, opened or first reached the Coulomb limit."""
     for s in range(len(before)):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:

@@ -19,7 +19,7 @@ from .ledger import Books, Ledger, make_ledger
 
 
 class Sample(NamedTuple):
-    """What observables are computed from."""
+    """Data from which observables are computed."""
 
     kind: int
     coulomb: int
@@ -200,7 +200,7 @@ class Record(NamedTuple):
     kinetic_energy: np.ndarray  # (T,) [energy], translations and rotations of all grains
     center: np.ndarray  # (T, 3) mean position of the grains [length]
     touching: np.ndarray  # (T,) number of closed contacts
-    sliding: np.ndarray  # (T,) number of contacts at Coulomb's limit
+    sliding: np.ndarray  # (T,) number of contacts at the Coulomb limit
     virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; stress times volume
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
@@ -219,7 +219,7 @@ class Record(NamedTuple):
 
     @property
     def sliding_fraction(self) -> np.ndarray:
-        """Fraction of closed contacts at Coulomb's limit, (T,), zero without any."""
+        """Fraction of closed contacts at the Coulomb limit, (T,), zero if there are none."""
         return self.sliding / np.maximum(self.touching, 1)
 
 
@@ -301,7 +301,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
 
 
 def with_lost_contacts(writing: RecordBuffers, before, after, position, time) -> RecordBuffers:
-    """Record contacts that left the list in one step as opened."""
+    """Record as opened the contacts that left the list in one step."""
     if not len(writing.events):
         return writing
     n, count = int(before.count[0]), int(writing.event_count[0])

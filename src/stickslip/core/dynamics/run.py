@@ -58,7 +58,7 @@ def second_kick(v, force, kick, slow):
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def any_moved(x, origin, limit):
-    """Return True if a coordinate is further than `limit` from its origin, or undecided due to NaN in fast math."""
+    """Return True if a coordinate is further than `limit` from its origin, or undecided because of NaN in fast math."""
     far = 0.0
     for q in range(len(x)):
         far = max(far, abs(x[q] - origin[q]))
@@ -169,7 +169,7 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    The scheme is second order in dt, also with friction. It is first order where contacts with dashpots that act from
+    The scheme is second order in dt, even with friction. It is first order where contacts with dashpots that act from
     first touch (`velocity`, `mass_velocity`) close or open, and with slip_update="rate". The given state is not
     modified. If `tolerance` > 0, the run stops early once both the largest unbalanced force (or torque/R) and the
     largest drag force are below it.
@@ -180,14 +180,14 @@ def run(
     drag, spin_drag : float [1/time]; spin_drag defaults to drag
     every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
-    events : also record each contact that closes, opens, or first reaches Coulomb's limit since it closed
-    ledger : also compute the energy ledger, updated after every step and sampled each `every` steps: see `Ledger`
+    events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
+    ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
     slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
         closing contact counts the fraction of the step during which it touched, dashpots use velocities at the full
-        step, and Coulomb's limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison with it: slip
-        increments are velocities at the half step times dt, projected on the plane of contact at the end, a closing
+        step, and the Coulomb limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison: slip
+        increments are velocities at the half step times dt, projected onto the plane of contact at the end, a closing
         contact counts the whole step, the limit is μ |F_n|, and the slip of a sliding contact is set so that spring and
         dashpot together are at the limit. "rate" is first order in dt where contacts rotate, close or have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
@@ -216,8 +216,8 @@ def run(
     only_many = slip_update == "rate" or needs_frame(state) or grouped  # not supported by the plain stepper
     if resists_rolling(law.kind) and only_many:
         raise ValueError(
-            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which do "
-            "not support it: omit these or rolling_stiffness"
+            "a law with rolling resistance was given with a deforming cell, time profiles, rigid groups or springs, "
+            "which do not support it: omit these or rolling_stiffness"
         )
     many = only_many or (state.n_bodies >= MIN_BODIES and not resists_rolling(law.kind))
     plan = make_plan(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
@@ -245,7 +245,7 @@ def run(
 def _check_arguments(
     law: Law, steps: int, dt: float, every: int, ledger: bool, slip_update: str, threads: int | None
 ) -> None:
-    """Raise ValueError with one sentence if an argument of `run` is not allowed."""
+    """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt = {dt} was given: the time step must be positive")
     if steps < 0 or every < 0:

@@ -44,7 +44,7 @@ def _contact_springs(kind, dim, bodies, contacts, shift, p, normal, springs):
 
 @njit(cache=True, error_model="numpy")
 def _frequency_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cell):
-    """Upper bound of ω²: (a − b)² ≤ 2a² + 2b² in every contact, (a − b + c + d)² ≤ 4 (a² + b² + c² + d²) along it.
+    """Upper bound on ω²: (a − b)² ≤ 2a² + 2b² in every contact, (a − b + c + d)² ≤ 4 (a² + b² + c² + d²) along it.
 
     A free cell adds one term, and `cell` (3, 3) holds 1/(M ℓ²) of its free components.
     """
@@ -129,9 +129,9 @@ def _load_spring_bound(state: State, here: Bodies) -> float:
 def stable_time_step(state: State, law: Law) -> float:
     """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
-    Springs to load points and rolling springs are included by upper bounds of their ω².
+    Springs to load points and rolling springs are included through upper bounds on their ω².
 
-    Velocity Verlet is unstable beyond it. A tenth of it gives four digits of a contact's force.
+    Velocity Verlet is unstable beyond this time step. A tenth of it gives a contact's force to four digits.
 
     Examples
     --------

@@ -62,9 +62,9 @@ def hertz_mindlin(
         count as infinitely heavy, walls as flat.
     tension : False clips F_n at zero where the dashpot would make the contact pull
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
-        overlap leaves it unchanged. Over an increment s ← f s before it is rotated, f = √(δ/δ_old), and it grows by
+        overlap leaves it unchanged. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
         (1 + f)/2 of the displacement (by all of it with `slip_update="rate"`). Where the memory was committed, forces
-        are only directionally differentiable; tangents there are those of a growing overlap
+        are only directionally differentiable; tangents there are those for a growing overlap
 
     Source
     ------
@@ -158,12 +158,12 @@ def _make_law(kind, coulomb, damping, tension, *values) -> Law:
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law, 0 if no pair of materials has dashpots. It is an integer that keys kernels."""
+    """Damping model of the law, 0 if no pair of materials has dashpots. It is an integer by which kernels are keyed."""
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
 
 def check_parameter(name, value, names=PARAMETERS):
-    """Raise ValueError with one sentence if a law has no such parameter, or if the value is not allowed."""
+    """Raise ValueError with a one-sentence message if a law has no such parameter, or if the value is not allowed."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
     if not isinstance(value, Real) and not (np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"):
@@ -343,7 +343,7 @@ def damping_factor(viscous, r_eff, m_eff, overlap):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def mobilisation(coulomb, x):
-    """Factor on the tangential stiffness of a spring whose force k_t |s| is the fraction x of Coulomb's limit."""
+    """Factor on the tangential stiffness of a spring whose force k_t |s| is the fraction x of the Coulomb limit."""
     if coulomb == SMOOTH:
         return 1.0 + x - x * x
     return 1.0 + 0.0 * x

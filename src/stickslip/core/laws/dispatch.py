@@ -3,8 +3,8 @@
 Kernels pass the kind of a law down to the scalar functions of `builtin`. A built-in kind is a plain integer. The kind
 of a user's law is a `Kind`. Numba sees each of its numbers as a separate type without a value, so that every function
 that receives it is compiled for that law, and the user's functions are looked up in `COMPILED` during type inference.
-The number is a digest of everything that determines the machine code of these functions. The disk cache therefore hits
-in other processes, but never after a law has changed. On a hit the functions themselves are not needed.
+The number is a digest of everything that determines the machine code of these functions. The disk cache is therefore
+hit in other processes, but never after a law has changed. On a hit the functions themselves are not needed.
 """
 
 from collections.abc import Callable
@@ -83,7 +83,7 @@ def check_kind(kind: int) -> None:
     """Raise ValueError if a number is neither that of a built-in law nor the kind of a user-defined one."""
     if not isinstance(kind, Kind) and not 0 <= kind < len(BUILTIN_LAWS):
         raise ValueError(
-            f"a law of kind {kind} was given: built-in laws have the kinds 0 to {len(BUILTIN_LAWS) - 1}; create a law "
+            f"a law of kind {kind} was given: built-in laws have kinds 0 to {len(BUILTIN_LAWS) - 1}; create a law "
             f"with a function of stickslip.laws"
         )
 
@@ -141,13 +141,16 @@ def by_kind(function):
 
 
 def find_user_law(kind: int) -> UserLaw:
-    """Description of a user-defined law. Raise ValueError with one sentence if it was not created in this process."""
+    """Description of a user-defined law.
+
+    Raise ValueError with a one-sentence message if it was not created in this process.
+    """
     compiled_functions(kind)
     return USER_LAWS[kind]
 
 
 def describe_law(law) -> dict:
-    """Record of a user-defined law apart from its numbers. It identifies the law and can be read, but is not run."""
+    """Record of a user-defined law without its numbers. It identifies the law and can be read, but is not run."""
     own = find_user_law(law.kind)
     return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
 
@@ -158,7 +161,7 @@ def restore_kind(kind: int, about: dict) -> Kind:
     Raises
     ------
     ValueError
-        with one sentence, if neither the law nor another one with the same text was created before.
+        with a one-sentence message, if neither the law nor another with the same text has been created.
     """
     if kind in USER_LAWS:
         return Kind(kind)

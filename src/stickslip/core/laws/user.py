@@ -156,7 +156,7 @@ def _fingerprint(function, seen: set) -> list:
 
 
 def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Argument names of a function, in order. Raise ValueError if one of them is not allowed."""
+    """Argument names of a function, in order. Raise ValueError if any of them is not allowed."""
     if not isinstance(function, types.FunctionType):
         raise ValueError(f"{role} is a {type(function).__name__}: give a plain Python function")
     spec = inspect.getfullargspec(function)
@@ -165,7 +165,7 @@ def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, .
     for name in spec.args:
         if name not in (*ROLES[role], *names):
             known = ", ".join((*ROLES[role], *names))
-            raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed are {known}")
+            raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed names are {known}")
     return tuple(spec.args)
 
 
@@ -222,7 +222,7 @@ def _kernel_functions(functions: dict, arguments: dict, names: tuple[str, ...]) 
 
 @njit(**FAST)
 def _clip_cap(mu, value):
-    """Value of a cap, zero without friction or where it is negative."""
+    """Value of a cap, or zero without friction or where the cap is negative."""
     return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
 
 
@@ -236,21 +236,21 @@ def custom(
 
     Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
     the law; caps may also take `normal_force`. Functions are compiled into the kernels. Their derivatives are taken by
-    complex-step differentiation, so that they must branch on the real part: `if overlap.real < 0.0`. A law is validated
+    complex-step differentiation, so they must branch on the real part: `if overlap.real < 0.0`. A law is validated
     when it is created.
 
     Parameters
     ----------
     normal_force : F_n [force], positive for repulsion; for overlap < 0 the force across a gap within the range
     tangential_stiffness : k_t [force/length], not negative; default the parameter `kt`
-    cap : largest tangential force [force], negative values count as zero; default μ max(F_n, 0). Not evaluated where
+    cap : largest tangential force [force]; negative values count as zero; default μ max(F_n, 0). Not evaluated where
         μ = 0
     contact_range : largest gap at which grains act on each other [length]; default 0
     rolling_stiffness : k_r of the moment that opposes the relative rotation ψ of i and j, perpendicular to the normal,
         accumulated since the contact closed [force length]; default none
     rolling_cap : largest such moment [force length]; required with `rolling_stiffness`. Not evaluated where μ = 0
     normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
-        powers δ, δ^{3/2}, δ² … and accurate to some digits for others; used by the energy ledger only
+        powers δ, δ^{3/2}, δ² … and accurate to a few digits for others; used by the energy ledger only
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
         is 1 if there is a `cap` that does not take it); others may be added
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
@@ -260,7 +260,7 @@ def custom(
     Raises
     ------
     ValueError
-        with one sentence, if a function has a wrong signature, is not finite, is not deterministic, does not accept
+        with one sentence, if a function has the wrong signature, is not finite, is not deterministic, does not accept
         complex numbers, or cannot be compiled. A LawWarning reports a force that jumps at the end of the range.
 
     Source
@@ -341,7 +341,7 @@ def _source_text(given: dict) -> str:
 
 
 def from_file(path: str | Path, **parameters: float) -> Law:
-    """Contact law from a Python file with functions named as the arguments of `custom`, and a table `parameters`.
+    """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
 
     The file is executed. It may also set `coulomb`, `damping`, `tension` and `size`.
 

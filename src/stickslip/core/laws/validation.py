@@ -27,7 +27,10 @@ class LawWarning(UserWarning):
 
 
 def validate_law(law: Law, size: float) -> Law:
-    """Return the law if it can be used, else raise ValueError with one sentence. `size` is a grain radius [length]."""
+    """Return the law if it can be used, else raise ValueError with a one-sentence message.
+
+    `size` is a grain radius [length].
+    """
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
         raise ValueError(f"size = {size!r} was given: it must be a radius, a positive number")
     own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
@@ -61,7 +64,7 @@ def _test_overlaps(size: float, end: float) -> list[float]:
 
 
 def _evaluate(own: UserLaw, role: str, values: dict, **given):
-    """Evaluate a function of the law; a missing contact range is zero."""
+    """Evaluate a function of the law; a missing contact range counts as zero."""
     if role not in own.functions:
         return 0.0
     known = values | given
@@ -89,7 +92,7 @@ def _error_location(own: UserLaw, problem: Exception) -> str:
 
 
 def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
-    """Raise ValueError with one sentence if a function is not finite, not deterministic, or not differentiable."""
+    """Raise ValueError with a one-sentence message if a function is not finite, deterministic and differentiable."""
     slopes = {name: [] for name in ("overlap", "normal_force") if name in own.arguments[role]}
     for r_eff, overlap in points:
         fn = 0.0
@@ -103,7 +106,9 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
         if not np.isfinite(value):
             raise ValueError(f"{place} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
         if value != again:
-            raise ValueError(f"{place} is {value:.6g} first and {again:.6g} next: a law must be deterministic")
+            raise ValueError(
+                f"{place} is {value:.6g} on one call and {again:.6g} on the next: a law must be deterministic"
+            )
         if value < 0 and role in NOT_NEGATIVE:
             raise ValueError(f"{place} is {value:.4g}: it must not be negative")
         for name in slopes:
@@ -126,7 +131,7 @@ def _describe_type(value) -> str:
 
 
 def _derivatives(own, role, values, at, name, place):
-    """Derivative d/d(name) by a complex step, and by differences to the left and to the right."""
+    """Derivative d/d(name) by a complex step, and by backward and forward differences."""
     x = at[name]
     step = 1e-6 * abs(x)
     stepped = _evaluate(own, role, values, **at | {name: complex(x, STEP)})
@@ -141,7 +146,7 @@ def _derivatives(own, role, values, at, name, place):
 
 
 def _check_energy(own: UserLaw, values: dict, points) -> None:
-    """Raise ValueError with one sentence if the slope of the energy is not the force."""
+    """Raise ValueError with a one-sentence message if the slope of the energy is not the force."""
     for r_eff, overlap in points:
         at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
         force = _evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)
@@ -165,7 +170,7 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
     place = f"at the end of its range (a gap of {end:.4g})" if end else "where grains begin to touch"
     return (
         f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
-        f"when contacts close and open there, and energy is conserved only as far as the time step resolves it"
+        f"when contacts close and open there, and energy is conserved only as far as the time step resolves the jump"
     )
 
 

@@ -1,14 +1,14 @@
 """Contacts of many grains in vectorised blocks of 64, for fast time stepping.
 
-Grains are divided into tiles of neighbours of equal size, and follow a space-filling curve within each tile. A block
+Grains are divided into equal-sized tiles of neighbours, and follow a space-filling curve within each tile. A block
 holds contacts of one pair of materials, either within one tile, or between a tile and later ones (`cross`), or with
 walls. Contacts are evaluated block by block. Each grain then gathers the loads of its contacts in the order of its
 partners' numbers. The orientation of a pair and the order of summation depend on the numbers of the grains in the state
 alone, and every contact goes through the same vector instructions. Trajectories are therefore bitwise independent of
 the number of threads and of the memory order.
 
-Blocks contain only touching and nearly touching pairs: those that the displacement limits of both bodies allow to
-touch. The limits are larger for faster bodies. When a body reaches its limit, blocks are chosen anew from the contact
+Blocks contain only touching and nearly touching pairs: those that could touch within the displacement limits of both
+bodies. The limits are larger for faster bodies. When a body reaches its limit, blocks are chosen anew from the contact
 list.
 """
 
@@ -69,14 +69,14 @@ from .transpose import (
 # of other laws find them compiled
 KERNEL_OPTIONS = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
 TILE_SIZE = 1024  # maximum number of grains
-# further modes of contacts in blocks. STUCK_AGAIN: it sticks but has been at Coulomb's limit since it closed; LOOSE: it
+# further modes of contacts in blocks. STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; LOOSE: it
 # slides because its limit is zero, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
 _SQUARE_MARGIN = 1.0 + 1e-9  # factor on squared distances beyond which nothing can touch, whatever the rounding
 
 
 class MovingBodies(NamedTuple):
-    """Bodies in the order of memory: tiles of neighbouring grains, then rigid groups, then walls."""
+    """Bodies in memory order: tiles of neighbouring grains, then rigid groups, then walls."""
 
     order: np.ndarray  # (B,) number of each body in the state
     body: np.ndarray  # (B, BODY) position, velocity, spin, radius and kicks, see `transpose`
@@ -99,7 +99,7 @@ class MovingBodies(NamedTuple):
 class Blocks(NamedTuple):
     """Pairs in K blocks of LANES, padded with pairs that never touch. The arrays may be longer than needed."""
 
-    i: np.ndarray  # (K LANES,) uint32, in the order of memory
+    i: np.ndarray  # (K LANES,) uint32, in memory order
     j: np.ndarray  # (K LANES,)
     row: np.ndarray  # (K LANES,) row in the list of contacts, −1 for padding
     material: np.ndarray  # (K, 2)
@@ -120,7 +120,7 @@ class Blocks(NamedTuple):
 
 
 def empty_blocks() -> Blocks:
-    """Make blocks without pairs, from which the first ones are made."""
+    """Make blocks without pairs, from which the first real ones are made."""
     whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
     return Blocks(
@@ -131,7 +131,7 @@ def empty_blocks() -> Blocks:
 
 @njit(cache=True, _nrt=False)
 def commit(blocks, contacts, part, parts):
-    """Write slip and mode of a part of the blocks back to their rows in the list of contacts."""
+    """Write the slip and mode of some of the blocks back to their rows in the list of contacts."""
     lanes = np.uint64(LANES)  # unsigned, so that indices are not checked for negative values
     first, last = blocks.inner[-1] * part // parts, blocks.inner[-1] * (part + 1) // parts
     for s in range(np.uint64(first) * lanes, np.uint64(last) * lanes):
@@ -207,7 +207,7 @@ def _gather_pair_vectors(dim, flow, blocks, body, b, scratch):
 def _add_flow(dim, predict, flow, scratch):
     """Add the contribution L r of a deforming cell to relative velocities.
 
-    (1 + ½ dt L)⁻¹ (Δv + L r), with r at the end of the step, is the change of r in the step over dt.
+    (1 + ½ dt L)⁻¹ (Δv + L r), with r at the end of the step, is the change of r during the step divided by dt.
     """
     rate, back, ahead = flow.matrix[RATE], flow.matrix[INVERSE_HALF], flow.matrix[RATE_AHEAD]
     for lane in range(LANES):
@@ -332,7 +332,7 @@ def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks
 
 @njit(fastmath=True, **KERNEL_OPTIONS)
 def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
-    """Return True if no contact of a block touches or has touched before. May be False if one nearly touches."""
+    """Return True if no pair in a block touches or has touched before. May be False if one nearly touches."""
     lanes = slice(LANES * b, LANES * b + LANES)
     size = blocks.size[lanes] if needs_radius(kind, viscous) else blocks.load[np.uint64(0)]
     mode, vector = blocks.mode[lanes], blocks.vector[blocks.at[b] :]

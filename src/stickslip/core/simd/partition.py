@@ -20,9 +20,10 @@ _CLASSES = 8
 
 
 def split_layers(x, rows, parts):
-    """Split some of the points x (3, n) into parts of equal size, each of neighbours: layers, rows of these, and so on.
+    """Split some of the points x (3, n) into equal-sized parts of neighbours: layers, rows within these, and so on.
 
-    Parts are ordered by layers along the longest side, so that at any time few pairs connect earlier with later parts.
+    Parts are ordered by layers along the longest side, so that at any time few pairs connect earlier parts with later
+    ones.
     """
     if parts == 1 or not len(rows):
         return [rows] * parts
@@ -38,7 +39,7 @@ def split_layers(x, rows, parts):
 
 
 def balance_threads(share, spent):
-    """Bounds of the tiles of each thread that equalise its time, from the time each `spent` on its previous tiles.
+    """Tile bounds that equalise the times of the threads, given the time each `spent` on its previous tiles.
 
     Cores differ: some are slower by design, and others are shared with other processes.
     """
@@ -64,7 +65,10 @@ def morton_keys(x, size):
 
 @njit(cache=True, **INNER)
 def _grow(old, need):
-    """Return the old array if it is long enough, else a new one. New memory costs more than writing to it."""
+    """Return the old array if it is long enough, else a new one.
+
+    Allocating new memory costs more than writing to it.
+    """
     return old if len(old) >= need else np.empty(need + need // 8, old.dtype)
 
 
@@ -95,10 +99,10 @@ def _pick_pairs(
 ):  # fmt: skip
     """Pick all pairs that touch or may soon touch, in the order of their first bodies in memory, `begin` to `end`.
 
-    Returns their number. A row of `picked` holds all data of a pair that blocks need except its slip, so that the list
-    is read only once. Counts pairs of each body in `start` and of each bucket in `held`. Buckets are pairs between a
-    tile and later ones of the same thread, pairs between threads and within the last tile, then pairs within each other
-    tile, each with separate buckets for pairs of materials.
+    Returns their number. A row of `picked` holds all the data that blocks need on a pair, except its slip, so that the
+    list is read only once. Stores the number of pairs of each body in `start` and of each bucket in `held`. Buckets are
+    pairs between a tile and later ones of the same thread, pairs between threads and within the last tile, then pairs
+    within each of the other tiles, all with separate buckets for each pair of materials.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
     number, n = np.uint64(0), np.uint64(len(order) - len(normal))
@@ -141,7 +145,7 @@ def _pick_pairs(
 
 @njit(cache=True, **INNER)
 def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
-    """Assign the first row of loads to every block. Returns the number of rows.
+    """Assign each block its first row of loads. Returns the number of rows.
 
     Blocks between threads have separate rows. Tiles of a thread share rows for pairs within a tile. Rows for pairs
     between tiles are reused by another block as soon as the last of the tiles has summed them.
@@ -181,7 +185,7 @@ def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
 
 @njit(cache=True, _nrt=False, **INNER)
 def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
-    """Fill unused lanes of a block with a pair of a body with itself, which its vector keeps apart."""
+    """Fill unused lanes of a block with a body paired with itself, which the pair's vector keeps from touching."""
     b = from_slot // LANES
     if to_slot > from_slot:
         at[b] = 0
@@ -361,7 +365,7 @@ def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
 def _assemble_blocks(
     old, contacts, moving, normal, across, room, gap, first, bound, filled, place, slot, parts, internal, tile_of, start
 ):  # fmt: skip
-    """Complete filled blocks by padding, vectors, rows of loads and the order of summation."""
+    """Complete filled blocks with padding, vectors, rows of loads and the order of summation."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
     bodies, top, far = len(internal), len(moving.tile), 1.0 + gap
     for g in range(bodies):
@@ -390,13 +394,13 @@ def _assemble_blocks(
 
 @cache
 def block_chooser(parallel: bool):
-    """Compiled choice of blocks, on one thread or several. Results are bitwise independent of their number."""
+    """Compiled choice of blocks, on one thread or several. Results are bitwise independent of the number of threads."""
 
     @njit(cache=True, error_model="numpy", parallel=parallel)
     def choose_blocks(
         old, contacts, moving, inverse_mass, material, normal, vectors, across, room, gap, materials, by_size, viscous
     ):  # fmt: skip
-        """Choose blocks of all pairs that may touch within the displacement limits, in the memory of `old` blocks.
+        """Choose blocks for all pairs that may touch within the displacement limits, in the memory of `old` blocks.
 
         The old blocks are first written back to the list. The tiles of a thread share rows of loads, which stay in its
         cache. `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix with a

@@ -84,7 +84,7 @@ class _Stream:
 
 @intrinsic
 def sum_rows(typingctx, code, start, first, last, far, load, external, total):
-    """Sum rows for each body from `first` to before `last`, and write one row per body to `total`.
+    """Sum rows for each body from `first` up to but excluding `last`, and write one row per body to `total`.
 
     A sum starts with the body's row of `external`, or with zero if that has only one row. Sums are sequential, in the
     order of `code`. The two halves of the bodies are interleaved, because each addition waits for the previous one.

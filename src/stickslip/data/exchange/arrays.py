@@ -41,7 +41,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     if len(state.contacts.rolling):
         lost.append("the memory of rolling")
     if law.damping & NO_TENSION:
-        lost.append("the condition that dashpots do not make contacts pull")
+        lost.append("the condition that dashpots do not make contacts attractive")
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
@@ -53,7 +53,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
 
 
 def read_npz(path: Path) -> tuple[dict, dict]:
-    """Read arrays for `from_arrays` and options for `law_by_name`; PackingError if the file is not such a file."""
+    """Read arrays for `from_arrays` and options for `law_by_name`; PackingError if the file is of another kind."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
@@ -128,5 +128,5 @@ def _find_states(tree: dict, above: str = ""):
 
 
 def law_from_options(options: dict) -> Law:
-    """Law from options, of which some may be None."""
+    """Law from options, some of which may be None."""
     return law_by_name(**{name: value for name, value in options.items() if value is not None})

@@ -86,7 +86,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if suffix != ".npz":
         raise PackingError(_unknown_suffix(path, READ, "read"))
     if frame not in (None, "all"):
-        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave it out")
+        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave the frame out")
     arrays, in_file = read_npz(path)
     given = {} if own else in_file | given
     if i0 is not None:
@@ -99,7 +99,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
 
 
 def _law_from_file(given: dict) -> tuple[dict, Law | None]:
-    """Split options into those without a law, and the law if the user named a Python file (no other file is run)."""
+    """Split options into those that do not concern the law, and the law of a Python file that the user named."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
     try:

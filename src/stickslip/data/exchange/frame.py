@@ -96,7 +96,7 @@ def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
 
 
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors and corner of a box that contains all grains: those of the cell where periodic, enclosing elsewhere.
+    """Vectors and corner of a box that contains all grains: the cell's where periodic, an enclosing box's elsewhere.
 
     Returns
     -------

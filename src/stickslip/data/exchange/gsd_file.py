@@ -202,9 +202,7 @@ def _read_foreign(frame):
         "position": position, "radius": p.diameter.astype(float) / 2, "mass": p.mass.astype(float), "cell": vectors,
         "velocity": p.velocity.astype(float), "spin": spin, "dim": dim,
     }  # fmt: skip
-    words = [
-        "the file was not written by stickslip: positions have seven digits, contacts have no memory, there is no law"
-    ]
+    words = ["the file was not written by stickslip: it has positions of seven digits, no contact memory and no law"]
     if (p.diameter == 1).all():
         words.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():

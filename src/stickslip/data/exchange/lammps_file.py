@@ -1,13 +1,13 @@
 """Packings from LAMMPS data files and dumps, with the memory of contacts reconstructed from a `dump local`.
 
-LAMMPS does not write the slip of `pair_style gran/hertz/history` and `gran/hooke/history`, but the tangential force
+LAMMPS does not write the slip of `pair_style gran/hertz/history` and `gran/hooke/history`, only the tangential force
 F_t = −(k_t s + c_t v_t), with k_t and c_t at the contact's overlap. Hence
 
     s = −(F_t + c_t v_t)/k_t,    v_t = (v_i − v_j − (R_i ω_i + R_j ω_j) × n) less its normal part
 
-for contacts below Coulomb's limit; at the limit it is the slip that LAMMPS's next truncation would leave. The signs
-were checked in a real run (tests/peers): the forces act on the first atom of a pair, d points from the second to the
-first.
+for contacts below the Coulomb limit; at the limit it is the slip that LAMMPS's next truncation would leave. The signs
+were checked against a real run (tests/peers): the forces act on the first atom of a pair, and d points from the second
+to the first.
 
 Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:10.1103/PhysRevE.64.051302.
 """
@@ -31,7 +31,7 @@ NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
 # order of the columns of contacts if they have no names; more may follow
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
-AT_LIMIT = 1e-5  # relative distance to Coulomb's limit within which a contact slides: dumps have at least six digits
+AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be another one
 NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
@@ -62,7 +62,7 @@ def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None =
 
     Parameters
     ----------
-    boundary : three letters as in LAMMPS, such as ppf; default: as stated in a dump, all periodic for a data file
+    boundary : three letters as in LAMMPS, such as ppf; default: as stated in the dump, or all periodic for a data file
     """
     with path.open("rb") as file:
         dump = file.read(64).decode("utf-8-sig", errors="ignore").startswith("ITEM:")
@@ -116,7 +116,7 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     strange = packing.ids[place] != ends
     if strange.any():
         raise PackingError(
-            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of the same run"
+            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files from the same run"
         )
 
     def vectors(*names):
@@ -200,7 +200,7 @@ def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
 
 
 def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
-    """Warn if the law's normal forces differ from LAMMPS's; PackingError if it must be another law."""
+    """Warn if the law's normal forces differ from LAMMPS's; raise PackingError if it must be a different law."""
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(
@@ -233,7 +233,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
         chosen[k] = _nearest_image(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
-        raise PackingError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
+        raise PackingError("a contact is listed twice: give each contact of one time step once, with dx dy dz")
     if len(matched) < len(rows):
         words = f"{pluralize(len(rows) - len(matched), 'touching pair')} not in the dump: slip set to zero"
         warnings.warn(words, PackingWarning, stacklevel=3)
@@ -241,7 +241,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
-    """Row of the image of a pair whose branch vector, or length, is nearest to that of an entry."""
+    """Row of the image of a pair whose branch vector, or its length, is closest to that of an entry."""
     own = branch_vectors(state)[rows[first:last]]
     if pairs.branch is not None:
         miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
@@ -274,7 +274,7 @@ def complete_law_options(given: dict) -> dict:
 
 
 def _read_boundary(contacts: Path) -> str | None:
-    """Read the boundaries of the box from the head of a dump; a data file does not contain them."""
+    """Read the boundaries of the box from the header of a dump; a data file does not contain them."""
     with contacts.open(encoding="utf-8-sig", errors="replace") as file:
         head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
@@ -296,6 +296,6 @@ def read_lammps(
             state = reconstruct_memory(packing, read_pairs(contacts, packing, columns), law)
             sliding = int((state.contacts.mode[: state.contacts.count[0]] == SLIDE).sum())
             count = int((state.contacts.mode[: state.contacts.count[0]] != OPEN).sum())
-            words = [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at Coulomb's limit"]
+            words = [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]
             out.append((str(packing.step), state, law, words))
     return out

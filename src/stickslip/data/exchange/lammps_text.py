@@ -25,7 +25,7 @@ class Table(NamedTuple):
     columns: dict[str, list[str]]  # words, one list per column
 
     def numbers(self, *names: str) -> np.ndarray:
-        """(rows, len(names)) columns as numbers, (rows,) for one."""
+        """(rows, len(names)) columns as numbers; (rows,) for a single name."""
         try:
             found = np.array([self.columns[name] for name in names], float).T
         except ValueError:
@@ -79,7 +79,7 @@ def _parse_step(step: int, piece: str) -> Table:
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
     names, words = head.split()[1:], body.split()
     if len(words) != rows * len(names):
-        raise ValueError(f"step {step} announces {rows} rows of {len(names)} numbers and has {len(words)} numbers")
+        raise ValueError(f"step {step} announces {rows} rows of {len(names)} numbers but has {len(words)} numbers")
     if len(set(names)) != len(names):
         raise ValueError(f"step {step} has two columns with the same name")
     return Table(step, vectors, corner, periodic, {name: words[k :: len(names)] for k, name in enumerate(names)})
@@ -105,7 +105,7 @@ def _parse_bounds(head: str, body: str):
 
 
 def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
-    """(3, 3) box vectors as rows of LAMMPS's restricted triclinic box."""
+    """(3, 3) vectors, as rows, of LAMMPS's restricted triclinic box."""
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 
@@ -184,7 +184,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
 
 
 def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
-    """Split a data file into its head and sections by name, each with the comment after its #."""
+    """Split a data file into its header and its sections by name, each with the comment after its #."""
     found, name, hint, start = {}, "", None, 0
     for mark in HEADER.finditer(text):
         found[name] = hint, text[start : mark.start()]

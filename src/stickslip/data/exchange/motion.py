@@ -12,12 +12,12 @@ REQUIRED = ("translation", "rotation", "exponent")
 
 
 def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.ndarray, complex]:
-    """Read translation and rotation (N, 3) complex, and exponent s of exp(st), of one mode written by `stability`.
+    """Read the translation and rotation, (N, 3) complex, and the exponent s of a mode exp(st) written by `stability`.
 
     Raises
     ------
     PackingError
-        if the file is not such a file, or belongs to another packing.
+        if the file is of another kind, or belongs to another packing.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -37,7 +37,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
         raise PackingError(f"mode {number} was requested: {path} has 0 to {len(exponent) - 1}, the fastest first")
     if translation.shape[1] != n or rotation.shape != translation.shape:
         raise PackingError(
-            f"{path} has modes of {translation.shape[1]} grains, the packing has {n}: give modes of this packing"
+            f"{path} has modes of {translation.shape[1]} grains, but the packing has {n}: give modes of this packing"
         )
     if not (np.isfinite(translation).all() and np.isfinite(rotation).all() and np.isfinite(exponent).all()):
         raise PackingError(f"{path} contains NaN or infinity: write the modes again")
@@ -48,7 +48,9 @@ def mode_frames(
     frame: Frame, translation: np.ndarray, rotation: np.ndarray, exponent: complex, *, count: int = 48,
     amplitude: float = 0.3, grow: bool = False,
 ) -> list[Frame]:  # fmt: skip
-    """Frames of Re(mode exp(st)) over one period 2π/|Im s|; a non-oscillating mode swings once in 2π/|s|, or 2π.
+    """Frames of Re(mode exp(st)) over one period 2π/|Im s|.
+
+    A non-oscillating mode swings once in 2π/|s|, or in 2π if s = 0.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def mode_frames(
     translation, rotation : (N, 3) complex displacements, and R·angle
     exponent : s [1/time]
     count : number of frames per period
-    amplitude : largest displacement of any grain, over its radius
+    amplitude : largest displacement of any grain, divided by its radius
     grow : if False, the growth is left out, so that the animation can be looped; if True, it ends at `amplitude`
     """
     state, radius = frame.state, frame.state.grains.radius[:, None]

@@ -62,7 +62,7 @@ def _write_grains(hl, path: str, frame: Frame) -> str:
 
 
 def _write_lines(hl, path: str, frame: Frame) -> str:
-    """Write lines from i along the branch vector to j, or to the surface of a wall, also across the box boundary."""
+    """Write lines from i along the branch vector to j, or to the surface of a wall, even across the box boundary."""
     c = frame.contacts
     start = _positions(frame)[c["i"]]
     ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)

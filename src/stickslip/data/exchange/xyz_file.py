@@ -11,7 +11,10 @@ from .frame import Frame, law_to_dict, list_losses
 
 
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write frames one after the other, numbers to the last bit; return notes on what the format does not store."""
+    """Write frames one after the other, with numbers exact to the last bit.
+
+    Return notes on what the format does not store.
+    """
     with replace_atomically(Path(path)) as part, part.open("w", encoding="utf-8") as file:
         for frame in frames:
             file.write(_format_frame(frame))

@@ -105,7 +105,7 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report) 
 
 
 def _sensitivity(fine, coarse) -> float | None:
-    """Largest difference between two load steps, at least the bisection width; None if either has no value."""
+    """Largest difference between two load steps, but at least the bisection width; None if either has no value."""
     return None if fine is None or coarse is None else max(BISECTED, float(np.abs(np.subtract(fine, coarse)).max()))
 
 
@@ -184,14 +184,14 @@ def _saturation(main: DiskArrayResult, load: float) -> Claim:
         f"msd-saturation-{load:.3f}",
         'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
         free.saturation, "(2R)^2", TOLERANCE["saturation"],
-        f"{wall} Coulomb's limit; error from block averages of one run",
+        f"{wall} the Coulomb limit; error from block averages of one run",
         error=saturation_error(free),
     )  # fmt: skip
 
 
 def _sliding_onset(main: DiskArrayResult) -> Claim:
     free = main.free_runs[0.083]
-    note = "no contact reaches Coulomb's limit"
+    note = "no contact reaches the Coulomb limit"
     if np.isfinite(free.breach).any():
         _, i, j = free.first_limit
         first = np.nanargmin(free.breach) + 1
@@ -283,8 +283,8 @@ def _sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
         wider = {top: velocity_line(result, top).slope for top in line.push if top > LINE_TOP}
         slid = [int(np.isfinite(result.sliding[load].velocity).sum()) for load in FRONT_LOADS]
         note = (
-            f"fitted to the loads named in the paper, where {'+'.join(map(str, slid))} realizations slide in time; V "
-            f"is convex: slopes from fits up to larger loads are "
+            f"fitted to the loads named in the paper, where {'+'.join(map(str, slid))} realizations slide before "
+            f"the run ends; V is convex: slopes from fits up to larger loads are "
             f"{', '.join(f'{value:.2e} up to {top:g}' for top, value in wider.items())}"
         )
     out = [claim(
@@ -296,7 +296,7 @@ def _sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
             "sliding-velocity-intercept", "Fig 7: Eq 10, -1.3e-3", -1.3e-3, line.intercept if line else None,
             "velocity", TOLERANCE["intercept"], "as printed, every velocity up to F_x = 2.9 would be negative",
             error=line.intercept_error if line else None, reference=-1.3e-5,
-            reference_source="Eq 10 with the intercept corrected by two decades: V > 0 from F_x = 0.029 on",
+            reference_source="Eq 10 with the intercept corrected by two decades: V > 0 from F_x = 0.029 upwards",
         ))  # fmt: skip
     return out
 

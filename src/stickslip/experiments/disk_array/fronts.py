@@ -15,7 +15,7 @@ BOOTSTRAPS = 1000
 class Transition(NamedTuple):
     """One realization of the transition. Times of events that did not happen are NaN."""
 
-    breach: np.ndarray  # (N,) first time at Coulomb's limit of each disk's contact with the substrate [time]
+    breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
     # velocity of the center of mass over the last third of the run; NaN unless all disks slid before it [length/time]
     velocity: float
@@ -38,9 +38,9 @@ class Front(NamedTuple):
 
 
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:
-    """Return the first time at which each grain's contact with a wall reached Coulomb's limit, shape (N,).
+    """Return the first time at which each grain's contact with a wall reached the Coulomb limit, shape (N,).
 
-    It is the time of `start`, the state before the run, where the contact was at the limit already, and NaN where the
+    It is the time of `start`, the state before the run, where the contact was already at the limit, and NaN where the
     contact never reached the limit.
     """
     n, contacts = len(start.grains.radius), start.contacts
@@ -101,7 +101,9 @@ def row_order(state: State, start: int, *, backward: bool = False):
 
 
 def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
-    """Fit a front to times of the same event, shape (realizations, N); delays count from the disk where it starts.
+    """Fit a front to times of the same event, shape (realizations, N).
+
+    Delays are counted from the disk where it starts.
 
     Source
     ------

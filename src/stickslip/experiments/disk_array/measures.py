@@ -24,7 +24,7 @@ def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083)
 
 
 def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
-    """Fit the front of contacts with the substrate that reach Coulomb's limit, from the pushed disk along the row."""
+    """Fit the front of substrate contacts reaching the Coulomb limit, from the pushed disk along the row."""
     order, distance = fronts.row_order(result.pressed, result.scenario.load.disk - 1)
     return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
 
@@ -72,7 +72,9 @@ def y_mode(modes: Spectrum) -> int:
 
 
 def growth_error(free: FreeRun) -> float | None:
-    """Half the difference of the growth rates fitted in two halves of the window [1/time]; None if either fit fails.
+    """Half the difference between the growth rates fitted in the two halves of the window [1/time].
+
+    None if either fit fails.
 
     M is in units of (2R)², which is 1 in the paper's scenarios.
     """
@@ -84,7 +86,7 @@ def growth_error(free: FreeRun) -> float | None:
 
 
 def saturation_error(free: FreeRun) -> float | None:
-    """Standard error of the mean of M over the late half of one run, from block averages [length²]."""
+    """Standard error of the mean of M over the second half of one run, from block averages [length²]."""
     late = free.msd[free.time >= free.time[0] + 0.5 * (free.time[-1] - free.time[0])]
     return standard_error([block.mean() for block in np.array_split(late, BLOCKS)])
 
@@ -116,7 +118,10 @@ class Proportion(NamedTuple):
 
     @property
     def exponent(self) -> tuple[float, float] | None:
-        """Exponent p of V_1 ∝ (Im λ)^p and its standard error, widened by misfit; None with fewer than three loads."""
+        """Exponent p of V_1 ∝ (Im λ)^p and its standard error, widened by the misfit.
+
+        None with fewer than three loads.
+        """
         if len(self.load) < 3 or (self.speed <= 0).any() or np.ptp(self.im_lambda) == 0:
             return None
         x, y, w = np.log(self.im_lambda), np.log(self.speed), self.speed / self.speed_error

@@ -4,7 +4,7 @@ Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724. Unit
 paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).
 
 There are two scenarios. `main` is the printed model with I0 = 1/2, the value for a disk. `quarter` is a hypothesis
-found by search, without a documented reason: the disk–disk normal stiffness is a quarter of the printed one, and
+found by a search, with no documented justification: the disk–disk normal stiffness is a quarter of the printed one, and
 I0 = 1. It is labelled as a hypothesis everywhere.
 """
 

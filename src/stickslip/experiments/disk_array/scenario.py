@@ -77,7 +77,7 @@ class Load(ScenarioTable):
         steps = sum(abs(b - a) for a, b in pairwise(self.push)) / self.step
         if steps > 100_000:
             raise ValueError(
-                f"push takes {steps:.0f} steps of {self.step:g}: at most 100000 are allowed, use a larger step"
+                f"push takes {steps:.0f} steps of {self.step:g}: at most 100000 are allowed; use a larger step"
             )
         return self
 
@@ -88,7 +88,7 @@ class Relaxation(ScenarioTable):
     method: Literal["dynamics", "newton"] = Field(
         "dynamics", description="dynamics: damped dynamics, as in the paper; newton: Newton's method, which is faster"
     )
-    drag: Positive = Field(0.05, description="drag on translations per mass [1/time]")
+    drag: Positive = Field(0.05, description="drag on translations per unit mass [1/time]")
     spin_drag: Positive | None = Field(None, description="drag on rotations; default: same as `drag` [1/time]")
     dt: Positive = Field(0.1, description="time step of the damped dynamics [time]")
     tolerance: Positive = Field(1e-14, description="largest unbalanced force, or torque over R [force]")
@@ -100,14 +100,15 @@ class Dynamics(ScenarioTable):
 
     loads: Loads = Field((0.03, 0.04, 0.062, 0.083, 0.087, 0.09), description="pushes where runs start [`load.unit`]")
     watch: Finite | None = Field(
-        None, description="load whose transition is finely sampled; default: the first one that slides [`load.unit`]"
+        None,
+        description="load whose transition is finely sampled; default: the first one that causes sliding [`load.unit`]",
     )
     duration: Duration = Field(60_000.0, description="duration of each run [time]")
     dt: Positive = Field(0.1, description="time step [time]")
     seed_velocity: Positive = Field(
         1e-13, description="root mean square of the random initial velocities [length/time]"
     )
-    drag: NotNegative = Field(0.0, description="drag on translations per mass [1/time]")
+    drag: NotNegative = Field(0.0, description="drag on translations per unit mass [1/time]")
     spin_drag: NotNegative | None = Field(None, description="drag on rotations; default: same as `drag` [1/time]")
 
 

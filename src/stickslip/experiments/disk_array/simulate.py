@@ -45,8 +45,8 @@ class FreeRun(NamedTuple):
     center: np.ndarray  # (T, 2) [length]
     kinetic_energy: np.ndarray  # (T,)
     touching: np.ndarray  # (T,)
-    breach: np.ndarray  # (N,) first time at Coulomb's limit of each wall contact; NaN if never [time]
-    first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach Coulomb's limit; NaN if none
+    breach: np.ndarray  # (N,) first time at the Coulomb limit of each wall contact; NaN if never [time]
+    first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach the Coulomb limit; NaN if none
     predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
     predicted_frequency: float
     growth: Growth | None
@@ -61,7 +61,7 @@ class Trajectory(NamedTuple):
     time: np.ndarray  # (T,)
     position: np.ndarray  # (T, N, 2)
     angle: np.ndarray  # (T, N)
-    first_limit: float  # first time that any contact reached Coulomb's limit
+    first_limit: float  # first time that any contact reached the Coulomb limit
     breach: np.ndarray  # (N,)
     slide: np.ndarray  # (N,) first displacement by SLID diameters
 
@@ -192,8 +192,8 @@ def check_time_step(point: Equilibrium, dt: float) -> None:
     longest = 2 / float(point.spectrum.frequency.max())
     if dt >= longest:
         raise ValueError(
-            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet is unstable from "
-            f"{longest:.3g}, use at most {0.2 * longest:.1g}"
+            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet is unstable above "
+            f"{longest:.3g}; use at most {0.2 * longest:.1g}"
         )
 
 

@@ -1,4 +1,4 @@
-"""Measures of a flow: its deposit, velocity profile, and friction and inertial number of plane shear."""
+"""Measures of a flow: its deposit, its velocity profile and, in plane shear, its friction and inertial number."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from .simulate import FlowResult
 
 @readable
 class Deposit(NamedTuple):
-    """The largest cluster of grains with gaps below a radius, without grains that fly or roll away."""
+    """The largest cluster of grains with gaps below a radius, excluding grains that fly or roll away."""
 
     grains: np.ndarray  # indices
     low: np.ndarray  # (3,) lower corner of the bounding box, including radii [length]
@@ -99,7 +99,10 @@ def second_half(result: FlowResult) -> np.ndarray:
 
 
 def velocity_profile(result: FlowResult) -> np.ndarray:
-    """Mean velocity (BINS, 3) of the grains at each height in the second half of the last stage, NaN without grains."""
+    """Mean velocity (BINS, 3) of the grains at each height in the second half of the last stage.
+
+    NaN where there are no grains.
+    """
     late = second_half(result)
     count, velocity = result.series.profile_count[late], result.series.profile_velocity[late]
     total = count.sum(axis=0)[:, None]
@@ -108,7 +111,10 @@ def velocity_profile(result: FlowResult) -> np.ndarray:
 
 
 def profile_deviation(result: FlowResult) -> np.ndarray:
-    """Standard deviation in time (BINS, 3) of the velocities averaged by `velocity_profile`, NaN without grains."""
+    """Standard deviation in time (BINS, 3) of the velocities averaged by `velocity_profile`.
+
+    NaN where there are no grains.
+    """
     late = second_half(result)
     count, velocity = result.series.profile_count[late], result.series.profile_velocity[late]
     total = count.sum(axis=0)[:, None]

@@ -238,7 +238,7 @@ def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndar
         )
     if (many := float(np.prod(np.array(number, float)))) > MOST:
         raise ScenarioError(
-            f"plate {plate.name!r} would have {many:.3g} grains: at most {MOST} are allowed, use larger ones or a "
+            f"plate {plate.name!r} would have {many:.3g} grains: at most {MOST} are allowed; use larger ones or a "
             f"smaller cell"
         )
     lines = [(np.arange(n) + 0.5) * length / n for n, length in zip(number, lengths, strict=True)]
@@ -281,7 +281,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
             f"dt = {scenario.dt:g} was given, but the lightest grain with six contacts is stable only up to "
-            f"{LIMIT * unit:.3g}: give less, or leave dt out to use {SAFETY * unit:.3g}"
+            f"{LIMIT * unit:.3g}: give a smaller value, or leave dt out to use {SAFETY * unit:.3g}"
         )
     dt = scenario.dt or SAFETY * unit
     if scenario.duration / dt > 1e9:

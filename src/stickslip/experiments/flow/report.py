@@ -85,7 +85,10 @@ def show(result: FlowResult) -> None:
     show_table(table)
     for stage in result.stages:
         if stage.rested is False:
-            words = f"stage {stage.name!r} reached its duration before rest: use a longer duration or more drag"
+            words = (
+                f"stage {stage.name!r} reached its duration before the grains came to rest: "
+                "use a longer duration or more drag"
+            )
             console.print(words, style="yellow")
     if shear := plane_shear(result):
         console.print(

@@ -1,6 +1,6 @@
-"""Scenario of a flow: grains poured between walls and plates, then stages that remove walls, move plates, tilt gravity.
+"""Scenario of a flow: grains poured between walls and plates, then stages with other walls, plates or gravity.
 
-For plates and pouring, y points upwards; gravity is an arbitrary vector. Units are any consistent ones.
+For plates and pouring, y points upwards; gravity is an arbitrary vector. Any consistent set of units may be used.
 """
 
 from itertools import pairwise
@@ -33,7 +33,7 @@ class Shaking(ScenarioTable):
 
 
 def _check_course(value):
-    """Check a velocity course, with one message instead of pydantic's message for each member of the union."""
+    """Check a velocity course, giving one message instead of pydantic's message for each member of the union."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     table = isinstance(value, list | tuple) and len(value) > 1
     if not (number or table or isinstance(value, dict | Shaking)):
@@ -60,7 +60,7 @@ class Motion(ScenarioTable):
             times = [t for t, _ in course] if isinstance(course, tuple) else []
             if times and (times[0] < 0 or any(b <= a for a, b in pairwise(times))):
                 raise ValueError(
-                    f"the velocity along {axis} has a table with times {times}: use increasing times from 0 on"
+                    f"the velocity along {axis} has a table with times {times}: use increasing, non-negative times"
                 )
         return self
 
@@ -81,12 +81,16 @@ class Pour(ScenarioTable):
     polydispersity: Annotated[float, Field(ge=0, le=0.5)] = Field(
         0.0, description="largest relative deviation of the radii, uniformly distributed"
     )
-    density: Positive | None = Field(None, description="mass per volume, in two dimensions per area [mass/length^dim]")
+    density: Positive | None = Field(
+        None, description="mass per unit volume, or per unit area in two dimensions [mass/length^dim]"
+    )
     mass: Positive | None = Field(None, description="mass of each grain, instead of density [mass]")
     i0: Positive | None = Field(
         None, description="I0 in the moment of inertia I0 m R²; default: 2/5 for spheres, 1/2 for disks"
     )
-    gap: Annotated[float, Field(gt=0, le=2)] = Field(0.1, description="gap between lattice sites, in largest diameters")
+    gap: Annotated[float, Field(gt=0, le=2)] = Field(
+        0.1, description="gap between lattice sites, in units of the largest diameter"
+    )
 
     @model_validator(mode="after")
     def _check_grains(self):
@@ -117,7 +121,9 @@ class FlowLaw(LawFile):
         description="k_n; unit over length^(1/2) for hertz_mindlin, over length for hertz_mindlin_reff [force/length]",
     )
     kt: NotNegative | None = Field(None, description="k_t, in the units of `kn`; default: 2/7 of `kn` [force/length]")
-    young: Positive | None = Field(None, description="E, determines kn and kt; hertz_mindlin_reff only [force/length²]")
+    young: Positive | None = Field(
+        None, description="E, which determines kn and kt; hertz_mindlin_reff only [force/length²]"
+    )
     poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
     mu: NotNegative = Field(0.5, description="friction coefficient between grains")
     damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
@@ -151,7 +157,7 @@ class FlowLaw(LawFile):
             raise ValueError("law.kn is missing: give it, or young and poisson")
         coefficients = self.damping_n is not None or self.damping_t is not None
         if self.restitution is not None and coefficients:
-            raise ValueError("law.restitution and damping coefficients were both given: give one of them")
+            raise ValueError("law.restitution and damping coefficients were both given: give only one of them")
         if self.restitution is None and self.speed is not None:
             raise ValueError("law.speed was given without law.restitution: leave it out")
         if self.restitution not in (None, 1.0) and self.kind != "linear" and self.speed is None:
@@ -191,7 +197,7 @@ class Plate(ScenarioTable):
     height: Finite = Field(description="y coordinate of its grains [length]")
     radius: Positive | None = Field(None, description="radius of its grains; default: the mean radius [length]")
     spacing: Positive | None = Field(
-        None, description="approximate distance of its grains; default: 1.2 diameters [length]"
+        None, description="approximate spacing of its grains; default: 1.2 diameters [length]"
     )
     mass: Positive | None = Field(None, description="mass of the plate; default: that of its grains [mass]")
     velocity: Motion = Motion()
@@ -205,15 +211,15 @@ class Stage(ScenarioTable):
     """A part of the run, and the changes at its start; everything else stays as it was."""
 
     name: Name = Field(description="name in progress messages and files")
-    duration: Duration = Field(description="duration, or longest duration with `until` [time]")
+    duration: Duration = Field(description="duration, or maximum duration with `until` [time]")
     until: Literal["rest"] | None = Field(
         None, description='"rest" ends the stage early, as soon as the grains are at rest'
     )
     unbalanced: Positive = Field(
-        1e-2, description="limit at rest: mean unbalanced force of grains over mean contact force"
+        1e-2, description="limit for rest: mean unbalanced force of grains over mean contact force"
     )
     kinetic: Positive = Field(
-        1e-4, description="limit at rest: kinetic over elastic energy; at 1e-4, forces still oscillate by 1 %"
+        1e-4, description="limit for rest: kinetic over elastic energy; at 1e-4, forces still oscillate by 1 %"
     )
     remove: Names = Field((), description="names of walls to remove")
     velocity: dict[str, Motion] = Field(
@@ -237,7 +243,9 @@ class FlowScenario(ScenarioBase):
     gravity: Vector | None = Field(None, description="gravity; default: none [length/time²]")
     drag: NotNegative = Field(0.0, description="drag on translations and rotations [1/time]")
     stages: Annotated[tuple[Stage, ...], Listed, Field(min_length=1)]
-    dt: Positive | None = Field(None, description="time step; default: a twentieth of a collision [time]")
+    dt: Positive | None = Field(
+        None, description="time step; default: a twentieth of the duration of a collision [time]"
+    )
     samples: Annotated[int, Field(ge=2, le=100_000)] = Field(400, description="rows of the time series")
     frames: Annotated[int, Field(ge=2, le=10_000)] = Field(20, description="number of saved states")
 
@@ -300,7 +308,7 @@ class FlowScenario(ScenarioBase):
                 )
         for plate in self.plates:
             if plate.force is not None and plate.pressure is not None:
-                raise ValueError(f"plate {plate.name!r} has force and pressure: give one of them")
+                raise ValueError(f"plate {plate.name!r} has both a force and a pressure: give only one of them")
         for body in bodies:
             if _has_force(body):
                 _check_control(body, body.velocity, "")
@@ -341,7 +349,7 @@ class FlowScenario(ScenarioBase):
         for name, shaking in shaken:
             if (times := shaking.frequency * self.duration) > MOST:
                 raise ValueError(
-                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed, use a lower frequency or shorter "
+                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed; use a lower frequency or shorter "
                     f"stages"
                 )
         return self
@@ -357,7 +365,7 @@ def _has_force(body: FlatWall | Plate) -> bool:
 
 
 def force_axis(body: FlatWall | Plate) -> str | None:
-    """Return the axis along which a force can move a body: y for plates, that of a wall's normal, None if inclined."""
+    """Return the axis along which a force can move a body: y for plates, a wall's normal, or None if it is inclined."""
     if isinstance(body, Plate):
         return "y"
     along = [axis for axis, n in zip(AXES, body.normal, strict=False) if n]
@@ -374,4 +382,4 @@ def _check_control(body: FlatWall | Plate, velocity: Motion, where: str) -> None
     if isinstance(body, FlatWall) and body.mass is None:
         raise ValueError(f"wall {body.name!r} has a force{where} but no mass: give its mass")
     if axis in velocity.prescribed:
-        raise ValueError(f"{body.name!r} has a force and a velocity along {axis}{where}: give one of them")
+        raise ValueError(f"{body.name!r} has a force and a velocity along {axis}{where}: give only one of them")

@@ -1,4 +1,4 @@
-"""Simulation of a flow: grains are poured and its stages run in chunks between samples, with progress reports."""
+"""Simulation of a flow: grains are poured, and the stages run in chunks between samples, with progress reports."""
 
 import time
 from pathlib import Path
@@ -28,7 +28,7 @@ ENCLOSED = 0.99  # fraction of the grains below `high`, and above `low`
 
 @readable
 class FlowSeries(NamedTuple):
-    """Time series with T rows: of the poured grains, W walls and P plates, in the order of the scenario."""
+    """Time series with T rows for the poured grains, W walls and P plates, in the order of the scenario."""
 
     time: np.ndarray  # (T,) [time]
     stage: np.ndarray  # (T,) index of the stage that the sample belongs to
@@ -99,7 +99,7 @@ def simulate_flow(
     Raises
     ------
     ScenarioError
-        If grains, walls, plates and dt are incompatible; raised before the run, with one sentence.
+        If grains, walls, plates and dt are incompatible; raised before the run, with a one-sentence message.
     RuntimeError
         If a grain moves more than a radius in one step or a position is not a number; the message is one sentence.
     """
@@ -127,7 +127,7 @@ def _load_pieces(checkpoint: Checkpoint) -> list[Piece]:
     """Load the saved pieces of a run; raise ArchiveError if one is missing."""
     for k, name in enumerate(checkpoint.names):
         if name != f"{k:06d}":
-            raise ArchiveError(f"the piece {k:06d} is missing in {checkpoint.folder}: start again with --overwrite")
+            raise ArchiveError(f"piece {k:06d} is missing from {checkpoint.folder}: start again with --overwrite")
     return [checkpoint.load(name) for name in checkpoint.names]
 
 

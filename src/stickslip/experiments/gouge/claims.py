@@ -1,7 +1,7 @@
 """Evaluation of the claims of paper 003, the supplement of Ferdowsi and Rubin's slide-hold-slide study.
 
-The supplement prints a, b, D_c and a slope of peaks, and states that restitution does not matter. Statements of the
-study itself or of others are references. Tolerances were fixed before anything was measured.
+The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Statements of
+the study itself or of others are references. Tolerances were fixed before anything was measured.
 """
 
 import numpy as np
@@ -104,7 +104,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
         claim(
             "hold-relaxation-per-e-fold", "Fig S1: curves; no number is printed", None, rate.value, "1",
             TOLERANCE["rate and state"],
-            f"change of friction per e-fold of time held, from {min(measures.EARLIEST, last / 10):g} to {last:g} s "
+            f"change in friction per e-fold of time held, from {min(measures.EARLIEST, last / 10):g} to {last:g} s "
             f"after {before:g} m/s: {_interval(rate)}, {_error_note(rate)}; aging law "
             f"{predict_per_efold(main, before, curve.x, 'aging'):.4f}; {_scale_note(main)}",
             error=rate.half / 2, reference=expected, reference_source=LAW,
@@ -112,7 +112,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
         claim(
             "hold-relaxation-at-end", "Fig S1: curves; no number is printed", None, end.value, "1",
             TOLERANCE["rate and state"],
-            f"change of friction: {points}; predictions after {last:g} s: slip law {laws['slip']:.4f}, aging law "
+            f"change in friction: {points}; predictions after {last:g} s: slip law {laws['slip']:.4f}, aging law "
             f"{laws['aging']:.4f}; {_scale_note(main)}",
             error=end.half / 2, reference=laws["slip"], reference_source=LAW,
         ),
@@ -133,7 +133,7 @@ def _compaction(main: GougeResult) -> Claim:
 
 def _healing(main: GougeResult) -> Claim:
     where = "Text: not in the supplement"
-    reference = {"reference": 0.75 * B, "reference_source": f"middle of b/2 to b per e-fold of hold, {STUDY}"}
+    reference = {"reference": 0.75 * B, "reference_source": f"midpoint of b/2 to b per e-fold of hold, {STUDY}"}
     if not measures.reslides(main):
         note = "no slides after holds were run"
         return claim("healing-rate", where, None, None, "1", TOLERANCE["healing"], note, **reference)
@@ -147,7 +147,7 @@ def _healing(main: GougeResult) -> Claim:
     )
     return claim(
         "healing-rate", where, None, rate.value, "1", TOLERANCE["healing"],
-        f"peak after elastic reloading less steady friction, per e-fold of hold: {_interval(rate)}; reference "
+        f"peak after elastic reloading minus steady friction, per e-fold of hold: {_interval(rate)}; reference "
         f"{B / 2:.4f} to {B}; peaks {words}; {_scale_note(main)}", error=rate.half / 2, **reference,
     )  # fmt: skip
 
@@ -163,7 +163,7 @@ def _reslide_peaks(result: GougeResult | None) -> Claim:
     words = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
     return claim(
         "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
-        f"peak after elastic reloading less steady friction, per e-fold of the ratio: {_interval(rate)}; {words}; "
+        f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {words}; "
         f"after holds of {hold:g} s at V_i = {before:g} m/s; {_scale_note(result)}", error=rate.half / 2,
     )  # fmt: skip
 
@@ -223,14 +223,14 @@ def _compare_dampings(one: GougeResult, other: GougeResult) -> dict[str, tuple[N
     last = min(float(curve.x[-1]) for curve in curves)
     cut = [c._replace(x=c.x[c.x <= last * 1.01], rows=c.rows[:, c.x <= last * 1.01]) for c in curves]
     return {
-        f"change of friction in {last:.2g} s": tuple(c.at(last) for c in cut),
+        f"change in friction over {last:.2g} s": tuple(c.at(last) for c in cut),
         "per e-fold": tuple(measures.per_efold(c) for c in cut),
         "steady friction": tuple(measures.mean_friction(result, before) for result in (one, other)),
     }
 
 
 def _restitution(holds: dict[str, GougeResult]) -> Claim:
-    """Claim about holds with restitution 0.98 and 0.3, both by Eq 8 as printed."""
+    """Claim about holds with restitution 0.98 and 0.3, both according to Eq 8 as printed."""
     id, source = "restitution-insensitivity", 'Text: "restitution coefficient exerted no significant influence"'
     by_eq8 = [r for r in holds.values() if r.scenario.law.reading == "eq8"]
     if len(by_eq8) < 2:
@@ -249,8 +249,8 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
 
 
 def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
-    """Claim about the relaxation with a damping for which collisions really have the restitution."""
-    source = "Text: not in the paper, the other reading of its restitution"
+    """Claim about the relaxation with a damping for which collisions really have the stated restitution."""
+    source = "Text: not in the paper; the other reading of its restitution"
     other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
     if other is None:
         return claim("calibrated-damping", source, None, None, "1", 0.5, "not run")
@@ -263,7 +263,7 @@ def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
     error = np.hypot(strong.half, plain.half * strong.value / plain.value) / abs(2 * plain.value)
     return claim(
         "calibrated-damping", source, None, strong.value / plain.value, "1", 0.5,
-        f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), for which collisions have the restitution 0.98, "
+        f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), which gives collisions a restitution of 0.98, "
         f"over that with {damping(main.scenario):.2g}: {words}; {_scale_note(other)}", error=float(error),
     )  # fmt: skip
 
@@ -278,7 +278,7 @@ def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
         f"{words}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
         f"{_scale_note(main)}",
         error=found[before].half / 2, reference=sum(STEADY) / 2,
-        reference_source=f"middle of {STEADY[0]} to {STEADY[1]}, known for gouge of such grains",
+        reference_source=f"midpoint of {STEADY[0]} to {STEADY[1]}, known for gouge made of such grains",
     )  # fmt: skip
 
 
@@ -289,7 +289,7 @@ def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
     found = measures.mean_of(result, before, "temperature")
     normalised = found.value * chosen.grains.density / chosen.load.normal_stress
     seen = measures.response(steps) if steps else None
-    words = f"a = {_interval(seen.a)}" if seen else f"a was not measured, the paper's is {A}"
+    words = f"a = {_interval(seen.a)}" if seen else f"a was not measured; the paper's value is {A}"
     ratio = measures.sliding_energy_ratio(main, before)
     return claim(
         "granular-temperature", "Text: not in the supplement", None, normalised, "1", 0.5,
@@ -323,7 +323,7 @@ def _quasi_static(main: GougeResult) -> Claim:
 def _energies(main: GougeResult) -> Claim:
     """Claim about the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
     books = [one.ledger for one in main.realizations if one.ledger]
-    source, study = "Text: not in the paper, a check of this package", "conservation of energy"
+    source, study = "Text: not in the paper; a check of this package", "conservation of energy"
     if not books:
         return _statement("energy-balance", source, None, "no ledger was recorded", study=study)
     work, coulomb, viscous, curl = (

@@ -11,9 +11,9 @@ from .statistics import slope
 
 
 def predict_hold(result: GougeResult, before: float, times) -> dict:
-    """Predict the change of friction in a hold by rate-and-state friction with the scenario's a, b and dc.
+    """Predict the change in friction during a hold from rate-and-state friction with the scenario's a, b and dc.
 
-    Returns {law: (times, change of friction)} for the slip law and the aging law.
+    Returns {law: (times, change in friction)} for the slip law and the aging law.
     """
     scales, scenario = result.scenario.scales, result.scenario
     spring = Spring(stiffness(scenario) / scenario.load.normal_stress)

@@ -13,7 +13,7 @@ LONG = 0.4  # share of the largest stable time step above which the stiffest con
 
 
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
-    """Stiffness k of the spring per area of the plate [Pa/m], from `value` in terms of `definition`.
+    """Stiffness k of the spring per unit area of the plate [Pa/m], from `value` in terms of `definition`.
 
     The default is the scenario's stiffness. Definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state,
     k dc/(b σ).
@@ -80,7 +80,7 @@ def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float)
 
 
 class Range(NamedTuple):
-    """Numbers that show how quasi-static and how hard a sample is, and how far its plates are apart."""
+    """Numbers that show how quasi-static and how hard a sample is, and how far apart its plates are."""
 
     inertial_number: float  # (V/H) D √(ρ/σ) at the largest velocity V
     stiffness: float  # (E/((1 − ν²) σ))^(2/3), about D over the overlap
@@ -96,12 +96,12 @@ class Range(NamedTuple):
         if self.inertial_number > INERTIAL:
             said.append(
                 f"the inertial number reaches {self.inertial_number:.1e}, above {INERTIAL:g}: shear is no longer "
-                f"quasi-static, use lower velocities"
+                f"quasi-static; use lower velocities"
             )
         if self.stiffness < STIFFNESS or self.overlap > OVERLAP:
             said.append(
                 f"grains overlap by {self.overlap:.1%} of a diameter, and (E/((1 − ν²) σ))^(2/3) = "
-                f"{self.stiffness:.3g}: grains count as hard below {OVERLAP:.0%} and above {STIFFNESS:g}, use a larger "
+                f"{self.stiffness:.3g}: grains count as hard below {OVERLAP:.0%} and above {STIFFNESS:g}; use a larger "
                 f"young"
             )
         if self.time_step > LONG:
@@ -110,7 +110,7 @@ class Range(NamedTuple):
             if value < LAYER:
                 said.append(
                     f"the {name} of the layer is {value:.0f} D: below {LAYER:g} D, plates and periodic images affect "
-                    f"the results, use more grains or a longer cell"
+                    f"the results; use more grains or a longer cell"
                 )
         return said
 

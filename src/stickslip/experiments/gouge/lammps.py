@@ -1,7 +1,7 @@
 """External engine LAMMPS for fault gouge: legs are written as LAMMPS input, run, and read back as Series.
 
 One leg is a folder that contains `in.gouge` and its starting point, which is a data file or the restart file of the
-previous leg. It is run by the Python library of LAMMPS, in one process or in several under mpirun;
+previous leg. It is run through the Python library of LAMMPS, in one process or in several under mpirun;
 `mpirun -np 2 lmp -in in.gouge` does the same. A place between legs holds the contents of the restart file, so any
 number of legs may start from it, and nothing is left on disk. Numbers are SI.
 """
@@ -42,7 +42,7 @@ from .sample import BOTTOM, TOP, Gouge, attach_spring
 from .scenario import GougeScenario
 
 SKIN = 0.02  # skin of neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
-# share of Coulomb's limit from which a contact counts as sliding; LAMMPS prints dashpots half a step after truncation
+# share of the Coulomb limit from which a contact counts as sliding; LAMMPS prints dashpots half a step after truncation
 AT_LIMIT = 1 - 1e-3
 GET = f"{install_command('bench')} installs it together with MPI, which it needs"
 CHILD = """
@@ -67,7 +67,8 @@ class Place(NamedTuple):
 def engine(processes: int = 1) -> Engine:
     """Return LAMMPS as an Engine that runs legs through its library, or under mpirun with several processes.
 
-    A settled sample starts without contact memory, as it cannot be passed to LAMMPS; between legs memory is preserved.
+    A settled sample starts without contact memory, which cannot be passed to LAMMPS; between legs, the memory is
+    preserved.
 
     Raises
     ------
@@ -94,7 +95,7 @@ def load_error() -> str:
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:
-    """Return a sample on its spring without any slip at contacts; the spring is attached if it is not yet.
+    """Return a sample on its spring without any slip at contacts; the spring is attached if it has not been yet.
 
     Raises
     ------
@@ -143,7 +144,7 @@ def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: i
 def read_output(
     scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path
 ) -> tuple[Place, Series]:
-    """Read the end and the series of a leg that `write_input` wrote with the same arguments and LAMMPS has run.
+    """Read the final state and the series of a leg that `write_input` wrote with the same arguments and LAMMPS has run.
 
     Raises
     ------
@@ -183,7 +184,8 @@ def _run_lammps(*words: str, folder: Path | None = None, processes: int = 1) -> 
     """Run the LAMMPS library in one or more separate processes, which find the MPI library next to the interpreter.
 
     It cannot run in this process. There, a second LAMMPS instance would not find the contact memory in a restart file,
-    because it looks for it under the number of its pair style, which counts all pair styles created in the process.
+    because LAMMPS looks for that memory under the number of the pair style, which counts all pair styles created in the
+    process.
     """
     libraries = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
     before = [_find_mpirun(), "-np", str(processes)] if processes > 1 else []
@@ -235,7 +237,10 @@ def _digits(*numbers: float) -> str:
 
 
 def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
-    """Return the LAMMPS commands of a leg other than run and output; `skin` is that of neighbour lists in diameters."""
+    """Return the LAMMPS commands of a leg other than run and output.
+
+    `skin` is that of the neighbour lists, in diameters.
+    """
     gouge = place.gouge
     number = len(gouge.top)
     anchor = _digits(gouge.state.control.anchor[gouge.top, 0].mean())

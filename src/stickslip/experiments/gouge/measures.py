@@ -51,7 +51,7 @@ def velocities(result: GougeResult) -> list[float]:
 def mean_friction(result: GougeResult, velocity: float) -> Number:
     """Mean over samples of the steady friction at a velocity.
 
-    The error is based on the scatter of samples. With one sample it is the error of its own mean.
+    The error is based on the scatter between samples. With one sample it is the error of its own mean.
     """
     means = _steady_levels(result, velocity)
     found = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
@@ -59,7 +59,7 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
 
 
 def mean_of(result: GougeResult, velocity: float, column: str) -> Number:
-    """Mean over samples of a column of the series in steady sliding at a velocity."""
+    """Mean over samples of a series column in steady sliding at a velocity."""
     window = _window(result)
     rows = [[np.concatenate(_steady_pieces(one, velocity, window, column)).mean()] for one in result.realizations]
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
@@ -97,7 +97,7 @@ def steps(result: GougeResult) -> list[tuple[float, float]]:
 def step_curve(
     result: GougeResult, before: float, after: float, *, twin: bool, column: str = "friction"
 ) -> Curve | None:
-    """Change of friction, or of another column, after a velocity step against the slip of the load point [D].
+    """Change in friction, or in another column, after a velocity step, against the slip of the load point [D].
 
     With `twin`, the change is relative to the copy that continued at the old velocity, otherwise to the mean of the
     sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
@@ -144,7 +144,10 @@ def _load_point_slip(result: GougeResult, test: Test) -> np.ndarray:
 
 
 def direct_effect(curve: Curve, before: float, after: float) -> Number:
-    """Change of friction just after a step over ln(V2/V1), not corrected for inertia; see `Response.impedance`."""
+    """Change in friction just after a step, divided by ln(V2/V1), not corrected for inertia.
+
+    See `Response.impedance`.
+    """
     found, size = just_after(curve), np.log(after / before)
     return found._replace(value=found.value / size, error=found.error / abs(size), draws=found.draws / size)
 
@@ -167,9 +170,9 @@ def response(result: GougeResult) -> Response | None:
     """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
     The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. It
-    is fitted by a ln(V2/V1) + η (V2 − V1) with least squares. Plate and layer radiate waves, whose resistance η σ is
-    proportional to the change of velocity, not of its logarithm. Returns None unless there are steps with different
-    ratios of ln(V2/V1) to V2 − V1.
+    is fitted with a ln(V2/V1) + η (V2 − V1) by least squares. The plate and the layer radiate waves, whose resistance η
+    σ is proportional to the change in velocity, not in its logarithm. Returns None unless there are steps with
+    different ratios of ln(V2/V1) to V2 − V1.
     """
     curves = {pair: step_curve(result, *pair, twin=False) for pair in steps(result)}
     pairs = list(curves)
@@ -188,7 +191,7 @@ def holds(result: GougeResult) -> list[float]:
 
 
 def hold_curve(result: GougeResult, before: float, column: str = "friction") -> Curve:
-    """Change of a column since the start of a hold against the hold time [s], on a logarithmic grid.
+    """Change in a column since the start of a hold against the hold time [s], on a logarithmic grid.
 
     Only the longest holds after this velocity are used. The value before a hold is the mean over the last `BEFORE`
     diameters of the preceding slide.
@@ -265,7 +268,7 @@ def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
 
 
 def reslide_curve(result: GougeResult, before: float, hold: float, after: float, *, twin: bool = False) -> Curve | None:
-    """Change of friction after a hold against the slip of the load point [D].
+    """Change in friction after a hold against the slip of the load point [D].
 
     The change is relative to the steady friction of each sample before the hold or, with `twin`, to the copy that
     continued without a hold. Returns None if there is no such slide or copy.
@@ -295,19 +298,21 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
 
 
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
-    """Largest value of the smoothed mean curve, or smallest with sign −1; after a hold, the end of elastic reloading.
+    """Largest value of the smoothed mean curve, or the smallest for sign −1.
 
-    Noise increases it, see `peak_bias`.
+    After a hold, the end of elastic reloading.
+
+    Noise increases it; see `peak_bias`.
     """
     return smoothed(curve).read(lambda mean: sign * (sign * mean).max())
 
 
 def peak_bias(curve: Curve) -> float:
-    """Upper bound of the bias of the peak due to noise.
+    """Upper bound on the bias of the peak due to noise.
 
-    It is the difference between the peak and the mean of the values that samples have at the peak position of the
-    others. These values are not biased by the selection of a maximum, but lie below the true peak to the extent that
-    the others misplace it. NaN for a single branch.
+    It is the difference between the peak and the mean of the values that each sample has at the peak position of the
+    other samples. These values are not biased by the selection of a maximum, but lie below the true peak to the extent
+    that the others misplace it. NaN for a single branch.
     """
     units = smoothed(curve).units
     if len(units) < 2:
@@ -337,7 +342,7 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
     Parameters
     ----------
-    samples : maximum number of samples in each record, shared equally by its legs; each is a mean over neighbours
+    samples : maximum number of samples in each record, shared equally among its legs; each is a mean over neighbours
     """
     found = []
     for one in result.realizations:

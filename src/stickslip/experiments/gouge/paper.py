@@ -1,7 +1,7 @@
 """Reproduction of paper 003 at a reduced scale: slide-hold-slide and velocity steps of granular fault gouge.
 
-The paper, by Ferdowsi and Rubin, has about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of
-20 ns, which would take months on one core. Here a tenth of the grains slides at centimetres per second. The scenario in
+The paper, by Ferdowsi and Rubin, uses about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of
+20 ns, which would take months on one core. Here a tenth as many grains slide at centimetres per second. The scenario in
 `examples/gouge_paper.toml` has the scale of the paper.
 """
 
@@ -30,7 +30,7 @@ Report = Callable[[str, float, str], None]
 
 
 class Reproduction(NamedTuple):
-    """Results by name and the evaluated claims; `holds` has one result for each damping."""
+    """Results by name and the evaluated claims; `holds` has one result for each damping value."""
 
     holds: dict[str, GougeResult]
     more: dict[str, GougeResult]  # of a full run: "stiff", "reslides", "steps", "velocities"
@@ -48,7 +48,7 @@ class Reproduction(NamedTuple):
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -> GougeScenario:
-    """Return the scenario of holds after 0.03 m/s, with slides after them; holds with other dampings are shorter."""
+    """Return the scenario of holds after 0.03 m/s, followed by slides; holds with other damping values are shorter."""
     long = damping == MAIN and not quick
     hold = {
         "kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1, 1.0) if long else (1e-2, 1e-1),
@@ -60,7 +60,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -
 def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
     """Return the additional scenarios of a full run.
 
-    They have a stiff spring, slides at other velocities after holds, velocity steps, and steady friction.
+    They cover a stiff spring, slides at other velocities after holds, velocity steps, and steady friction.
     """
     hold = {"kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1), "approach": 4.0, "slip": 0.7}
     again = {"before": (PAPER,), "holds": (1.43,), "after": (0.02, 0.05, 0.1, 0.3), "branches": 4}
@@ -107,7 +107,7 @@ def reproduce(
 
     Parameters
     ----------
-    quick : run holds of 0.1 s with two dampings only
+    quick : run holds of 0.1 s with only two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
     """
     names = [MAIN, CALIBRATED] if quick else list(DAMPINGS)

@@ -41,7 +41,7 @@ class Series(NamedTuple):
     kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
     temperature: np.ndarray  # (T,) granular: mean of v_y² and v_z² of the mobile grains, by mass [m²/s²]
     coordination: np.ndarray  # (T,) contacts of a grain that is not a rattler, including the grains of the plates
-    sliding_fraction: np.ndarray  # (T,) share of contacts at Coulomb's limit
+    sliding_fraction: np.ndarray  # (T,) share of contacts at the Coulomb limit
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts
 
     def __getitem__(self, rows):
@@ -50,7 +50,7 @@ class Series(NamedTuple):
 
 
 class Test(NamedTuple):
-    """One leg of a protocol, in which the load point has one velocity.
+    """One leg of a protocol, in which the load point has a constant velocity.
 
     A slide leads to the state from which its branch starts. Samples of a hold are means over intervals that grow with
     the hold time.
@@ -104,10 +104,10 @@ class Realization(NamedTuple):
 
 
 class Engine(NamedTuple):
-    """Functions of an engine that runs legs.
+    """Functions with which an engine runs legs.
 
     `start` begins with a settled sample, `leg` runs a number of steps at a velocity, and `state` converts a place to a
-    State. A place returned by `start` or `leg` remains valid: legs may branch from it, also in another process.
+    State. A place returned by `start` or `leg` remains valid: legs may branch from it, even in another process.
     """
 
     start: Callable[[GougeScenario, Gouge], Any]  # -> place
@@ -123,7 +123,7 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
     Parameters
     ----------
     kept : storage for the sample and pieces of its legs; a run that was killed resumes from the last piece, with
-        bitwise the same result as an uninterrupted run
+        a result bitwise identical to that of an uninterrupted run
 
     Raises
     ------

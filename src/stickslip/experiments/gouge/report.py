@@ -73,7 +73,7 @@ def paper_failures(found) -> tuple[str, ...]:
 
 
 def paper_figures(found):
-    """Yield (file name, Figure) for the paper's experiments: holds with every damping, and all other runs."""
+    """Yield (file name, Figure) for the paper's experiments: holds with every damping value, and all other runs."""
     main, before = found.main, measured.holds(found.main)[-1]
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
     if "steps" in found.more:
@@ -244,7 +244,7 @@ def show(result: GougeResult) -> None:
     for words in result.failures:
         console.print(words, style="yellow")
     if result.reused:
-        console.print(f"{result.reused} realizations were finished before and not run again.")
+        console.print(f"{result.reused} realizations had finished earlier and were not run again.")
 
 
 def _show_holds(result: GougeResult) -> None:
@@ -262,7 +262,10 @@ def _show_holds(result: GougeResult) -> None:
 
 
 def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}; names contain velocities [m/s], holds [s]."""
+    """Return the measures of a run for sweeps as {name: (value, unit)}.
+
+    Names contain velocities [m/s] and holds [s].
+    """
     k = normalised_stiffness(result.scenario)
     out = {
         "thickness": (result.realizations[0].range.thickness * result.scenario.grains.mean, "m"),

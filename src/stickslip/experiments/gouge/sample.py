@@ -1,8 +1,8 @@
 """Preparation of a gouge sample: pour, press between flat walls, glue grains into rough plates, press with friction.
 
-x is the direction of shear, y that of the normal stress, z the transverse one. The lowest and the highest grains of the
-pressed sample form the plates, which are rigid bodies that do not rotate. The lower plate is fixed. The upper plate is
-pressed along y, fixed along z, and fixed, driven or pulled by a spring along x.
+x is the direction of shear, y that of the normal stress, and z the transverse direction. The lowest and the highest
+grains of the pressed sample form the plates, which are rigid bodies that do not rotate. The lower plate is fixed. The
+upper plate is pressed along y, fixed along z, and fixed, driven or pulled by a spring along x.
 """
 
 from collections.abc import Callable
@@ -214,7 +214,9 @@ def _unbalance(state: State, law: Law) -> tuple[float, float]:
 
 
 def _glue_plates(scenario: GougeScenario, state: State) -> State:
-    """Replace the walls by plates of the lowest and highest grains; contacts have no memory, as nothing has slipped.
+    """Replace the walls with plates made of the lowest and highest grains.
+
+    Contacts have no memory, as nothing has slipped.
 
     Glued grains shrink until they no longer overlap, so that they do not touch each other.
     """
@@ -238,7 +240,7 @@ def _glue_plates(scenario: GougeScenario, state: State) -> State:
 
 
 def _shrink_apart(state: State, members: np.ndarray) -> Grains:
-    """Shrink the members among the grains until none of them touches another."""
+    """Shrink the member grains until no two of them touch."""
     grains, size = state.grains, np.diag(state.cell.vectors)
     x, radius = grains.position[members], grains.radius.copy()
     r = x[:, None] - x[None]

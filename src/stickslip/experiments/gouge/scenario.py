@@ -1,7 +1,7 @@
 """Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
-x is the direction of shear, y that of the normal stress, z the transverse one; the cell is periodic along x and z.
-Values stated in paper 003 are marked as such. All others are choices, each with a key of its own.
+x is the direction of shear, y that of the normal stress, and z the transverse direction; the cell is periodic along x
+and z. Values stated in paper 003 are marked as such. All others are choices, each with a key of its own.
 """
 
 from itertools import pairwise
@@ -86,7 +86,7 @@ class GougeLaw(ScenarioTable):
         of_collision = {"reading": self.reading, "size": self.size, "speed": self.speed}
         given = [name for name, value in of_collision.items() if value is not None]
         if self.gamma_n is not None and self.restitution is not None:
-            raise ValueError("law.gamma_n and law.restitution were both given: give one of them")
+            raise ValueError("law.gamma_n and law.restitution were both given: give only one of them")
         if self.restitution is None:
             if given:
                 raise ValueError(f"law.{given[0]} was given without law.restitution: give both or neither")
@@ -159,7 +159,7 @@ class Preparation(ScenarioTable):
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
     drag: NotNegative = Field(
-        1.0, description="drag on grains and plate while settling, in units of 1/√(m/(P D)) of a mean grain; none later"
+        1.0, description="drag on grains and plate while settling, in 1/√(m/(P D)) for a mean grain; none afterwards"
     )
     unbalanced: Positive = Field(
         1e-2, description="mean unbalanced force over mean contact force below which the sample is settled"
@@ -167,7 +167,7 @@ class Preparation(ScenarioTable):
     most: Positive = Field(1e5, description="maximum number of steps for settling")
     velocity: Positive = Field(0.3, description="velocity of the load point until sliding is steady [m/s]")
     slip: Positive = Field(
-        8.0, description="minimum slip before steadiness is checked; after less slip, friction is at its peak [D]"
+        8.0, description="minimum slip before steadiness is checked; before that, friction is at its peak [D]"
     )
     window: Positive = Field(2.0, description="slip over which friction is averaged [D]")
     change: Positive = Field(
@@ -194,7 +194,7 @@ class Slide(ScenarioTable):
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """Velocities of the trunk, one after the other."""
+        """Velocities of the trunk, one after another."""
         return (self.velocity,)
 
     def trunk(self, velocity: float, size: float) -> list[float]:
@@ -209,7 +209,7 @@ class Slide(ScenarioTable):
     def _check_end(self):
         ends = (self.slip is not None) + (self.time is not None)
         if ends != 1:
-            raise ValueError("a slide ends after a slip or a time: give one of them, and slip if steady = true")
+            raise ValueError("a slide ends after a slip or a time: give only one of them, and slip if steady = true")
         if self.velocity == 0 and self.time is None:
             raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")
         if self.steady and self.slip is None:
@@ -227,7 +227,7 @@ class Branching(ScenarioTable):
     twin: NotNegative = Field(
         0.0,
         description=(
-            "slip for which a copy continues as before; the difference between a test and its copy is free of the "
+            "slip over which a copy continues as before; the difference between a test and its copy is free of the "
             "fluctuations that they share [D]"
         ),
     )
@@ -241,21 +241,21 @@ class VelocitySteps(Branching):
     """Sequence of velocities, each for the same slip; tests branch off from the slide at the first one."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
-    velocities: Many = Field(description="velocities of the load point, one after the other [m/s]")
+    velocities: Many = Field(description="velocities of the load point, one after another [m/s]")
     slip: Positive = Field(description="slip of the load point at each velocity [D]")
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """Velocities of the trunk, one after the other."""
+        """Velocities of the trunk, one after another."""
         return self.velocities[:1]
 
     @property
     def first(self) -> float:
-        """Slip of the trunk to the first state [D]."""
+        """Slip of the trunk up to the first state [D]."""
         return self.slip
 
     def branch(self, velocity: float, size: float) -> list[float]:
-        """Seconds of each leg of one branch; `size` is D [m]."""
+        """Duration of each leg of one branch [s]; `size` is D [m]."""
         twins = [self.twin * size / v for v in self.velocities[:-1] if self.twin]
         return [*(self.slip * size / v for v in self.velocities[1:]), *twins]
 
@@ -281,16 +281,16 @@ class SlideHoldSlide(Branching):
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """Velocities of the trunk, one after the other."""
+        """Velocities of the trunk, one after another."""
         return self.before
 
     @property
     def first(self) -> float:
-        """Slip of the trunk to the first state [D]."""
+        """Slip of the trunk up to the first state [D]."""
         return self.approach
 
     def branch(self, velocity: float, size: float) -> list[float]:
-        """Seconds of each leg of one branch; `size` is D [m]."""
+        """Duration of each leg of one branch [s]; `size` is D [m]."""
         twin = [self.twin * size / velocity] if self.twin else []
         return [max(self.holds), *twin, *[self.slip * size / w for w in self.reslides(velocity)] * len(self.holds)]
 
@@ -322,7 +322,7 @@ class GougeScenario(ScenarioBase):
     )
     sample_every: Number = Field(500, description="number of steps between samples")
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
-        0, description="steps after the protocol that record an energy ledger; each takes as long as ten other steps"
+        0, description="steps after the protocol that record an energy ledger; each takes as long as ten ordinary steps"
     )
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
@@ -338,7 +338,7 @@ class GougeScenario(ScenarioBase):
         if self.plate_grains > MOST:
             raise ValueError(
                 f"cell.length and cell.width make plates of {self.plate_grains:.3g} grains each: at most {MOST} are "
-                f"allowed, use a smaller cell or larger grains"
+                f"allowed; use a smaller cell or larger grains"
             )
         return self
 
@@ -409,7 +409,7 @@ class GougeScenario(ScenarioBase):
     def longest_step(self) -> float:
         """Approximate largest stable time step [s].
 
-        It is 2/√12 times √(m/k) for a smallest grain that is pressed by six equal ones with σ d² each.
+        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six equal ones with a force of σ d² each.
         """
         d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
         root, force = (d / 4) ** 0.5, self.load.normal_stress * d * d
@@ -423,7 +423,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def plate_grains(self) -> int:
-        """Number of grains of one plate, whose area covers the requested share of it."""
+        """Number of grains whose combined area covers the requested share of one plate."""
         low, high = (d / 2 for d in self.grains.diameter)
         return max(4, round(self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)))
 

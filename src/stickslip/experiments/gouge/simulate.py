@@ -90,9 +90,9 @@ class _Ensemble:
             self.kept.announce()
 
     def run(self) -> list[Realization | str]:
-        """Return each realization, or one sentence with the reason why it failed."""
+        """Return each realization, or one sentence that says why it failed."""
         before = self.scenario.realizations - len(self.alone)
-        more = f"; {before} were finished before" if before else ""
+        more = f"; {before} had finished earlier" if before else ""
         words = f"each takes {self.scenario.expected_cost}{more}"
         self.report(f"realizations ({len(self.alone)} to run)", 0.0, words)
         trunks = self._run_trunks()
@@ -180,7 +180,7 @@ def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:
 
 
 def _read_realization(path: Path | None) -> Realization | None:
-    """Read a realization that was finished before; None if there is none."""
+    """Read a realization that has already finished; None if there is none."""
     if path is None or not path.exists():
         return None
     if (version := archive.attributes(path)["stickslip"]) != __version__:

@@ -1,8 +1,8 @@
 """Means over samples and branches of a gouge experiment, and errors of numbers read off them.
 
 Samples (seeds) are independent, but branches of one sample start from states along one slide and may be correlated.
-With three or more samples, errors are therefore based on the scatter of samples, each the mean of its branches. With
-fewer, they are based on all branches and widened according to their correlation.
+With three or more samples, errors are therefore based on the scatter among samples, each represented by the mean of its
+branches. With fewer, they are based on all branches and widened according to their correlation.
 """
 
 from collections.abc import Callable
@@ -18,8 +18,8 @@ DRAWS = 400  # bootstrap draws for the error of a number read off a mean curve
 class Number(NamedTuple):
     """Number read off the mean over samples and branches; its standard error is NaN if there is only one branch.
 
-    `draws` are its values for samples (with fewer than three of them, branches) drawn with replacement. The draws are
-    the same for all numbers of a result.
+    `draws` are its values for samples (or branches, if there are fewer than three samples) drawn with replacement. The
+    draws are the same for all numbers of a result.
     """
 
     value: float
@@ -85,7 +85,7 @@ class Curve(NamedTuple):
 
 
 def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
-    """Return function(mean) of branches, given as rows (R, G), with its error by bootstrap."""
+    """Return function(mean) of branches, given as rows (R, G), with its bootstrap error."""
     groups = [rows[seeds == seed] for seed in np.unique(seeds)]
     means = np.array([group.mean(axis=0) for group in groups])
     value, alike = (
@@ -111,7 +111,7 @@ def _with_bootstrap_error(number: Number, wider: float = 1.0) -> Number:
 
 
 def intraclass_correlation(groups: list[list[float]]) -> float:
-    """Intraclass correlation of two values of one group, by analysis of variance; NaN without groups of two.
+    """Intraclass correlation between two values in one group, by analysis of variance; NaN without groups of two.
 
     Source: R. A. Fisher, Statistical Methods for Research Workers (1925), §40.
     """
@@ -150,7 +150,10 @@ def average(numbers: list[Number]) -> Number:
 
 
 def slope(x, numbers: list[Number]) -> Number:
-    """Fit the slope of a straight line to numbers of one result by least squares; needs two different x or more."""
+    """Fit the slope of a straight line to numbers of one result by least squares.
+
+    Needs at least two different values of x.
+    """
     x = np.asarray(x, float)
     if len(set(x.tolist())) < 2:
         raise ValueError(f"a slope through {len(x)} points was requested: give at least two different x")
@@ -159,7 +162,7 @@ def slope(x, numbers: list[Number]) -> Number:
 
 
 def difference(a: Number, b: Number) -> tuple[float, float]:
-    """Return the difference a − b of numbers of two results, and half the width of its 95 % interval (Welch)."""
+    """Return the difference a − b between numbers from two results, and half the width of its 95 % interval (Welch)."""
     variances = np.array([a.error**2, b.error**2])
     units = np.array([n.samples if n.samples >= LEAST else n.branches for n in (a, b)])
     if not variances.sum() > 0:

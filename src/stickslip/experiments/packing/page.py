@@ -48,7 +48,7 @@ ROWS = 60  # of a table of measures or members; the number of omitted rows is sh
 
 
 class PageContent(NamedTuple):
-    """Content of the page of a run or a packing."""
+    """Content of the page for a run or a packing."""
 
     title: str
     about: str
@@ -78,11 +78,11 @@ def load_content(
 
 
 def folder_content(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> PageContent:
-    """Load the content of the folder of a finished run or sweep.
+    """Load the content for the folder of a finished run or sweep.
 
     Parameters
     ----------
-    frame : name of the state whose modes are shown. Without it, the state with the fastest growing mode is selected if
+    frame : name of the state whose modes are shown. Without it, the state with the fastest-growing mode is selected if
         there are at most `SMALL` grains
     search : if False, no modes are computed
     report : called as report(stage, fraction done, text)
@@ -122,7 +122,7 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
         sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
     sections.append(("Scenario", _scenario_table(about["scenario"])))
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
-    without = "" if frames else "This run saved no states of grains, so there is no packing to show."
+    without = "" if frames else "This run saved no grain states, so there is no packing to show."
     title = f"{experiment}: {folder.resolve().name}"
     sentence = f"unstable ({labels[at]}): {_describe_growth(modes[0][2])}" if modes else ""
     return PageContent(
@@ -179,9 +179,9 @@ def _label(name: str, time: float, stages: list[dict], advances: bool, unit: str
 
 
 def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
-    """Find the state with the fastest growing mode.
+    """Find the state with the fastest-growing mode.
 
-    Returns its index, its modes, and the reason if the requested state has none because it is not in equilibrium.
+    Returns its index, its modes, and the reason if the requested state has no modes because it is not in equilibrium.
     """
     best, at, modes, why = 0.0, 0, [], ""
     for k, (name, state, law) in enumerate(states):
@@ -392,8 +392,8 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
             view += page.embedded_document(inside, "the packing in three dimensions")
             view += page.paragraph(HELP, kind="soft")
         except MissingExtraError as problem:
-            words.append(f"the page has no view in three dimensions: {problem}")
-            view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
+            words.append(f"the page has no three-dimensional view: {problem}")
+            view = page.paragraph(f"The three-dimensional view is missing: {problem}.", kind="absent")
     warning = shown.warning[:1].upper() + shown.warning[1:]
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
     if shown.verdict:
@@ -422,7 +422,7 @@ def _what_one_sees(shown: PageContent) -> str:
 
 HELP = (
     "Drag to rotate, scroll or pinch to zoom, drag with the right button to pan. Contacts across periodic boundaries "
-    "lead out of the cell to the image of their second grain. Rotations are not drawn."
+    "extend out of the cell to the image of their second grain. Rotations are not drawn."
 )
 
 
@@ -442,7 +442,7 @@ def write_movie(
     ----------
     colour : one of `quantities`; by default the speed for a run and the displacement for a mode
     mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
-    fps : frames per second; by default the movie of a run lasts about eight seconds, and a mode has 15
+    fps : frames per second; by default the movie of a run lasts about eight seconds, and that of a mode has 15
     count, amplitude : frames and amplitude of a mode's period, see `mode_frames`
     """
     if not shown.frames:

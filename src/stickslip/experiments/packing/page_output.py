@@ -39,7 +39,7 @@ def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = Fals
 
 @contextmanager
 def staged_file(path: Path) -> Iterator[Path]:
-    """Context manager of a temporary file that replaces a page or movie.
+    """Context manager for a temporary file that replaces a page or movie.
 
     A page or movie in the folder of a run is replaced or removed by the next run.
     """

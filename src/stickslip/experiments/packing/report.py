@@ -32,7 +32,7 @@ UNKNOWN_LAW = "another law"  # beginning of the last of `likely_causes`
 
 
 class Settling(NamedTuple):
-    """Change of a packing when it was settled; the verdict is for the settled packing."""
+    """Change in a packing caused by settling it; the verdict is for the settled packing."""
 
     moved: float  # largest displacement of a grain, in its radii
     moved_rms: float  # root mean square over grains, in their radii
@@ -50,7 +50,7 @@ class Settling(NamedTuple):
 
 
 def analyse_stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
-    """Analyse stability by the spectrum that fits the law: the damped one if there are dashpots."""
+    """Analyse stability with the spectrum that suits the law: the damped one if there are dashpots."""
     return (damped_stability if damping_model(law) else stability)(state, law, method=method, report=report)
 
 
@@ -75,7 +75,7 @@ def settled(state: State, law: Law) -> tuple[State, Settling]:
 
 
 def verdict(found: Stability | DampedStability, calm: Settling | None = None) -> str:
-    """Return the verdict in one sentence, which mentions if the packing was settled."""
+    """Return the verdict in one sentence, which says so if the packing was settled."""
     return f"{found.verdict}; {calm}" if calm else found.verdict
 
 
@@ -95,7 +95,7 @@ def to_dict(
     found: Stability | DampedStability, more: stability_more.Details | None = None, *,
     calm: Settling | None = None, why=(),
 ) -> dict:  # fmt: skip
-    """Return the JSON object with the documented keys; `why` are the likely causes, see `likely_causes`."""
+    """Return the JSON object with the documented keys; `why` gives the likely causes; see `likely_causes`."""
     static = found.undamped if isinstance(found, DampedStability) else found
     if isinstance(found, DampedStability):
         swings = found.exponents.imag > 0
@@ -140,7 +140,10 @@ def show(
     found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.Details | None = None, *,
     calm: Settling | None = None, why=(), remedy: str = "",
 ) -> None:  # fmt: skip
-    """Print the verdict, a table of pairs and the details; `why` and `remedy` if the packing is not in equilibrium."""
+    """Print the verdict, a table of pairs and the details.
+
+    Also `why` and `remedy` if the packing is not in equilibrium.
+    """
     static = found.undamped if isinstance(found, DampedStability) else found
     for line in words:
         console.print(line, style="yellow")

@@ -1,4 +1,4 @@
-"""Paper 002: quasi-rigid disks under biaxial load or shear, with unique contact status."""
+"""Paper 002: quasi-rigid disks under biaxial load or shear, with a unique contact status."""
 
 from functools import partial
 

@@ -28,7 +28,7 @@ class StatusCases(NamedTuple):
 
 
 def status_cases(main: QuasiResult, cases: int) -> StatusCases:
-    """Draw critical contacts, slip signs and loads on states of the paths, and count the cases with a unique status."""
+    """Draw critical contacts, slip signs and loads for states on the paths; count the cases with a unique status."""
     rng, count, drawn = np.random.default_rng(main.scenario.seed), np.zeros(4, int), 0
     while drawn < cases:
         m = _random_system(main, rng, drawn)
@@ -45,7 +45,7 @@ def status_cases(main: QuasiResult, cases: int) -> StatusCases:
 
 
 def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
-    """Linear system of a random state of one sample's path; successive numbers cycle through the samples."""
+    """Linear system for a random state on one sample's path; successive numbers cycle through the samples."""
     one = main.tested[number % len(main.tested)]
     return linear_system(one.path.states[int(rng.integers(len(one.path.points)))], one.law)
 
@@ -62,7 +62,7 @@ class ApexCases(NamedTuple):
 
 
 def counterexample(directions: int = 720) -> tuple[str, ...]:
-    """Return the largest set of statuses that are consistent together for one contact in an unstable surrounding.
+    """Return the largest set of statuses that are simultaneously consistent for one contact in unstable surroundings.
 
     K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9, over all directions of the load.
     """
@@ -78,9 +78,9 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
 
 
 def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
-    """Draw one or two contacts at the apex, up to two at Coulomb's limit, and loads; count the consistent statuses.
+    """Draw one or two contacts at the apex, up to two at the Coulomb limit, and loads; count the consistent statuses.
 
-    The counts show whether the four statuses at the apex exclude each other.
+    The counts show whether the four statuses at the apex are mutually exclusive.
     """
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:

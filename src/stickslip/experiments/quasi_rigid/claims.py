@@ -40,7 +40,7 @@ def evaluate_claims(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
 
 
 def _most_sliding_state(one: SampleResult) -> State:
-    """State of the path with the most sliding contacts before its last tenth."""
+    """State with the most sliding contacts on the path before its last tenth."""
     early = [p for p in one.path.points if p.load <= 0.9 * one.path.points[-1].load]
     return max(early, key=lambda p: p.sliding).state
 
@@ -85,7 +85,7 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
             "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"', True,
             single if checked else None, "", 0.0,
             f"{'exactly' if single else 'not exactly'} one under the load of the test in each of {checked} states with "
-            f"1 to 10 critical contacts that are stable, which is the premise; {number - checked} more have an "
+            f"1 to 10 critical contacts that are stable (the premise); {number - checked} more have an "
             f"eigenvalue of k that is not positive, for example where rattlers have just been wedged; no consistent "
             f"status at the end of {ends} of {len(main.tested)} paths",
         ),
@@ -95,7 +95,7 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
             f"{drawn.total - drawn.p_matrices} have no P-matrix, {drawn.none} have no consistent status under the load "
             f"that was drawn, and {drawn.several} have two or more",
             reference=True,
-            reference_source="linear complementarity problems are uniquely solvable for every load for P-matrices only",
+            reference_source="linear complementarity problems are uniquely solvable for every load only for P-matrices",
         ),
     ]  # fmt: skip
 
@@ -120,18 +120,21 @@ def _slow_error(main: QuasiResult) -> Claim:
 
 
 def sign_test(yes: int, total: int) -> bool | None:
-    """Decide by a sign test at 5 % whether `yes` outcomes prevail; None if there are too few cases, such as four."""
+    """Decide by a sign test at the 5 % level whether `yes` outcomes prevail.
+
+    None if there are too few cases, such as four.
+    """
     if binomtest(yes, total, alternative="greater").pvalue <= 0.05:
         return True
     return False if binomtest(yes, total, alternative="less").pvalue <= 0.05 else None
 
 
 def collapse_ratio(one: SampleResult, beyond: float) -> tuple[float, float]:
-    """Bounds of the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
+    """Bounds on the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
 
     The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the share
-    `beyond`, or reached the whole load, gives a lower bound only. A path that did not end by a loss of stability gives
-    an upper bound only.
+    `beyond`, or reached the whole load, gives a lower bound only. A path that did not end with a loss of stability
+    gives an upper bound only.
     """
     end = one.path.points[-1].load
     followed = min(1.0, (1 + beyond) * end)
@@ -155,9 +158,9 @@ def _collapse(main: QuasiResult) -> Claim:
     exact = [low for low, high in bounds if low == high]
     passed = [low for low, high in bounds if 0 < low < high]
     parts = [f"{min(exact):.4f} to {max(exact):.4f} in {len(exact)}" if exact else "in none"]
-    parts += [f"above {min(passed):.4f} in {len(passed)}, where dynamics saw no burst"] if passed else []
+    parts += [f"above {min(passed):.4f} in {len(passed)}, where the dynamics showed no burst"] if passed else []
     unlost = sum(low == 0 for low, _ in bounds)
-    parts += [f"{unlost} whose path did not end by a loss of stability"] if unlost else []
+    parts += [f"{unlost} whose path did not end with a loss of stability"] if unlost else []
     return claim(
         "collapse-load-ratio", f"Sec. V A: {YIELD}; no load is printed", None, censored_median(bounds), "1", COLLAPSE,
         f"load at which slow dynamics collapses over the load at which the path ends, median over all {len(bounds)} "
@@ -202,7 +205,10 @@ def _premise(main: QuasiResult) -> Claim:
 
 
 def _unique_without_premise(one: SampleResult) -> np.ndarray:
-    """Points at which Q > 0 for all v fails, the status is unique for any load, and the path continues; shape (L,)."""
+    """Points at which Q > 0 does not hold for all v, the status is unique for any load, and the path continues.
+
+    Shape (L,).
+    """
     looks = one.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
 
@@ -241,12 +247,12 @@ def _apex(opened: ApexCases) -> Claim:
         f"the four statuses at the apex exclude each other where no choice has lost its stability (det k of one sign): "
         f"{opened.wrong} of {opened.coherent} such cases on real packings do not have exactly one consistent choice; "
         f"otherwise, {opened.several} of {opened.total - opened.coherent} have two or more and {opened.none} have "
-        f"none; one contact in an unstable surrounding has several together: {', '.join(opened.example)}",
+        f"none; one contact in unstable surroundings has several at once: {', '.join(opened.example)}",
     )  # fmt: skip
 
 
 def _mechanisms(main: QuasiResult) -> Claim:
-    """Claim about the null modes of a sample: with walls that translate, walls that also turn, all contacts sliding."""
+    """Claim about the null modes of a sample: walls translate; walls also turn; all contacts slide."""
     one = main.tested[0]
     state, law, n = one.path.states[0], one.law, main.scenario.disks.number
     walls = state.control.free.copy()

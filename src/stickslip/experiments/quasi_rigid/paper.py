@@ -24,7 +24,7 @@ class Reproduction(NamedTuple):
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
-    """Return the biaxial test: the force on the lid grows to up to four times its value, until stability is lost."""
+    """Return the biaxial test: the force on the lid grows, at most fourfold, until stability is lost."""
     loading = {"test": "biaxial", "factor": 4.0, "increment": 2e-3 if quick else 1e-3, "unload": True}
     if quick:
         return validate_scenario(

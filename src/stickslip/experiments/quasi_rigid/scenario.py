@@ -15,7 +15,7 @@ class Disks(ScenarioTable):
     """Disks with friction, brought to rest under a pressure."""
 
     number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="number of disks")
-    radius: Radii = Field((0.4, 0.6), description="radii, each of equal numbers of disks; masses are 4 R² [length]")
+    radius: Radii = Field((0.4, 0.6), description="radii, each for an equal number of disks; masses are 4 R² [length]")
     pressure: Positive = Field(
         1e-4, description="pressure; divided by kn, it is the typical overlap in diameters [force/length]"
     )
@@ -26,7 +26,7 @@ class Springs(ScenarioTable):
 
     kn: Positive = Field(1.0, description="K_n [force/length]")
     kt: Positive = Field(0.5, description="K_t [force/length]")
-    mu: NotNegative = Field(0.5, description="friction coefficient between disks and with walls")
+    mu: NotNegative = Field(0.5, description="friction coefficient between disks, and between disks and walls")
 
 
 class Loading(ScenarioTable):

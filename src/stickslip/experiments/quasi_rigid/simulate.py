@@ -54,7 +54,7 @@ class PathStiffness(NamedTuple):
     """Properties of the stiffness at L points of a path; eigenvalues are divided by kn."""
 
     load: np.ndarray  # (L,)
-    critical: np.ndarray  # (L,) number of contacts at Coulomb's limit
+    critical: np.ndarray  # (L,) number of contacts at the Coulomb limit
     lowest: np.ndarray  # (L,) smallest real part of the eigenvalues of k
     symmetric: np.ndarray  # (L,) smallest eigenvalue of the symmetric part of k: Q > 0 for all v fails below zero
     pairs: np.ndarray  # (L,) number of complex pairs of m⁻¹k
@@ -180,7 +180,7 @@ def simulate_sample(
 
 
 def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> Curve:
-    """Stress-strain curve of states at given shares of the load; strains refer to the first state."""
+    """Stress-strain curve of states at given shares of the load; strains are relative to the first state."""
     if scenario.loading.test == "shear":
         cells, pressure = np.array([s.cell.vectors for s in states]), scenario.disks.pressure
         shear, area = cells[:, 1, 0] / cells[:, 1, 1], cells[:, 0, 0] * cells[:, 1, 1]
@@ -206,10 +206,10 @@ def strain_difference(path: Curve, dynamics: Curve) -> float:
 def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
     """Load at which the slowest run leaves the path and moves fast on its own; None if it does not.
 
-    In slow motion the kinetic energy falls as the square of the loading rate. A step of the load may begin a collapse
+    In slow motion the kinetic energy scales as the square of the loading rate. A load step may begin a collapse
     if the slowest run has more than half the energy of the next faster run near that load, and more than thirty times
     its own median so far. It does begin one if from there on the strain departs from that of the path, or if the path
-    has ended. After soft stretches, where dynamics lags behind, the strain returns to the path.
+    has ended. After soft stretches, where dynamics lags behind, the strain returns to that of the path.
     """
     if len(runs) < 2:
         return None
@@ -294,7 +294,7 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
     """Relative errors of the four linear relations of Table I in the engine.
 
     The engine's contact forces, resultants and velocities before and after a small random motion of all bodies, which
-    opens no contact, are compared with the predictions by c, K, S and cᵀ.
+    opens no contact, are compared with the predictions from c, K, S and cᵀ.
     """
     m = linear_system(state, law)
     size = min(size, max(CLOSED * float((m.force[:, 0] / m.springs[:, 0, 0]).min()), LEAST))

@@ -45,7 +45,9 @@ def fit_record(
     if sprung and stiffness is None and not free_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
     if not sprung and (stiffness is not None or free_stiffness):
-        raise ValueError(f"{file} has slip velocity and no load_point, so there is no spring: leave out the stiffness")
+        raise ValueError(
+            f"{file} has a slip velocity but no load_point, so there is no spring: leave out the stiffness"
+        )
     changes = normal and np.ptp([leg.normal for leg in record.legs]) > 0
     free = tuple(name for name, on in (("stiffness", free_stiffness), ("alpha", changes), ("trend", detrend)) if on)
     given = {"stiffness": stiffness, "v0": v0}
@@ -55,7 +57,7 @@ def fit_record(
 
 
 def _parse_columns(text: str | None) -> dict[str, int] | None:
-    """Parse the numbers of columns, such as "time=0,friction=3"."""
+    """Parse column numbers, such as "time=0,friction=3"."""
     if text is None:
         return None
     pairs = [item.rpartition("=") for item in text.split(",")]
@@ -142,8 +144,8 @@ def doubts(found: RecordFits) -> list[str]:
     """Return one sentence for each fit with a D_c that suggests a wrong unit of length."""
     low, high = CREDIBLE
     return [
-        f"{one.law} law: D_c = {dc:.3g} m is outside of {low:g} to {high:g} m, where experiments lie: is the unit of "
-        f"the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
+        f"{one.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
+        f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
         for one in found.fits
         if np.isfinite(dc := one.values.get("dc", np.nan)) and not low <= dc <= high
         for unit, factor in [_likelier_unit(dc)]
@@ -151,14 +153,14 @@ def doubts(found: RecordFits) -> list[str]:
 
 
 def _likelier_unit(dc: float) -> tuple[str, float]:
-    """Unit in which the displacements may be, and the factor from the unit that the file gives."""
+    """Unit in which the displacements may be given, and the conversion factor from the unit stated in the file."""
     factors = [10.0**k for k in (-9, -6, -3, 3, 6, 9)]
     factor = min(factors, key=lambda one: abs(np.log(dc * one / 1e-5)))  # nearest to ten micrometres
     return f"a unit {1 / factor:g} times smaller" if factor < 1 else f"a unit {factor:g} times larger", factor
 
 
 def conclusions(found: RecordFits) -> list[str]:
-    """Return the conclusion: the law that the data prefer, or the sentence of a single fit."""
+    """Return the conclusion: the law that the data prefer, or the sentence for a single fit."""
     return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
 
 

@@ -26,7 +26,7 @@ def files(result: SliderResult):
 def _write_series(result: SliderResult, path: Path) -> None:
     h, noise = result.history, result.scenario.samples.noise
     record = LabRecord(h.time, result.recorded, h.load_point, slip=h.slip, velocity=h.velocity, theta=h.theta)
-    note = f"noise of {noise:g} is in friction" if noise else "no noise"
+    note = f"noise of {noise:g} was added to friction" if noise else "no noise"
     write_csv(path, record, (f"stickslip, experiment rate-state: {note}",))
 
 

@@ -54,11 +54,11 @@ class Samples(ScenarioTable):
     """Recorded samples."""
 
     number: Annotated[int, Field(ge=10, le=100_000)] = Field(
-        150, description="number of samples of each leg; the first ones are closer in time"
+        150, description="number of samples of each leg; the first ones are closer together in time"
     )
     noise: NotNegative = Field(0.0, description="standard deviation of noise added to the recorded friction")
     correlation: Annotated[float, Field(ge=0, lt=1)] = Field(
-        0.0, description="correlation of the noise of neighbouring samples"
+        0.0, description="correlation between the noise of neighbouring samples"
     )
 
 
@@ -80,7 +80,7 @@ class RateStateScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_start(self):
         if self.legs[0].velocity == 0:
-            raise ValueError("the first leg is a hold: start with a leg of positive velocity, with steady sliding")
+            raise ValueError("the first leg is a hold: start with a leg of steady sliding at positive velocity")
         if self.surface.alpha > 0 and self.surface.b == 0:
             raise ValueError("surface.alpha acts through the state variable: set surface.b > 0, or omit alpha")
         return self

@@ -36,7 +36,7 @@ EXPERIMENT = Experiment(
         title="Paper 001: sheared packings of spheres",
         cuts=(
             "2 packings instead of 5; strain steps of 5e-4 instead of 1e-4 beyond 1e-3 (2e-3); Newtonian runs of "
-            "25 growth times instead of 45, at least 2e4 time units instead of 5e4: too short to fail; 12 spectra"
+            "25 growth times (at least 2e4 time units) instead of 45 (5e4), too short to reach failure; 12 spectra"
             " in a run instead of 40"
         ),
         scenario=_here("paper.paper_scenario"),

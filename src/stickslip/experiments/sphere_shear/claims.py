@@ -78,7 +78,7 @@ def _path_claims(main: ShearResult) -> list[Claim]:
     return [
         _median_claim(
             "onset-strain", "Fig 1: first pair; no strain is printed", None, births, "strain", "onset",
-            f"the packing fraction is not printed either, it is {np.median(fraction):.3g} here, with pressure "
+            f"the packing fraction is not printed either; it is {np.median(fraction):.3g} here, with pressure "
             f"{_range(pressures)}; onset {_range(births)}; bisected to 1e-6 from the last saved state without a pair",
         ),
         _median_claim(
@@ -119,8 +119,9 @@ class Stretch(NamedTuple):
 def exponential_stretch(run: Released) -> Stretch | None:
     """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
 
-    There the running maximum of M lies within a factor of two of the line that meets it in the fit window. Before, M
-    is at its initial level; afterwards the spectrum changes. Returns None if M did not cross the fit window.
+    In this part, the running maximum of M lies within a factor of two of the line that meets it in the fit window.
+    Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
+    window.
     """
     if run.growth is None:
         return None
@@ -215,7 +216,10 @@ def _failure_claims(main: ShearResult) -> list[Claim]:
 def _stress_drop(
     id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict
 ) -> Claim:
-    """Claim about the loss of shear stress over its initial value; the note gives it over the pressure."""
+    """Claim about the loss of shear stress relative to its initial value.
+
+    The note gives it relative to the pressure.
+    """
     there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]

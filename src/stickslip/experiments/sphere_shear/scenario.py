@@ -31,7 +31,7 @@ class Packing(ScenarioTable):
     @model_validator(mode="after")
     def _check_packing(self):
         if self.packing_fraction is not None and self.pressure is not None:
-            raise ValueError("packing.packing_fraction and packing.pressure were both given: give one of them")
+            raise ValueError("packing.packing_fraction and packing.pressure were both given: give only one of them")
         if isinstance(self.radius, tuple) and len(self.radius) > self.grains:
             raise ValueError(
                 f"packing.radius has {len(self.radius)} entries for {self.grains} grains: give at most {self.grains}"
@@ -56,7 +56,7 @@ class Shear(ScenarioTable):
             raise ValueError(f"shear.step has {len(self.steps)} entries for {legs} legs: give one or {legs}")
         steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(self.strain), self.steps, strict=True))
         if steps > 100_000:
-            raise ValueError(f"shear takes {steps:.0f} steps: at most 100000 are allowed, use larger steps")
+            raise ValueError(f"shear takes {steps:.0f} steps: at most 100000 are allowed; use larger steps")
         return self
 
     @property
@@ -69,7 +69,7 @@ class Release(ScenarioTable):
     """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
 
     e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
-    least: Duration = Field(5e4, description="minimum duration, to include what follows a fast growth [time]")
+    least: Duration = Field(5e4, description="minimum duration, to include what follows fast growth [time]")
     duration: Duration = Field(6e5, description="maximum duration [time]")
     dt: Positive = Field(0.1, description="time step [time]")
     seed_velocity: Positive = Field(

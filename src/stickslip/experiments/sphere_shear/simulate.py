@@ -222,7 +222,7 @@ def simulate_shear(
     Parameters
     ----------
     folder : run folder, in which points of the paths and runs are saved as soon as they finish; a run that was killed
-        resumes from them and agrees with an uninterrupted run to the tolerance of the solver
+        resumes from them and agrees with an uninterrupted run to within the tolerance of the solver
     workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
     report : called as report(stage, share done, words with the relevant quantities)
 

@@ -1,6 +1,6 @@
 """Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
 
-The format is NetCDF 3, which xarray reads with SciPy alone and which geoscience programs read.
+The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read.
 """
 
 from pathlib import Path
@@ -27,8 +27,9 @@ def is_sweep(folder: str | Path) -> bool:
 def open_sweep(folder: str | Path) -> xr.Dataset:
     """Load the results of a sweep from its folder or file.
 
-    In a grid, variables have a dimension for every swept key; otherwise `point`, and `seed` if it is counted. Values of
-    unfinished members are NaN. `member` is the folder of each member, and `failure` its error message.
+    In a grid, variables have a dimension for every swept key; otherwise they have `point`, and `seed` if it is given as
+    a count. Values of unfinished members are NaN. `member` is the folder of each member, and `failure` its error
+    message.
 
     Raises
     ------
@@ -97,7 +98,7 @@ def _labels(axis: Axis) -> np.ndarray:
 
 
 def _attributes(description: str | None) -> dict:
-    """Return the attributes of a scenario key: its description, and the unit in the last brackets of it."""
+    """Return the attributes of a scenario key: its description, and the unit in its last brackets."""
     if not description:
         return {}
     words, bracket, unit = description.rpartition("[")

@@ -1,4 +1,4 @@
-"""Definition of a sweep: many scenarios from one, by a table [sweep] of keys with lists of values or distributions.
+"""Definition of a sweep: many scenarios from one, by a [sweep] table of keys with lists of values or distributions.
 
 A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
 `draw_seed` and their own key, so adding another key does not change them.
@@ -105,12 +105,12 @@ def sweep(**tables) -> Sweep:
     tables = with_checksum(tables)
     base, table = {k: v for k, v in tables.items() if k != "sweep"}, tables.get("sweep")
     if not isinstance(table, dict):
-        raise ScenarioError("a sweep needs a table [sweep] of keys with lists of values or distributions")
+        raise ScenarioError("a sweep needs a [sweep] table whose keys have lists of values, or distributions")
     kind = scenario_class(base)
     mode, number, seed = _read_options(table)
     entries = _flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})
     if not entries:
-        raise ScenarioError('[sweep] contains no key: give one, such as "law.mu" = [0.2, 0.4]')
+        raise ScenarioError('[sweep] contains no keys: give one, such as "law.mu" = [0.2, 0.4]')
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
@@ -127,12 +127,15 @@ def sweep(**tables) -> Sweep:
 
 
 def members(chosen: Sweep) -> Iterator[Member]:
-    """Iterate over all members, the last dimension fastest; each is validated when it is reached, as in `member`."""
+    """Iterate over all members, with the last dimension varying fastest.
+
+    Each is validated when it is reached, as in `member`.
+    """
     return (member(chosen, k) for k in range(chosen.count))
 
 
 def member(chosen: Sweep, k: int) -> Member:
-    """Return member `k`, counted from 0 with the last dimension fastest.
+    """Return member `k`, counted from 0 with the last dimension varying fastest.
 
     Raises
     ------
@@ -225,14 +228,18 @@ def _parse_axis(key: str, entry, base: dict, mode: str, number: int | None, seed
     kind, many = _values_kind(key, entry), entry.get("number", number)
     if kind == "count":
         if key != "seed":
-            raise ScenarioError(f"sweep.{key} has count, valid only for seed: use a list, linspace or a distribution")
+            raise ScenarioError(
+                f"sweep.{key} has count, which is valid only for seed: use a list, linspace or a distribution"
+            )
         first = base.get("seed", 0)
         count = _check_integer("sweep.seed.count", entry["count"], 1, MOST)
         return Axis(key, tuple(range(_check_integer("seed", first, 0), first + count)), kind, entry)
     _check_parameters(key, kind, entry[kind])
     if mode == "sample":
         if "number" in entry:
-            raise ScenarioError(f"sweep.{key}.number was given: a sample has one number for all keys, sweep.number")
+            raise ScenarioError(
+                f"sweep.{key}.number was given: a sample has one number for all keys, given by sweep.number"
+            )
         return Axis(key, (), kind, entry)
     if many is None:
         raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
@@ -274,7 +281,9 @@ def _check_parameters(key: str, kind: str, entry) -> None:
             )
         return
     if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry))):
-        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: use two numbers up to {LARGEST:g}, the two ends")
+        raise ScenarioError(
+            f"sweep.{key}.{kind} = {entry} was given: use two numbers up to {LARGEST:g} as the two ends"
+        )
     if not entry[0] < entry[1] and kind in DRAWN:
         raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: the first end must be below the second")
     if kind in ("geomspace", "loguniform") and min(entry) <= 0:
@@ -339,6 +348,6 @@ def _check_same_length(axes: tuple[Axis, ...]) -> None:
     for axis in side[1:]:
         if len(axis.values) != len(side[0].values):
             raise ScenarioError(
-                f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in the "
-                "mode zip, all keys need the same number of values"
+                f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in "
+                "zip mode, all keys need the same number of values"
             )

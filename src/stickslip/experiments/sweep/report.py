@@ -27,12 +27,12 @@ READY = "ready"  # file that marks a sweep that replaces another one as complete
 def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
 ) -> SweepResult | None:
-    """Print the number of members, ask for confirmation if they are many, validate all and run the unfinished ones.
+    """Print the number of members, ask for confirmation if there are many, validate all and run the unfinished ones.
 
     Parameters
     ----------
-    confirm : called after the number and the estimated time were printed, if there are more than MANY members; if it
-        returns False, nothing is run
+    confirm : called after the number and the estimated time have been printed, if there are more than MANY members;
+        if it returns False, nothing is run
     """
     where = reach(workers)
     _install_results(out)
@@ -126,7 +126,7 @@ def _discard_other_sweep(target: Path, chosen: Sweep) -> None:
 
 
 def _install_results(out: Path) -> None:
-    """Move a complete sweep to its place; if the process is killed meanwhile, the next call finishes the move."""
+    """Move a complete sweep into place; if the process is killed during the move, the next call finishes it."""
     target = out / ANEW
     if not (target / READY).exists():
         return
@@ -163,7 +163,7 @@ def show(swept: SweepResult) -> None:
 
 
 def ranges(swept: SweepResult) -> dict[str, dict]:
-    """Return {measure: unit, number of members that have it, least, median and greatest value}."""
+    """Return {measure: unit, number of members that have it, minimum, median and maximum}."""
     rows, out = [one for one in swept.found if one], {}
     for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
         values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
@@ -180,4 +180,6 @@ def failure_summary(swept: SweepResult) -> str | None:
     failed = sum(map(bool, swept.failures))
     if not failed:
         return None
-    return f"{failed} of {len(swept.names)} members failed: the others are saved, repeat the call to run these again"
+    return (
+        f"{failed} of {len(swept.names)} members failed: the others are saved; repeat the call to rerun the failed ones"
+    )

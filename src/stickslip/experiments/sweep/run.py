@@ -65,7 +65,7 @@ def validate_members(chosen: Sweep, report=None) -> list[str]:
 
 
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
-    """Return the estimated time of all members and its basis, as a phrase.
+    """Return the estimated time for all members and its basis, as a phrase.
 
     The estimate uses the median time of finished members, or else a trial run of the first one, for at most PROBE
     seconds in a local process.
@@ -103,7 +103,7 @@ def _ignore_report(share: float, words: str) -> None:
 
 
 def read_finished(folder: Path) -> dict | None:
-    """Return measures and seconds of a member finished by this version, or None.
+    """Return the measures and the run time in seconds of a member finished by this version, or None.
 
     The name of the folder identifies the run.
     """
@@ -128,7 +128,7 @@ def run_sweep(
 
     Parameters
     ----------
-    names : names of all members, if they were already validated
+    names : names of all members, if already validated
     workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
     figures : whether each member also draws its figures
     report : called as report(fraction of what is run, text, seconds left or None)
@@ -186,7 +186,7 @@ class _Progress:
 
 
 def _store_output(folder: Path, left: MemberOutput) -> dict:
-    """Write the files of a member to its folder, and last its measures, which mark it as finished."""
+    """Write the files of a member to its folder, and finally its measures, which mark it as finished."""
     if left.files:
         with staged_results(folder) as staging:
             for name, data in left.files.items():
@@ -224,7 +224,7 @@ def _is_same_sweep(path: Path, text: str) -> bool:
 
 
 def _run_in_folder(one, folder: Path, figures: bool, words: str, report) -> tuple[float, dict]:
-    """Run a scenario, write its files, and return seconds and measures."""
+    """Run a scenario, write its files, and return the seconds taken and the measures."""
     start, experiment = time.perf_counter(), experiment_of(one)
 
     def simulate():
