@@ -1,3 +1,5 @@
+__version__: str
+
 from . import control as control
 from . import ensemble as ensemble
 from . import experiments as experiments

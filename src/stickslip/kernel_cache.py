@@ -6,6 +6,8 @@ syntax trees of the module and of every module of the package that it imports, w
 Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that
 uses it.
 
+A kernel that is not in the user's cache may be a prebuilt one, see `prebuilt`.
+
 Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A file that does not match
 its checksum, or cannot be unpickled, is compiled again with one warning.
 """
@@ -29,7 +31,7 @@ import numba
 from numba.core import event
 from numba.core.caching import Cache, CacheImpl, IndexDataCacheFile, _CacheLocator
 
-from . import compilation
+from . import compilation, prebuilt
 
 _PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
@@ -106,7 +108,7 @@ def digest(module: str) -> str:
     while waiting:
         name = waiting.pop()
         path = _file(name)
-        if path and name not in found and name != __name__:
+        if path and name not in found and name not in (__name__, prebuilt.__name__):
             found[name], imports = _syntax(path)
             waiting += [*_names(imports, name, path.name == "__init__.py"), *_LOOKED_UP.get(name, ())]
     settings = numba.__version__, _CONFIG.BOUNDSCHECK, int(_CONFIG.OPT)
@@ -258,6 +260,16 @@ def _warn(path: str, problem: str) -> None:
     warnings.warn(words, DamagedKernelWarning, stacklevel=3)
 
 
+def _load(self, key, load=IndexDataCacheFile.load):
+    """Load a kernel of the user's cache, or else a prebuilt one."""
+    found = load(self, key)
+    place, path = prebuilt.find().folder, Path(self._index_path)
+    if found is None and place and path.parent.parent == folder():
+        other = IndexDataCacheFile(str(place / path.parent.name), path.stem, self._source_stamp)
+        found = load(other, prebuilt.key_of(key))
+    return found
+
+
 def _load_index(self, load=IndexDataCacheFile._load_index):
     try:
         return load(self)
@@ -335,7 +347,8 @@ def install() -> None:
         CacheImpl._locator_classes.insert(0, _Locator)
         event.register("numba:compile", _CompileListener())
     for kind, name, method in (
-        (Cache, "save_overload", _save_overload), (IndexDataCacheFile, "save", _save),
+        (Cache, "save_overload", _save_overload),
+        (IndexDataCacheFile, "save", _save), (IndexDataCacheFile, "load", _load),
         (IndexDataCacheFile, "_load_index", _load_index), (IndexDataCacheFile, "_load_data", _load_data),
     ):  # fmt: skip
         setattr(kind, name, method)

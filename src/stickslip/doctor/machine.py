@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from threadpoolctl import threadpool_info
 
-from .. import __version__, extras, kernel_cache
+from .. import __version__, extras, kernel_cache, prebuilt
 from ..ensemble import default_workers
 from ..experiments.gouge.lammps import load_error
 from ..solve.linear import factorised
@@ -66,7 +66,7 @@ def threads() -> dict[str, str]:
 
 
 def caches() -> dict[str, str | int | bool]:
-    """Folder of compiled kernels, whether it is writable, and its size."""
+    """Folder of compiled kernels, whether it is writable, its size, and the use of prebuilt kernels."""
     folder = kernel_cache.folder()
     saved = not kernel_cache.is_temporary()
     chosen = "NUMBA_CACHE_DIR" if os.environ.get("NUMBA_CACHE_DIR") else "stickslip"
@@ -79,6 +79,7 @@ def caches() -> dict[str, str | int | bool]:
         "files": len(files),
         "bytes": sum(path.stat().st_size for path in files),
         "of_other_versions": len(kernel_cache.outdated()),
+        "prebuilt": prebuilt.find().reason,
     }
 
 

@@ -13,6 +13,7 @@ from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck
 
 COMPILING = "the first time kernels are compiled: up to a minute"
+EMPTY = "; filled during the first runs, or now by stickslip warm"
 
 
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
@@ -100,8 +101,10 @@ def _describe_caches(caches: dict) -> dict[str, str]:
         writable = "for this process only, because no other folder is writable: set NUMBA_CACHE_DIR"
     words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
     words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
-        "" if caches["files"] else "; filled during the first runs, or now by stickslip warm"
+        "" if caches["files"] or caches["prebuilt"].startswith("for ") else EMPTY
     )
+    if caches["prebuilt"] != "not installed":
+        words["prebuilt"] = caches["prebuilt"]
     if caches["of_other_versions"]:
         words["other versions"] = f"{caches['of_other_versions']} folders in it, safe to delete"
     return words

@@ -15,6 +15,7 @@ from ..core.readable import readable
 from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import equilibrate
+from ..solve.linear import one_thread
 
 
 def disk_array(
@@ -215,13 +216,14 @@ def _quench(state: State, law: Law, tolerance: float) -> State:
 
     scale = float(law.table[0, 0, 0]) * float(state.grains.radius.mean()) ** 2
     q = state.grains.position[:, :dim].ravel()
-    best = minimize(
-        lambda x: tuple(part / scale for part in energy(x)),
-        q,
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 0.0, "gtol": 1e-9, "maxcor": 20},
-    )
+    with one_thread():  # many tiny systems: on a busy machine threads of BLAS would take ten times as long
+        best = minimize(
+            lambda x: tuple(part / scale for part in energy(x)),
+            q,
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 0.0, "gtol": 1e-9, "maxcor": 20},
+        )
     here = placed(best.x)
     end, outcome = equilibrate(here, law, tolerance=tolerance, check="nothing")
     if not outcome.ok:

@@ -13,6 +13,7 @@ from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import no_equilibrium_message, with_modes_under
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix
+from .linear import suitable_threads
 from .stability import (
     MIXED,
     PAIR_ABOVE,
@@ -201,7 +202,8 @@ def _solve_dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
     """Growing exponents, their mass-weighted modes, and the slowest decay, in units of the largest λ."""
     n = pull.shape[0]
     form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull.toarray(), -drag.toarray()]])
-    values, vectors = eig(form, overwrite_a=True)
+    with suitable_threads(n):
+        values, vectors = eig(form, overwrite_a=True)
     chosen = np.flatnonzero(_is_growing(values))
     decaying = values[(np.abs(values) ** 2 > ZERO_BELOW) & (values.real <= PAIR_ABOVE)]
     slowest = complex(decaying[np.argmax(decaying.real)]) if len(decaying) else None

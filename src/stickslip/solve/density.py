@@ -11,6 +11,7 @@ from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, translations
+from .linear import suitable_threads
 from .spectrum import REAL_BELOW
 
 DENSE_UP_TO = 2_500  # coordinates, solved within half a minute
@@ -124,7 +125,8 @@ def density_of_states(
         )
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
-        return _count_modes(eigvals(matrix.toarray(), overwrite_a=True), bins)
+        with suitable_threads(len(free)):
+            return _count_modes(eigvals(matrix.toarray(), overwrite_a=True), bins)
     return _estimate_density(matrix, translations(matrix, free), bins, probes, seed, report)
 
 

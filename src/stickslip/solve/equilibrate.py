@@ -1,7 +1,6 @@
 """Robust search for equilibrium: Newton's method, with strongly damped dynamics as a fallback."""
 
 import warnings
-from contextlib import nullcontext
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
@@ -15,7 +14,7 @@ from ..core.readable import pluralize
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import dynamical_matrix, freedom
-from .linear import DENSE_BELOW, one_thread
+from .linear import DENSE_BELOW, suitable_threads
 from .newton import Factorisation, newton
 from .relax import relax, residual
 from .spectrum import soft_modes
@@ -114,7 +113,7 @@ def _describe_instability(state: State, law: Law, check: str) -> str:
         # without rattlers, whose zeros would crowd out the other eigenvalues
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
         return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
-    with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
+    with suitable_threads(matrix.shape[0]):
         return _check_dense(matrix.toarray(), check)
 
 

@@ -3,6 +3,7 @@
 import os
 import weakref
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import cache
 
 import numpy as np
@@ -28,6 +29,11 @@ def one_thread():
     Systems of a few hundred coordinates are solved faster this way, up to ten times faster on a shared machine.
     """
     return _thread_controller().limit(limits=1, user_api="blas")
+
+
+def suitable_threads(size: int):
+    """Context manager for dense linear algebra with `size` coordinates: one thread of BLAS below DENSE_BELOW."""
+    return one_thread() if size < DENSE_BELOW else nullcontext()
 
 
 @cache

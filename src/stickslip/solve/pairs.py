@@ -12,7 +12,7 @@ from ..core.readable import readable
 from ..core.state import State
 from .certificate import Certificate, gershgorin_certificate
 from .freedom import Freedom, dynamical_matrix, freedom
-from .linear import factorised, one_thread
+from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
 from .windows import (
     NEAR_PAIR,
@@ -125,7 +125,8 @@ def _no_report(share: float, words: str) -> None:
 def _pairs_dense(matrix, tell: Report):
     """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, from LAPACK."""
     tell(0.7, "dense eigenvalues")
-    values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
+    with suitable_threads(matrix.shape[0]):
+        values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
     upper = values.imag > 0
     return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
 

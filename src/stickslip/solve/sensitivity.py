@@ -1,6 +1,5 @@
 """Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
-from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
-from .linear import DENSE_BELOW, one_thread
+from .linear import suitable_threads
 from .stability import PAIR_ABOVE, contacts_at_limit
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes
@@ -134,7 +133,7 @@ def contact_sensitivity(
         raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
     if (residual := imbalance(state, law)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
-    with one_thread() if len(free) < DENSE_BELOW else nullcontext():
+    with suitable_threads(len(free)):
         modes = _compute_modes(state, law, free)
         growth, verdict = _assess(modes.values)
         rows = touching(state)

@@ -1,6 +1,5 @@
 """Spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, and tracking of pairs along a load."""
 
-from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, jacobian
-from .linear import DENSE_BELOW, factorised, one_thread
+from .linear import factorised, suitable_threads
 
 SOFTEST = 40  # eigenvalues nearest to zero that are computed if not all are
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
@@ -98,7 +97,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
             f"use `complex_pairs` up to 12000 and `fastest_pair` beyond"
         )
     matrix, root = dynamical_matrix(state, law, free).toarray(), np.sqrt(free.mass)
-    with one_thread() if len(free) < DENSE_BELOW else nullcontext():
+    with suitable_threads(len(free)):
         if modes:
             values, vectors = eig(matrix, overwrite_a=True)
         else:
@@ -155,7 +154,8 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
     pull = jacobian(state, law, free).toarray() / free.mass[:, None]
     friction = assembled(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
-    values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
+    with suitable_threads(len(free)):
+        values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
     return values[np.argsort(-values.real)]
 
 

@@ -21,6 +21,7 @@ from .balance import (
 )
 from .fastest import fastest_pair
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, translations, unsupported_grains
+from .linear import suitable_threads
 from .pairs import complex_pairs
 from .spectrum import SOFTEST, soft_modes
 
@@ -230,7 +231,8 @@ def _analyse(state: State, law: Law, method: str, report) -> Stability:
 
 
 def _analyse_dense(matrix):
-    values, vectors = eig(matrix.toarray(), overwrite_a=True)
+    with suitable_threads(matrix.shape[0]):
+        values, vectors = eig(matrix.toarray(), overwrite_a=True)
     scale = np.abs(values).max(initial=0.0)
     pair = np.flatnonzero(values.imag > PAIR_ABOVE * scale)
     pair = pair[np.argsort(-np.abs(np.sqrt(values[pair]).imag))]

@@ -1,6 +1,5 @@
 """Transient growth of disturbances in a stable packing with non-normal dynamics."""
 
-from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from ..core.laws.builtin import Law, damping_model
 from ..core.readable import readable
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix, translations
-from .linear import DENSE_BELOW, one_thread
+from .linear import suitable_threads
 from .spectrum import REAL_BELOW
 
 AT_MOST = 1_500  # coordinates; eigenvectors and a few hundred largest singular values are computed within minutes
@@ -113,7 +112,7 @@ def transient_growth(
             f"{len(free)} coordinates were given: transient growth needs all modes and takes at most {AT_MOST}"
         )
     basis, pull, drag = _reduced_matrices(state, law, free)
-    with one_thread() if len(pull) < DENSE_BELOW else nullcontext():
+    with suitable_threads(len(pull)):
         motion, root = _modal_motion(pull, drag, norm)
         bound = _amplitude_bound(motion)
         if bound > UNCERTAIN:

@@ -21,6 +21,12 @@ SMALLEST = {
     "loading": {"test": "shear", "ratio": 0.02, "increment": 0.25},
     "dynamics": {"times": []},
 }
+BETWEEN_WALLS = {  # from 48 bodies on time steps use other kernels
+    "samples": 1,
+    "disks": {"number": 60},
+    "loading": {"test": "biaxial", "factor": 1.001, "increment": 0.1},
+    "dynamics": {"times": []},
+}
 
 EXPERIMENT = Experiment(
     scenario=QuasiScenario,
@@ -32,7 +38,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
-    smallest=(SMALLEST,),
+    smallest=(SMALLEST, BETWEEN_WALLS),
     paper=Paper(
         title="Paper 002: quasi-rigidity",
         cuts=(

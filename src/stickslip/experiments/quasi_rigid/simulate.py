@@ -28,6 +28,7 @@ from ...quasirigid.status import Verdict
 from ...quasirigid.system import pinned_coordinates
 from ...quasirigid.uniqueness import certificate
 from ...solve.freedom import Freedom, displaced, residual_vector
+from ...solve.linear import suitable_threads
 from ..realizations import Report, Task, run_realizations, silent
 from .scenario import QuasiScenario
 
@@ -227,7 +228,8 @@ def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
 def path_stiffness(path: LoadPath, law: Law, start: State, end: Control) -> PathStiffness:
     """Compute eigenvalues, uniqueness and status maps at some points of a path."""
     chosen = np.unique(np.linspace(0, len(path.points) - 1, MAX_POINTS).round().astype(int))
-    rows = [stiffness_at(path.points[k].state, law, start.control, end) for k in chosen]
+    with suitable_threads(3 * len(start.grains.radius)):
+        rows = [stiffness_at(path.points[k].state, law, start.control, end) for k in chosen]
     return PathStiffness(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
 
 

@@ -1,0 +1,115 @@
+"""Kernels compiled beforehand are loaded where their stamp fits, and nowhere else."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import llvmlite.binding
+import pytest
+
+import stickslip as ss
+from stickslip import prebuilt
+
+LEVELS = prebuilt.usable_levels()
+pytestmark = pytest.mark.skipif(not LEVELS, reason="needs an x86-64 processor of level 3")
+
+
+def process(code: list[str], cache: Path, packages: Path | None = None, **more: str) -> subprocess.CompletedProcess:
+    env = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", prebuilt.OFF)}
+    paths = [str(packages)] if packages else []
+    env["PYTHONPATH"] = os.pathsep.join([*paths, *filter(None, [env.get("PYTHONPATH")])])
+    env |= {"XDG_CACHE_HOME": str(cache)} | more
+    return subprocess.run([sys.executable, *code], capture_output=True, text=True, env=env)
+
+
+def warm(cache: Path, packages: Path, **more: str) -> int:
+    """Number of kernel files that compiling everything for rate and state adds."""
+    return json.loads(process(["-m", "stickslip", "warm", "rate-state", "--json"], cache, packages, **more).stdout)[
+        "new_files"
+    ]
+
+
+def reason(packages: Path, **more: str) -> str:
+    code = "from stickslip import prebuilt; print(prebuilt.find().reason)"
+    return process(["-c", code], packages, packages, **more).stdout.strip()
+
+
+def stamp(packages: Path, **changes) -> None:
+    path = packages / prebuilt.PACKAGE / prebuilt.STAMP
+    whole = json.loads(path.read_text()) if path.exists() else prebuilt.environment(ss.__version__)
+    path.write_text(json.dumps(whole | changes))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A package with the kernels of rate and state, as the builder of the wheel makes it."""
+    packages = tmp_path_factory.mktemp("packages")
+    folder = packages / prebuilt.PACKAGE / LEVELS[-1]
+    folder.mkdir(parents=True)
+    source = Path(__file__).parents[2] / "release" / "kernels.py"
+    spec = importlib.util.spec_from_file_location("kernels", source)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.compile_level(LEVELS[-1], folder, [["-m", "stickslip", "warm", "rate-state"]])
+    (folder.parent / "__init__.py").touch()
+    stamp(packages, levels=LEVELS[-1:])
+    return packages
+
+
+def test_kernels_are_loaded_from_the_package(built, tmp_path):
+    assert warm(tmp_path, built) == 0
+    assert warm(tmp_path, built, **{prebuilt.OFF: "1"}) > 0
+
+
+def test_kernels_for_other_settings_are_compiled(built, tmp_path):
+    assert warm(tmp_path, built, NUMBA_OPT="2") > 0
+
+
+def test_a_damaged_kernel_is_compiled_again(built, tmp_path):
+    for path in (built / prebuilt.PACKAGE).rglob("*.nbc"):
+        whole = path.read_bytes()
+        path.write_bytes(whole[: len(whole) // 2])
+    assert warm(tmp_path, built) > 0
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"numba": "0.1"}, "not used: built for numba 0.1, here it is "),
+        ({"stickslip": "9.0"}, f"not used: built for stickslip 9.0, here it is {ss.__version__}"),
+        ({"llvmlite": None}, "not used: built for llvmlite None, here it is "),
+        ({"python": "cpython 2.7"}, "not used: built for python cpython 2.7, here it is cpython 3."),
+        ({"system": "Plan9 mips"}, "not used: built for system Plan9 mips, here it is "),
+        ({"levels": ["x86-64-v9"]}, "not used: built for x86-64-v9, which this processor is not"),
+    ],
+)
+def test_a_stamp_that_does_not_fit_is_named(tmp_path, changes, words):
+    (tmp_path / prebuilt.PACKAGE / LEVELS[-1]).mkdir(parents=True)
+    (tmp_path / prebuilt.PACKAGE / "__init__.py").touch()
+    stamp(tmp_path, levels=LEVELS[-1:])
+    assert reason(tmp_path) == f"for {LEVELS[-1]}"
+    assert reason(tmp_path, NUMBA_CPU_NAME="generic").startswith("not used: NUMBA_CPU_NAME")
+    stamp(tmp_path, **changes)
+    assert reason(tmp_path).startswith(words)
+
+
+@pytest.mark.parametrize("text", [None, "", "[]", "{}", '{"levels": null}', "\0"])
+def test_a_stamp_that_cannot_be_read_is_named(tmp_path, text):
+    (tmp_path / prebuilt.PACKAGE).mkdir()
+    (tmp_path / prebuilt.PACKAGE / "__init__.py").touch()
+    if text is not None:
+        (tmp_path / prebuilt.PACKAGE / prebuilt.STAMP).write_text(text)
+    assert reason(tmp_path) == "not used: stickslip_kernels has no readable stamp.json"
+
+
+def test_a_processor_without_a_feature_is_of_a_lower_level(monkeypatch):
+    names = set(prebuilt.LEVELS["x86-64-v4"])
+    for lacking, levels in (
+        (set(), ["x86-64-v4", "x86-64-v3"]), ({"avx512vl"}, ["x86-64-v3"]), ({"fma"}, []), (names, []),
+    ):  # fmt: skip
+        features = dict.fromkeys(names, True) | dict.fromkeys(lacking, False)
+        monkeypatch.setattr(llvmlite.binding, "get_host_cpu_features", lambda features=features: features)
+        assert prebuilt.usable_levels() == levels
