@@ -373,7 +373,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {"law": "slow"}, "law = 'slow'"),
         (GOOD, {"noise": "pink"}, "noise = 'pink'"),
         (GOOD, {"fixed": {"k": 1.0}}, "'k' was given: parameters are a, b, dc"),
-        (GOOD, {"fixed": {"stiffness": 1.0}, "free": ("stiffness",)}, "stiffness was given as fixed and as free"),
+        (GOOD, {"fixed": {"stiffness": 1.0}, "free": ("stiffness",)}, "stiffness was given as both fixed and free"),
         (GOOD, {"fixed": {"stiffness": -1.0}}, "stiffness = -1.0 was fixed"),
         (GOOD, {"free": ("stiffness", "alpha")}, "the normal stress never changes"),
         (GOOD, {"free": ("stiffness",), "own": ("mu",)}, "'mu' was given in own"),

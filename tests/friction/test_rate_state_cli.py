@@ -55,7 +55,7 @@ def test_a_wrong_unit_of_length_is_suspected(folder, tmp_path, capsys):
     (tmp_path / "um.csv").write_text("\n".join(lines))
     app(["fit", str(tmp_path / "um.csv"), "--stiffness", "2e8", "--law", "slip"], standalone_mode=False)
     said = " ".join(capsys.readouterr().out.split())
-    assert "slip law: D_c = 5.29e-09 m is outside of 1e-08 to 0.1 m, where experiments lie" in said
+    assert "slip law: D_c = 5.29e-09 m is outside the range of 1e-08 to 0.1 m found in experiments" in said
     assert "is the unit of the displacement right? In a unit 1000 times larger, D_c would be 5.29e-06 m" in said
 
 
@@ -122,5 +122,5 @@ stiffness = 100.0
     app(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out")], standalone_mode=False)
     said = " ".join(capsys.readouterr().out.split())
     assert "ran away" in said
-    assert "unstable: stiffness 100 is 0.2 of the critical 500" in said
+    assert "unstable: stiffness 100 is 0.2 times the critical 500" in said
     assert (tmp_path / "out" / "fig1_history.png").exists()

@@ -61,7 +61,7 @@ def test_sizes_are_told(tmp_path, key, value, given):
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
-    allowed = "beyond 64 bits" if isinstance(value, int) else "it must be 0, or between 1e-100 and 1e+100 in size"
+    allowed = "beyond 64 bits" if isinstance(value, int) else "it must be 0, or between 1e-100 and 1e+100 in magnitude"
     assert allowed in run.stderr
     assert f"{table}.{key}" in run.stderr
     assert not (tmp_path / "out").exists()

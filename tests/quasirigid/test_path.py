@@ -107,7 +107,7 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
 def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch):
     """Every decision whose certificate, or search at the apex, leaves it open, once."""
     state, law = boxed
-    less, more = (with_load(state.control, 60 + TOP, factor) for factor in (1.6, 1.8))
+    less, more = (with_load(state.control, 60 + TOP, factor) for factor in (1.2, 1.3))
     open_ = []
 
     def no_answer(*given, **how):
@@ -128,7 +128,7 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch)
     monkeypatch.setattr(piece, "certificate", undecided)
     monkeypatch.setattr(piece, "decide_statuses", cut_short)
     path = load_path(state, law, more, increment=0.05)
-    assert path.complete
+    assert path.complete  # a path that ends decides again in shorter increments
     assert {"certificate", "apex"} <= set(open_)
     assert path.unchecked == len(open_)
     assert f"{len(open_)} times it is not known whether other statuses were consistent" in path.summary
@@ -155,7 +155,7 @@ def test_wrong_starts_are_one_sentence(boxed):
         load_path(state._replace(control=up), law, up)
     freed = up._replace(free=up.free.copy())
     freed.free[60, 0] = True
-    with pytest.raises(ValueError, match="free other components"):
+    with pytest.raises(ValueError, match="do not free the same components"):
         load_path(state, law, freed)
     rattler = int(np.flatnonzero(ss.measure.rattlers(state, 2))[0])
     pulled = up._replace(force=up.force.copy())
@@ -347,7 +347,7 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
             load_path(state, law, state.control._replace(**change))
     with pytest.raises(ValueError, match="a leg of type float was given"):
         load_path(state, law, 1.0)
-    with pytest.raises(ValueError, match="body 3 has no force that could be multiplied"):
+    with pytest.raises(ValueError, match="body 3 has no force to multiply"):
         with_load(state.control, 3, 2.0)
     with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
         biaxial_box(30, pressure=-1e-4)

@@ -183,7 +183,7 @@ def test_pouring_leaves_room_and_is_the_same_for_the_same_seed(dim):
         ({"walls": [{**FLOOR, "normal": [1.0, 1.0], "force": 1.0}]}, "but an inclined normal"),
         (
             {"walls": [{**FLOOR, "force": 1.0, "mass": 1.0, "velocity": {"y": 1.0}}]},
-            "'floor' has a force and a velocity along y: give one",
+            "'floor' has a force and a velocity along y: give only one",
         ),
         ({"walls": [{**FLOOR, "velocity": {"z": 1.0}}]}, "has a z component, but grains.dim = 2"),
         ({"walls": [{**FLOOR, "velocity": {"x": "fast"}}]}, "a velocity of 'fast' was given: use a number, a table"),
@@ -246,7 +246,7 @@ def test_grains_behind_a_wall_are_named_with_it():
         ({"spacing": 0.9}, "spacing = 0.9, below the diameter"),
         ({"spacing": 20.0}, "longer than the cell"),
         ({"spacing": 4.0}, "has holes of 3 between its grains"),
-        ({"pressure": 1.0, "force": 1.0}, "has force and pressure: give one"),
+        ({"pressure": 1.0, "force": 1.0}, "has both a force and a pressure: give only one"),
     ],
 )
 def test_plates_that_cannot_be_built_are_one_sentence(plate, words):
