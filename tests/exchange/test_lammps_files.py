@@ -201,7 +201,7 @@ def edited(path, old, new, count=1):
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
-        ("p.data", "64 atoms", "65 atoms", "announces 65 atoms"),
+        ("p.data", "64 atoms", "65 atoms", "declares 65 atoms"),
         ("p.data", "Atoms # sphere", "Atoms # atomic", "atom_style sphere is supported"),
         ("p.data", "Atoms # sphere", "Bonds", "no section Atoms"),
         ("p.data", "xlo xhi", "ylo", "truncated or not a LAMMPS data file"),

@@ -42,7 +42,7 @@ def movie(
     ValueError
         if the extension or the colour is not known.
     MissingExtraError
-        if there is no ffmpeg for an MP4.
+        if an MP4 is requested but ffmpeg is not available.
     RuntimeError
         if ffmpeg exits prematurely.
     """

@@ -338,7 +338,7 @@ def _same_rates(answer: VerifiedStatus, found: VerifiedStatus | None) -> bool:
 def _verdict(
     matrix: LinearSystem, system: StatusSolver, problem: Complementarity, answers: list[VerifiedStatus]
 ) -> Verdict:
-    """Verdict on all consistent statuses, the best one first.
+    """Verdict on all consistent statuses, which are listed best first.
 
     Two statuses have the same forces if A is singular on the union of their sliding contacts. A small difference in
     the forces alone is not conclusive, since it may be due to a weak contact.

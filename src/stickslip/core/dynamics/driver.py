@@ -239,7 +239,7 @@ class _BlockRun:
             )
 
     def unbalanced(self, here: Bodies) -> tuple[float, int]:
-        """Largest unbalanced force and its body."""
+        """Largest unbalanced force and the body on which it acts."""
         force = _forces_in_state_order(self.moving)
         residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], self.plan)
         if self.deforming:

@@ -79,7 +79,7 @@ def _parse_step(step: int, piece: str) -> Table:
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
     names, words = head.split()[1:], body.split()
     if len(words) != rows * len(names):
-        raise ValueError(f"step {step} announces {rows} rows of {len(names)} numbers but has {len(words)} numbers")
+        raise ValueError(f"step {step} declares {rows} rows of {len(names)} numbers but has {len(words)} numbers")
     if len(set(names)) != len(names):
         raise ValueError(f"step {step} has two columns with the same name")
     return Table(step, vectors, corner, periodic, {name: words[k :: len(names)] for k, name in enumerate(names)})
@@ -199,7 +199,7 @@ def _parse_rows(body: str, rows: int, name: str) -> np.ndarray:
         lines = [line.partition("#")[0] for line in lines]
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
-        raise ValueError(f"section {name} has {len(lines)} lines but the file announces {rows} atoms")
+        raise ValueError(f"section {name} has {len(lines)} lines but the file declares {rows} atoms")
     values = np.array(" ".join(lines).split(), float).reshape(rows, -1)
     if not (np.abs(values) < HUGE).all():
         raise ValueError(f"section {name} contains NaN, infinity or numbers beyond {HUGE:g}")

@@ -52,7 +52,7 @@ EXPERIMENT = Experiment(
         title="Paper 003: fault gouge at a reduced scale",
         cuts=(
             "2 samples of 300 grains and 2 states of each instead of 8 of 500 and 3; holds of 0.1 s instead of 1 "
-            "s, after less slip; no slides after them; two dampings instead of three"
+            "s, after less slip; no slides after them; two damping values instead of three"
         ),
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),

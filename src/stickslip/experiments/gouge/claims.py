@@ -217,7 +217,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
 
 
 def _compare_dampings(one: GougeResult, other: GougeResult) -> dict[str, tuple[Number, Number]]:
-    """Relaxation at the end of the shorter hold and per e-fold, and steady friction, for two dampings."""
+    """Relaxation at the end of the shorter hold and per e-fold, and steady friction, for two damping values."""
     before = measures.holds(one)[0]
     curves = [measures.hold_curve(result, before) for result in (one, other)]
     last = min(float(curve.x[-1]) for curve in curves)

@@ -89,7 +89,7 @@ def engine(processes: int = 1) -> Engine:
 
 
 def load_error() -> str:
-    """Return the error with which the LAMMPS library fails to load, such as a missing MPI; empty if it loads."""
+    """Return the error raised when the LAMMPS library is loaded, for example without MPI; empty if there is none."""
     loaded = _run_lammps()
     return _error_line(loaded) if loaded.returncode else ""
 
@@ -144,7 +144,7 @@ def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: i
 def read_output(
     scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path
 ) -> tuple[Place, Series]:
-    """Read the final state and the series of a leg that `write_input` wrote with the same arguments and LAMMPS has run.
+    """Read the final state and the series of a leg written by `write_input` with the same arguments and run by LAMMPS.
 
     Raises
     ------

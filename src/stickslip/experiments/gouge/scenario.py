@@ -180,7 +180,7 @@ class Preparation(ScenarioTable):
 
 
 class Slide(ScenarioTable):
-    """Slide of the load point at one velocity, 0 for a hold, until a slip or a time is reached or sliding is steady."""
+    """Slide of the load point at one velocity, 0 for a hold, until a given slip, a time or steady sliding."""
 
     kind: Literal["slide"] = "slide"
     velocity: NotNegative = Field(description="velocity of the load point; 0 is a hold [m/s]")
