@@ -55,7 +55,8 @@ def start() -> str:
 
 A scenario is a TOML file (or nested dictionaries, `ss.scenario(**tables)`) that defines a run; start it with
 `stickslip run FILE --out FOLDER`. Omitted keys have their default values. Unknown keys and invalid values are rejected
-with an error message before anything runs. These pages are generated from the schema by `python docs/scenario_reference.py`.
+with an error message before anything runs. These pages are generated from the schema by
+`python docs/scenario_reference.py`.
 
 | | |
 |---|---|

@@ -58,9 +58,7 @@ def _packing_options(
     ] = None,
     damping_n: Annotated[float | None, typer.Option(help="Coefficient of the normal dashpots.")] = None,
     damping_t: Annotated[float | None, typer.Option(help="Coefficient of the tangential dashpots.")] = None,
-    i0: Annotated[
-        float | None, typer.Option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")
-    ] = None,
+    i0: Annotated[float | None, typer.Option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None,
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None,
     contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None,
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,

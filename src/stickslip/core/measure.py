@@ -32,6 +32,15 @@ def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     """Elastic force on body i of every pair in the list, (C, 3), zero where open [force].
 
     `memory`: HELD for an accepted state; FREE for the forces of its trial memory, as in `contact_blocks`.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> force = ss.measure.contact_forces(state, law)
+    >>> force.shape[1]
+    3
     """
     c = linearise(state, law, memory=memory)
     return c.force_n[:, None] * c.normal - c.secant[:, None] * c.slip
@@ -53,6 +62,16 @@ def stress(state: State, law: Law) -> np.ndarray:
     Source
     ------
     Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig. 5, with the opposite sign and 1/L² for 1/V.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> stress = ss.measure.stress(state, law)
+    >>> bool(np.isclose(np.trace(stress) / 3, ss.measure.pressure(state, law)))
+    True
     """
     return np.einsum("ca,cb->ab", contact_forces(state, law), branch_vectors(state)) / volume(state)
 

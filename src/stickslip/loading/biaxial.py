@@ -51,6 +51,13 @@ def biaxial_box(
     Source
     ------
     McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Fig 1.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, law = ss.packings.biaxial_box(30, pressure=1e-3, seed=1)
+    >>> len(state.grains.radius), len(state.walls.normal)
+    (30, 4)
     """
     law = _contact_law(kn, kt, mu, pressure)
     packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)

@@ -15,7 +15,15 @@ from .protocols import Protocol
 
 
 def sheared(state: State, strain: float, *, slip: bool = True) -> State:
-    """Simple shear along x with gradient along y, by `strain`; see `strained`."""
+    """Simple shear along x with gradient along y, by `strain`; see `strained`.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> round(ss.measure.shear_strain(ss.packings.sheared(state, 1e-3)), 9)
+    0.001
+    """
     gradient = np.zeros((3, 3))
     gradient[0, 1] = strain
     return strained(state, gradient, slip=slip)

@@ -63,6 +63,14 @@ def mechanisms(
     ------
     ValueError
         beyond 6000 coordinates, where singular values take too long to compute.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, law = ss.packings.biaxial_box(30, pressure=1e-3, seed=1)
+    >>> found = ss.quasirigid.mechanisms(state, law)
+    >>> sum(one.deforms for one in found)
+    0
     """
     matrix = linear_system(state, law, rattlers=True, wall_arm=wall_arm)
     size = len(matrix.free)

@@ -106,6 +106,15 @@ def load_path(
     ValueError
         if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
         supports, or the controls have different free components.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, law = ss.packings.biaxial_box(30, pressure=1e-3, seed=1)
+    >>> lid = 30 + 3  # body of the upper wall
+    >>> path = ss.quasirigid.load_path(state, law, ss.quasirigid.with_load(state.control, lid, 1.05))
+    >>> path.verdict.name
+    'CONSISTENT'
     """
     here = _accept_forces(with_neighbor_list(state), law)
     _check_start(here, law, legs, increment)

@@ -61,6 +61,15 @@ def equilibrate(
         `outcome.how` describes the method used. `outcome.fallback` is True if damped dynamics was needed.
         `outcome.warning` is set if the equilibrium is unstable (an UnstableEquilibriumWarning is then issued, too) or
         if the tolerance is too large to judge stability. Unless the outcome is CONVERGED, the given state is returned.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> end, outcome = ss.equilibrate(ss.packings.sheared(state, 1e-4), law)
+    >>> outcome.ok
+    True
     """
     if check not in ("buckling", "spectrum", "nothing"):
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")

@@ -124,12 +124,20 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
     return force[free.component]
 
 
-def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
+def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int = HELD):
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
     The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change of f, its row contains
     f_a δ_b from the change of r and −V σ_ab δ_cd from the change of volume. If `free` is None, the coordinates are
     those of `freedom(state)`.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> ss.jacobian(state, law).shape
+    (300, 300)
     """
     free = freedom(state) if free is None else free
     blocks, _ = contact_blocks(state, law, memory=memory)

@@ -87,6 +87,15 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     Source
     ------
     doi:10.48550/arXiv.1908.11724, Eq 8; the mass matrix is that of its supplement, Eq 2, with I = I0 m R² for any I0.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> found = ss.spectrum(state, law)
+    >>> len(found.eigenvalues), len(found.pairs)
+    (300, 0)
     """
     free = freedom(state)
     if not len(free):

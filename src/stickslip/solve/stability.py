@@ -160,6 +160,14 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     Source
     ------
     Bonfanti et al., doi:10.1103/PhysRevE.101.052902, Sec. II C and III A.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> ss.stability(state, law).verdict
+    'stable'
     """
     if method not in ("auto", "dense", "pairs", "fastest"):
         raise ValueError(f"method {method!r} was given: use auto, dense, pairs or fastest")

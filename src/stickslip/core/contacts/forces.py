@@ -318,6 +318,16 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     Source
     ------
     doi:10.48550/arXiv.1908.11724, Eqs 1–5, supplement Eqs 5–7 and 25.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> loads, trial = ss.forces(state, law)
+    >>> loads.force.shape
+    (50, 3)
+    >>> state = ss.accept(state, trial)  # keeps the new slips
     """
     check_materials(state, law)
     state = with_neighbor_list(state, law)

@@ -206,6 +206,16 @@ def run(
     Source
     ------
     doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol in its supplement.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> moving = ss.packings.perturbed(state, velocity=1e-6, seed=1)
+    >>> end, record, outcome = ss.run(moving, law, steps=100, dt=0.05, every=10)
+    >>> record.kinetic_energy.shape, round(end.time, 6)
+    ((11,), 5.0)
     """
     check_materials(state, law)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
