@@ -54,7 +54,7 @@ def start() -> str:
     return f"""# Scenario reference
 
 A scenario is a TOML file (or nested dictionaries, `ss.scenario(**tables)`) that defines a run; start it with
-`stickslip run FILE --out FOLDER`. Omitted keys have their default values. Unknown keys and invalid values are rejected
+`stickslip run FILE --out FOLDER`. Omitted keys take their default values. Unknown keys and invalid values are rejected
 with an error message before anything runs. These pages are generated from the schema by
 `python docs/scenario_reference.py`.
 
@@ -63,8 +63,8 @@ with an error message before anything runs. These pages are generated from the s
 {rows}
 | `[sweep]` in any of them | [Sweeps](sweep.md): many runs from one scenario |
 
-For units such as `length`, `mass` and `force`, any consistent units may be used; `m`, `s` and `Pa` are SI units. A dash
-in the unit column means a dimensionless number or a string.
+Where the unit is given as `length`, `mass`, `force` and so on, any consistent units may be used;
+`m`, `s` and `Pa` are SI units. A dash in the unit column means a dimensionless number or a string.
 """
 
 

@@ -1,12 +1,12 @@
 """Disk cache of compiled kernels: its folder, the key of each module, and repair of damaged files.
 
-Numba compiles a function again when any byte of its file has changed, and does not notice changes in other files.
+Numba compiles a function again when any byte of its file has changed, but does not notice changes in other files.
 Kernels of this package are kept in one folder per module, named by a digest of what determines the machine code: the
-syntax trees of the module and of every module of the package that it imports, without docstrings and comments, and
+syntax trees (without docstrings and comments) of the module and of every module of the package that it imports, and
 Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that
 uses it.
 
-A kernel that is not in the user's cache may be a prebuilt one, see `prebuilt`.
+A kernel that is not in the user's cache may be a prebuilt one; see `prebuilt`.
 
 Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A file that does not match
 its checksum, or cannot be unpickled, is compiled again with one warning.
@@ -62,7 +62,7 @@ def folder() -> Path:
 
 
 def is_temporary() -> bool:
-    """Return True if no other folder could be written, so that kernels last only as long as this process."""
+    """Return True if no other folder could be written to, so that kernels last only as long as this process."""
     return folder().name.startswith(_PREFIX)
 
 
@@ -261,7 +261,7 @@ def _warn(path: str, problem: str) -> None:
 
 
 def _load(self, key, load=IndexDataCacheFile.load):
-    """Load a kernel of the user's cache, or else a prebuilt one."""
+    """Load a kernel from the user's cache, or else a prebuilt one."""
     found = load(self, key)
     place, path = prebuilt.find().folder, Path(self._index_path)
     if found is None and place and path.parent.parent == folder():
@@ -297,7 +297,7 @@ def _load_data(self, name, load=IndexDataCacheFile._load_data):
 
 
 def _save(self, key, data):
-    """Save a kernel in a file named by its content before the index refers to it.
+    """Save a kernel in a file named after its contents, before the index refers to it.
 
     Numba numbers its files and writes the index first. A disk that fills up in between, or another process that
     meanwhile compiles the same function for other types, would leave an index that names a different kernel.

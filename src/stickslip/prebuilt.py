@@ -1,8 +1,9 @@
 """Kernels compiled beforehand, from the optional package `stickslip_kernels`.
 
-`release/kernels.py` builds this package for one operating system, one version of Python, Numba and llvmlite, and one or
-two levels of processors. Its stamp records all of these. If anything differs, its kernels are ignored and compiled as
-usual. The package holds only data: `stamp.json` and, for each level, a cache folder as `kernel_cache` writes it.
+`release/kernels.py` builds this package for one operating system, one version each of Python, Numba and llvmlite, and
+one or two levels of processors. Its stamp records all of these. If anything differs, the prebuilt kernels are ignored,
+and kernels are compiled as usual. The package holds only data: `stamp.json` and, for each level, a cache folder as
+`kernel_cache` writes it.
 """
 
 import functools
@@ -87,6 +88,6 @@ def find() -> Prebuilt:
 
 
 def key_of(key: tuple) -> tuple:
-    """Key of a kernel in the prebuilt index: that of Numba, with the level in place of this processor."""
+    """Key of a kernel in the prebuilt index: Numba's key, with the level in place of this processor."""
     signature, (triple, *_), code = key
     return signature, (triple, find().level, ""), code

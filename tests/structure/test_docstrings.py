@@ -1,6 +1,7 @@
 """Examples in docstrings do what they say."""
 
 import doctest
+import inspect
 import pkgutil
 from importlib import import_module
 
@@ -11,7 +12,22 @@ import stickslip
 MODULES = [m.name for m in pkgutil.walk_packages(stickslip.__path__, "stickslip.") if "__main__" not in m.name]
 
 
+class Finder(doctest.DocTestFinder):
+    """Finds examples of decorated functions, too."""
+
+    def _from_module(self, module, object):
+        return super()._from_module(module, inspect.unwrap(object) if inspect.isfunction(object) else object)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODULES)
 def test_examples(name):
-    assert doctest.testmod(import_module(name)).failed == 0
+    runner = doctest.DocTestRunner()
+    for test in Finder().find(import_module(name), name):
+        runner.run(test)
+    assert runner.failures == 0
+
+
+def test_examples_of_decorated_functions_are_found():
+    found = {test.name: len(test.examples) for test in Finder().find(import_module("stickslip.solve.stability"))}
+    assert found["stickslip.solve.stability.stability"] > 0

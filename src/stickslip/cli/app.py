@@ -51,7 +51,10 @@ Workers = Annotated[
     ),
 ]
 Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
+    str | None,
+    typer.Option(
+        "--scheduler", help="Address or JSON file of a Dask scheduler that executes independent runs instead."
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]

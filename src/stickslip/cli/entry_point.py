@@ -112,7 +112,7 @@ def _error_message(problem: Exception) -> str:
 
 
 def _discard_stdout() -> None:
-    """Redirect standard output, once it cannot be written to, to the null device; its buffer is discarded."""
+    """Once standard output cannot be written to, redirect it to the null device and discard its buffer."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

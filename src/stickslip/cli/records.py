@@ -30,7 +30,7 @@ def fit(
     ] = None,
     free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False,
     v0: Annotated[
-        float | None, typer.Option("--v0", help="Velocity at which friction is mu0; default: the first [m/s].")
+        float | None, typer.Option("--v0", help="Velocity at which friction is mu0; default: the first velocity [m/s].")
     ] = None,
     before: Annotated[
         float | None, typer.Option("--before", help="Slip velocity before the record starts [m/s].")

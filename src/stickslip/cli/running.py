@@ -30,7 +30,7 @@ REPRODUCE = examples(
 )
 RUN = examples(
     ("run examples/rate_state.toml --out results/rate-state", "a slider with rate-and-state friction: seconds"),
-    ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, through the table [sweep]"),
+    ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, through the [sweep] table"),
     ("run examples/rate_state.toml --out results/rate-state --json", "the same, with a JSON object as output"),
     ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; prints only paths"),
 )
@@ -147,7 +147,7 @@ def run(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a scenario, or many with a table [sweep]: arrays, packings, tests, flows, gouge, sliders."""
+    """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders."""
     from ..experiments import run_folder
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario

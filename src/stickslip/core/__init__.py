@@ -1,4 +1,4 @@
-"""Compiled kernels and the values that they work on, with NumPy and Numba only."""
+"""Compiled kernels and the values that they work on, using only NumPy and Numba."""
 
 from .. import kernel_cache
 

@@ -2,22 +2,43 @@
 
 import numpy as np
 
-from .state import Control
+from .arguments import checked
+from .state import Control, as_rows
 
 
+def body_numbers(control: Control, bodies) -> np.ndarray:
+    """Numbers of bodies, (k,) integers, given as numbers, a range or slice, or a mask of all bodies."""
+    count = len(control.force)
+    if isinstance(bodies, slice):
+        return np.arange(count)[bodies]
+    found = np.atleast_1d(bodies)
+    if found.dtype == bool and found.shape == (count,):
+        return np.flatnonzero(found)
+    if found.size and (found.dtype.kind not in "iu" or found.ndim != 1):
+        raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or a mask of all {count}")
+    for worst in found[(found < 0) | (found >= count)]:
+        raise ValueError(f"body {worst} was given: bodies have numbers 0 to {count - 1}, first grains, then walls")
+    return found.astype(int)
+
+
+@checked
 def fixed(control: Control, bodies) -> Control:
     """Control in which the given bodies do not move."""
     return driven(control, bodies, 0.0)
 
 
+@checked
 def driven(control: Control, bodies, rate) -> Control:
     """Control in which all components of the given bodies move at `rate`, broadcast to (bodies, 6)."""
-    free, speed = control.free.copy(), control.rate.copy()
+    bodies, free, speed = body_numbers(control, bodies), control.free.copy(), control.rate.copy()
+    if np.isnan(rate).any():
+        raise ValueError("a rate is NaN: give numbers")
     free[bodies] = False
     speed[bodies] = rate
     return control._replace(free=free, rate=speed)
 
 
+@checked
 def rigid(control: Control, bodies) -> Control:
     """Control in which the given bodies form one rigid body without rotation, such as a plate or a glued layer.
 
@@ -35,12 +56,14 @@ def rigid(control: Control, bodies) -> Control:
     >>> control.group
     array([-1, -1, -1,  0,  0])
     """
-    free, rate, group = control.free.copy(), control.rate.copy(), control.group.copy()
+    bodies, group = body_numbers(control, bodies), control.group.copy()
+    free, rate = control.free.copy(), control.rate.copy()
     free[bodies, 3:], rate[bodies, 3:] = False, 0.0
     group[bodies] = group.max() + 1
     return control._replace(free=free, rate=rate, group=group)
 
 
+@checked
 def force_controlled(control: Control, bodies, force) -> Control:
     """Control in which walls or rigid groups are servo-controlled: they move under a force until contacts balance it.
 
@@ -59,14 +82,14 @@ def force_controlled(control: Control, bodies, force) -> Control:
     >>> control.free[101, :3]
     array([False,  True, False])
     """
-    whole = np.zeros(3)
-    whole[: len(force)] = force
+    bodies, whole = body_numbers(control, bodies), as_rows(force, 1, 3)[0]
     free, rate, forces = control.free.copy(), control.rate.copy(), control.force.copy()
     for k in np.flatnonzero(whole):
         free[bodies, k], rate[bodies, k], forces[bodies, k] = True, 0.0, whole[k]
     return control._replace(free=free, rate=rate, force=forces)
 
 
+@checked
 def strained_at(control: Control, rate) -> Control:
     """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
 
@@ -96,6 +119,7 @@ def strained_at(control: Control, rate) -> Control:
     return control._replace(cell_rate=gradient, cell_free=control.cell_free & (gradient == 0))
 
 
+@checked
 def stress_controlled(control: Control, stress: dict[str, float], *, mass: float = 0.0) -> Control:
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
@@ -124,6 +148,7 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     return control._replace(cell_free=free, stress=wanted, cell_rate=rate, cell_mass=float(mass))
 
 
+@checked
 def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)) -> Control:
     """Control in which the rates of driven components of the given bodies are multiplied by a function of time.
 
@@ -157,6 +182,7 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
     return control._replace(knots=knots, course=course, follows=follows, cell_follows=cell_follows)
 
 
+@checked
 def spring_loaded(
     control: Control, bodies, position, stiffness: float, *, axis: int = 0, times=(0.0,), displacement=(0.0,)
 ) -> Control:
@@ -182,7 +208,9 @@ def spring_loaded(
     >>> spring_forces(control, np.zeros((1, 3)), 5.0)[0]
     array([1., 0., 0.])
     """
-    bodies = np.atleast_1d(bodies)
+    bodies = body_numbers(control, bodies)
+    if axis not in (0, 1, 2):
+        raise ValueError(f"axis = {axis} was given: 0, 1 and 2 are x, y and z")
     if not (np.isfinite(stiffness) and stiffness > 0):
         raise ValueError(f"a spring of stiffness {stiffness:g} was given: it must be positive")
     column = control.leads[bodies[0], axis]
@@ -200,6 +228,7 @@ def spring_loaded(
     return control._replace(knots=knots, course=course, **arrays)
 
 
+@checked
 def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
     """Forces of springs, (B, 3), on bodies at (B, 3) positions [force]."""
     if not control.spring.any():
@@ -227,12 +256,13 @@ def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndar
 
 
 def factors_at(control: Control, time: float) -> np.ndarray:
-    """Factor of each time profile at a time, (C + 1,). The last is 1, for rates without one."""
+    """Factor of each time profile at a time, (C + 1,). The last is 1, for rates without a profile."""
     return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])
 
 
+@checked
 def between(begin: Control, end: Control, share: float) -> Control:
-    """Interpolate between two controls: forces, torques, gravity and stress at the fraction `share` of the way."""
+    """Interpolate between two controls: forces, torques, gravity and stress at a fraction `share` of the way."""
     mixed = {
         name: (1 - share) * getattr(begin, name) + share * getattr(end, name)
         for name in ("force", "torque", "gravity", "stress")

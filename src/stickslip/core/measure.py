@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from .arguments import checked
 from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
@@ -11,11 +12,13 @@ from .laws.builtin import Law, normal_energy, row
 from .state import OPEN, State
 
 
+@checked
 def touching(state: State) -> np.ndarray:
     """Rows of touching contacts in the contact list."""
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
 
+@checked
 def branch_vectors(state: State) -> np.ndarray:
     """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); for a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
@@ -28,6 +31,7 @@ def branch_vectors(state: State) -> np.ndarray:
     return out
 
 
+@checked
 def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     """Elastic force on body i of every pair in the list, (C, 3), zero where open [force].
 
@@ -46,6 +50,7 @@ def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     return c.force_n[:, None] * c.normal - c.secant[:, None] * c.slip
 
 
+@checked
 def stress(state: State, law: Law) -> np.ndarray:
     """Stress σ = (1/V) Σ f ⊗ r, each contact counted once, compression positive [force/length^(dim−1)].
 
@@ -76,6 +81,7 @@ def stress(state: State, law: Law) -> np.ndarray:
     return np.einsum("ca,cb->ab", contact_forces(state, law), branch_vectors(state)) / volume(state)
 
 
+@checked
 def pressure(state: State, law: Law) -> float:
     """Trace of the stress divided by the number of dimensions."""
     return float(np.trace(stress(state, law))) / state.cell.dim
@@ -87,12 +93,14 @@ def mean_normal_force(state: State, law: Law) -> float:
     return float(np.abs(force).mean()) if len(force) else 0.0
 
 
+@checked
 def wrapped(state: State) -> np.ndarray:
-    """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and its length along periodic axes."""
+    """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and the cell's length along periodic axes."""
     size = np.where(state.cell.periodic, np.diag(state.cell.vectors), 1.0)
     return state.grains.position - np.floor(state.grains.position / size) * np.where(state.cell.periodic, size, 0.0)
 
 
+@checked
 def fabric(state: State) -> np.ndarray:
     """Fabric tensor, (3, 3), the mean of n ⊗ n over touching contacts: trace 1, and 1/dim on the diagonal if isotropic.
 
@@ -105,8 +113,9 @@ def fabric(state: State) -> np.ndarray:
     return normal.T @ normal / max(len(normal), 1)
 
 
+@checked
 def inertial_number(shear_rate: float, pressure: float, *, diameter: float, density: float) -> float:
-    """Inertial number I = γ̇ d √(ρ/P). Flows below 1e-3 count as quasi-static.
+    """Inertial number I = γ̇ d √(ρ/P). Flows with I < 1e-3 count as quasi-static.
 
     In two dimensions the density is mass over area.
 
@@ -126,7 +135,7 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
 
 
 def volume(state: State) -> float:
-    """Volume of the cell; in two dimensions its area.
+    """Volume of the cell; in two dimensions, its area.
 
     Raises
     ------
@@ -139,6 +148,7 @@ def volume(state: State) -> float:
     return abs(float(np.linalg.det(state.cell.vectors[:dim, :dim])))
 
 
+@checked
 def packing_fraction(state: State) -> float:
     """Volume of the grains, overlaps counted twice, divided by that of the cell."""
     radius = state.grains.radius
@@ -146,6 +156,7 @@ def packing_fraction(state: State) -> float:
     return float(grains.sum()) / volume(state)
 
 
+@checked
 def contact_numbers(state: State) -> np.ndarray:
     """Number of touching contacts of each grain, (N,), walls included."""
     n, rows = len(state.grains.radius), touching(state)
@@ -153,6 +164,7 @@ def contact_numbers(state: State) -> np.ndarray:
     return np.bincount(ends, minlength=state.n_bodies)[:n]
 
 
+@checked
 def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """Rattlers, (N,) bool: grains with fewer than `least` contacts, after recursive removal of rattlers.
 
@@ -175,6 +187,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
         loose |= new
 
 
+@checked
 def coordination(state: State, least: int = 2) -> float:
     """Mean number of contacts of grains that are not rattlers; zero if all are."""
     held = ~rattlers(state, least)
@@ -199,6 +212,7 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
     return total
 
 
+@checked
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
     shift = shifts(state.contacts, state.cell.vectors)

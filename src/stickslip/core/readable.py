@@ -84,5 +84,5 @@ def pluralize(number: int, word: str) -> str:
 
 
 def truncate(text: str) -> str:
-    """Truncate a text to MAX_LENGTH characters."""
+    """Truncate text to MAX_LENGTH characters."""
     return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arguments import checked
 from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
@@ -132,6 +133,26 @@ class State(NamedTuple):
         """Number of grains plus number of walls."""
         return len(self.grains.radius) + len(self.walls.mass)
 
+    def check_lengths(self) -> None:
+        """Raise ValueError with a one-sentence message if arrays have different lengths or name missing bodies."""
+        n, bodies, contacts = len(self.grains.radius), self.n_bodies, self.contacts
+        wanted = [
+            (("grains", self.grains, self.grains._fields), n), (("walls", self.walls, self.walls._fields), bodies - n),
+            (("control", self.control, ("force", "torque", "free", "rate", "group")), bodies),
+            (("contacts", contacts, ("origin",)), bodies),
+            (("contacts", contacts, ("j", "image", "slip", "mode")), len(contacts.i)),
+        ]  # fmt: skip
+        for (part, arrays, names), length in wanted:
+            for name in names:
+                if len(getattr(arrays, name)) != length:
+                    raise ValueError(
+                        f"{part}.{name} has {len(getattr(arrays, name))} rows where {length} are needed: the parts of "
+                        f"a state with {n} grains and {bodies - n} walls must belong together"
+                    )
+        body = np.append(contacts.i[: contacts.count[0]], contacts.j[: contacts.count[0]])
+        if len(body) and not 0 <= body.min() <= body.max() < bodies:
+            raise ValueError(f"contacts name bodies other than 0 to {bodies - 1}: use the contacts of this state")
+
 
 def as_numbers(value, dtype=float) -> np.ndarray:
     """Array of real or whole numbers.
@@ -216,14 +237,30 @@ def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Wa
 
 
 def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
-    """An orthogonal cell (three lengths) or any cell (three vectors as rows)."""
+    """Cell without walls.
+
+    Parameters
+    ----------
+    size : three lengths of an orthogonal cell, or three vectors as rows; in two dimensions also two of each [length]
+    periodic : whether the cell repeats along each vector
+    dim : 3, or 2 for disks in the plane of x and y
+
+    Examples
+    --------
+    >>> box([10, 5], periodic=(True, False), dim=2).vectors.diagonal()
+    array([10.,  5.,  1.])
+    """
     size = as_numbers(size)
     vectors = np.diag(size) if size.ndim == 1 else size
+    if dim == 2 and vectors.shape == (2, 2):
+        vectors = np.block([[vectors, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]])
+    if dim == 2 and len(periodic) == 2:
+        periodic = (*periodic, False)
     return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim), np.zeros((3, 3)))
 
 
 def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=True) -> Contacts:
-    """Empty list with room for `capacity` pairs, which the first evaluation of forces fills.
+    """Empty list with room for `capacity` pairs; the first evaluation of forces fills it.
 
     `bare` omits `pair` and `roll`, which a run of many grains writes only at the end. `keyed=False` omits `key`.
     """
@@ -253,6 +290,7 @@ def reset_reached(contacts: Contacts) -> Contacts:
     return contacts._replace(reached=(contacts.mode == SLIDE) & contacts.slip.any(axis=1))
 
 
+@checked
 def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.0, 0.0, 0.0)) -> Control:
     """Control with free grains, frozen walls, and the given loads on the grains.
 
@@ -293,6 +331,7 @@ def groups(control: Control) -> list[np.ndarray]:
     return [np.flatnonzero(control.group == g) for g in range(control.group.max(initial=-1) + 1)]
 
 
+@checked
 def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
     """Distances of points from walls, (N, W), positive in front of them [length].
 
@@ -305,6 +344,7 @@ def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
     return np.einsum("nwk,wk->nw", position[:, None] - walls.point, walls.normal)
 
 
+@checked
 def assembly(
     grains: Grains,
     walls: Walls | None = None,
@@ -339,6 +379,7 @@ def assembly(
     return state
 
 
+@checked
 def check(state: State) -> None:
     """Raise ValueError with a one-sentence message if a state is not valid."""
     grains, walls, cell, contacts, control = state[:5]
@@ -495,7 +536,7 @@ def _describe_state(state: State) -> str:
 
 
 def _draw_svg(state: State) -> str:
-    """SVG of the nearest 3000 grains, viewed along z."""
+    """SVG of the 3000 nearest grains, viewed along z."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():
         return ""

@@ -2,9 +2,9 @@
 
 Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that stores a NamedTuple has
 its class name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of the
-software that computed it) and `scenario` (canonical text), but no time stamps or host names. Entries are written in the
-order of their names, so that the bytes do not depend on whether a part was computed or read. Contact lists are stored
-up to their count, with all of their memory. Datasets have the attribute `units` if the unit is known.
+software that computed the data) and `scenario` (canonical text), but no time stamps or host names. Entries are written
+in the order of their names, so that the bytes do not depend on whether a part was computed or read. Contact lists are
+stored up to their count, with all of their memory. Datasets have the attribute `units` if the unit is known.
 
 A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
 leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the

@@ -145,7 +145,7 @@ def is_worth_resuming(folder: Path) -> bool:
 
 
 def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:
-    """Location of the pieces of a scenario that runs in a folder; None without a folder."""
+    """Location of the pieces of a scenario that is run in a folder; None without a folder."""
     return Checkpoint(folder, scenario.text, nouns, si=scenario.si) if folder else None
 
 

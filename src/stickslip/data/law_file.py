@@ -18,7 +18,9 @@ from .schema import Finite, ScenarioError, ScenarioTable
 class LawFile(ScenarioTable):
     """A law in a user's Python file, instead of a kind and its parameters."""
 
-    file: str | None = Field(None, description="Python file with a contact law, relative to the scenario; it is run")
+    file: str | None = Field(
+        None, description="Python file with a contact law, its path relative to the scenario; the file is run"
+    )
     parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
     checksum: str | None = Field(None, description="of the file's text; added automatically")
 

@@ -23,8 +23,8 @@ LOCK, HOLDER = ".lock", ".lock.json"  # both are removed when the work is done
 def lock_folder(folder: Path) -> Iterator[None]:
     """Hold an exclusive lock on a folder, which is created if it does not exist.
 
-    Locking a member of a sweep locks the whole sweep. The lock is as strong as those of the operating system: on some
-    network file systems they do not work between machines.
+    Locking a member of a sweep locks the whole sweep. The lock is only as strong as those of the operating system: on
+    some network file systems they do not work between machines.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Manifest of a folder: digests of the files that runs have written there.
 
 A file that does not match the manifest belongs to somebody else: runs neither replace nor remove it unless asked to.
-While a file is being replaced the manifest lists both digests, so that a run that is killed at that moment leaves no
+While a file is being replaced, the manifest lists both digests, so that a run that is killed at that moment leaves no
 unknown file.
 """
 
@@ -64,7 +64,7 @@ def digest(path: Path) -> str:
 def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     """Names of files that no run has written, or that have been changed since.
 
-    If there is no trace of a run, of all files.
+    If there is no trace of a run, names of all files.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from ..builtin_laws import BUILTIN_LAWS, BY_NAME
+from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE, HELD
 from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
@@ -33,6 +34,7 @@ class PackingWarning(UserWarning):
     """Issued if part of a packing was changed or is missing but the packing is still usable."""
 
 
+@checked
 def from_arrays(
     position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
     mode=None, velocity=None, spin=None, angle=None, external_force=None, dim=3, i0=None,
@@ -45,12 +47,12 @@ def from_arrays(
     law : Law, which limits the slip
     cell : (3, 3) box vectors as rows, sheared or not [length]; without it nothing is periodic
     periodic : (3,) bool, default all (in two dimensions all but z)
-    pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. By default the
-        contacts are found from positions, with zero slip
+    pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips the signs of image and slip. By
+        default, contacts are found from positions, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
-    mode : (M,) 1 for sticking contacts, 2 for sliding ones. Slips of sliding contacts are set to the Coulomb limit if
-        it is beyond the limit or within 0.1 % of it (otherwise it slid under another law). By default the slip decides,
-        which for a contact at its limit is a matter of round-off
+    mode : (M,) 1 for sticking contacts, 2 for sliding ones. The slip of a sliding contact is set to the Coulomb limit
+        if it is beyond the limit or within 0.1 % of it (otherwise the contact slid under another law). By default the
+        slip decides, which for a contact at its limit is a matter of round-off
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2 all vectors may have two components

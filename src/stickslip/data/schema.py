@@ -88,7 +88,7 @@ def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
 
 
 def _locate(where, table: type[BaseModel]):
-    """Keys of a location without pydantic's names of union branches, the last table, and the entry in words."""
+    """Keys of a location (without pydantic's names of union branches), the last table, and the entry in words."""
     keys, entry, branches = [], "", []
     for part in where:
         if isinstance(part, int):
@@ -106,7 +106,7 @@ def _locate(where, table: type[BaseModel]):
 
 
 def tables_in(annotation) -> list[type[BaseModel]]:
-    """Classes of the tables in an annotation, also within a tuple, dictionary or union."""
+    """Classes of the tables in an annotation, including those within a tuple, dictionary or union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [found for inner in get_args(annotation) for found in tables_in(inner)]

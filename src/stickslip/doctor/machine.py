@@ -25,7 +25,7 @@ MPI = "`pip install mpich` installs the library"
 
 
 class Fault(NamedTuple):
-    """Defect in an installed part, and the remedy if that is not reinstalling it."""
+    """Defect in an installed part, and the remedy unless it is to reinstall the part."""
 
     words: str
     remedy: str = ""

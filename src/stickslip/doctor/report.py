@@ -46,7 +46,7 @@ def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Option
 
 
 def show_checks(found: Selfcheck) -> None:
-    """Print the self-check line by line, and the verdict."""
+    """Print the self-check line by line, then the verdict."""
     table = Table("number", "measured", "deviation", "allowed", "", title="Self-check against stored numbers", **STYLE)
     for check in found.checks:
         color, word = ("green", "ok") if check.ok else ("red", "failed")

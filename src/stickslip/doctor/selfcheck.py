@@ -167,7 +167,7 @@ def compare(found: dict, stored: dict) -> list[Check]:
     """Compare every stored number with the measured one.
 
     Bits are also compared, but they are only guaranteed on the same type of machine and may differ on another
-    processor or with another version of Numba: different bits are reported but do not count as a failure.
+    processor or with another version of Numba: differing bits are reported but do not count as a failure.
     """
     rows = []
     for name, right in stored["numbers"].items():

@@ -1,4 +1,4 @@
-"""Compilation of kernels before their first use, by the smallest runs of the experiments, in separate processes."""
+"""Compilation of kernels before their first use, using the smallest runs of the experiments, in separate processes."""
 
 from collections.abc import Callable, Iterable
 
@@ -26,7 +26,7 @@ def compile_kernels(names: Iterable[str], *, workers: int | None = None, report:
     ----------
     names : some of `kinds()`
     workers : number of processes; default: one per core
-    report : called as report(stage, fraction done, kernel that is being compiled)
+    report : called as report(stage, fraction done, kernel being compiled)
     """
     tasks = [(name, k) for name in names for k in range(_count(name))]
     found = run_members(_run, tasks, workers=workers, live=lambda share, words: report("kernels", share, words))

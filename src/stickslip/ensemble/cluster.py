@@ -118,7 +118,7 @@ def run_tasks(packed, address, keep, heard) -> None:
     Raises
     ------
     SchedulerGoneError
-        if the scheduler is gone before the last result has arrived.
+        if the scheduler disappears before the last result has arrived.
     """
     topic, events, source, futures = f"stickslip-{uuid4().hex}", queue.SimpleQueue(), iter(packed), {}
     with connect(address) as client:
@@ -210,7 +210,7 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
 
 
 def _kill_when_unwanted(process: WorkerProcess, finished: threading.Event, unwanted) -> None:
-    """Kill a process whose task was cancelled, which the thread that waits for it cannot do."""
+    """Kill a process whose task was cancelled; the thread that waits for it cannot do so."""
     while not finished.wait(POLL):
         if unwanted():
             process.process.kill()

@@ -42,7 +42,7 @@ def run_tasks(packed, workers: int, keep, heard) -> None:
 
 
 def trial(packed: bytes, seconds: float) -> tuple[bytes | None, str | None] | None:
-    """Run one task in a process with a time limit [s]; None if it was killed, or died."""
+    """Run one task in a process with a time limit [s]; None if the process was killed or died."""
     worker = WorkerProcess()
     clock = threading.Timer(seconds, worker.process.kill)
     clock.start()

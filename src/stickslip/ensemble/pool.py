@@ -9,6 +9,7 @@ from importlib import import_module
 from operator import attrgetter
 from typing import Any, NamedTuple
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from . import local
 from .worker import SchedulerGoneError, describe_error
@@ -77,7 +78,7 @@ def run_members(
     ----------
     function : importable by name, so that other processes find it; with `live` it receives `tell` as its last argument
         and reports progress as tell(completed share of this task, words)
-    workers : number of processes, each on one core, where 1 runs everything in this process; or the address of a Dask
+    workers : number of processes, each on one core, or 1 to run everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     report : called as report(number done, number of tasks, member)
     live : called as live(completed share of all running tasks, words) with the messages of the tasks
@@ -126,8 +127,9 @@ def run_members(
     return members
 
 
+@checked
 def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
-    """Call a function with the arguments `task` in a local process with a time limit [s]; None if it was exceeded."""
+    """Call a function with the arguments `task` in a local process with a time limit [s]; None on timeout."""
     found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
     members = []
     if found is not None:

@@ -133,7 +133,7 @@ def _read_exactly(stream, size: int) -> bytes:
 def serve() -> None:
     """Run tasks until the parent is gone; what they print goes to stderr.
 
-    Arguments of the process are folders to import from, searched after all others. The process always ends in this
+    The arguments of the process are folders to import from, searched after all others. The process always ends in this
     function, because the listening thread holds stdin and the interpreter would otherwise abort at shutdown.
     """
     code = 1
@@ -188,7 +188,7 @@ def _run_task(packed: bytes, more: tuple) -> tuple:
 
 
 def _make_reporter(out, pause: float):
-    """Return tell(share, words), which sends the first message, and later ones only after a pause.
+    """Return tell(share, words), which sends the first message at once and later ones only after a pause.
 
     With None, the share is the last one reported.
     """

@@ -45,7 +45,7 @@ def claim(
     id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", *,
     error: float | None = None, reference: Value = None, reference_source: str = "", quantifier: str = IS,
 ) -> Claim:  # fmt: skip
-    """Evaluate a measurement; the note states the reason if undecided, and the comparison with the reference.
+    """Evaluate a measurement; the note states the reason if it is undecided, and the comparison with the reference.
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
         The paper prints nothing to compare with, regardless of any reference from elsewhere.
 
     A tolerance below 0.5 is a fraction of the paper's number. From 0.5 upwards, it is a factor of 1 + tolerance in both
-    directions. If the paper prints zero, it is absolute. Twice the tolerance is twice the fraction, or a factor
-    of 1 + 2 tolerance.
+    directions. If the paper prints zero, the tolerance is absolute. Twice the tolerance is twice the fraction, or a
+    factor of 1 + 2 tolerance.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def _compare_numbers(target: float, measured: float, tolerance: float, error: fl
 
 
 def band(target: float, tolerance: float, times: int = 1) -> tuple[float, float]:
-    """Return the smallest and largest values within a multiple of the tolerance from a number."""
+    """Return the smallest and largest values within a multiple of the tolerance around a number."""
     wide = times * tolerance
     if target == 0:
         return -wide, wide

@@ -127,7 +127,7 @@ def _main_reason(judged: list[Claim], shows: Shows) -> str:
 
 
 def _most_missed(missed: list[Claim], shows: Shows) -> str:
-    """Describe the figure with the most disagreeing rows, and one of these rows: the one to quote, if it disagrees."""
+    """Describe the figure with the most rows that disagree, and one of these: the one to quote, if it disagrees."""
     (most, number), *_ = Counter(map(place, missed)).most_common(1)
     share = f"{number} of {len(missed)}"
     verb = "is" if number == 1 else "are"
@@ -175,7 +175,7 @@ def _count_reproduced(here: list[Claim], name: str) -> str:
 
 
 def show_claims(claims: list[Claim], shows: Shows) -> None:
-    """Print two sentences and a line per figure of the paper; all else is in claims.md."""
+    """Print two sentences and a line per figure of the paper; everything else is in claims.md."""
     for words in summarize(claims, shows):
         console.print(words)
     console.print(_figure_table(figure_lines(claims, shows)))

@@ -31,12 +31,12 @@ MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 def open_dataset(place: str | Path) -> xr.DataTree:
     """Open the results of a run or a sweep, or what an unfinished run has saved so far.
 
-    The node `frames` holds the states: position, velocity, … along `time` (or `load` if the frames are loads along
-    a quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of the
-    archive is a node of the same name, such as `series`. Its arrays have `time`, `strain` or `load` as their coordinate
-    if it increases. Units are in the attribute `units`: SI units, or dimensions if the scenario defines its own units.
-    The scenario's text and the versions are attributes of the root. A sweep is the root's dataset; see
-    `open_sweep`.
+    The node `frames` holds the states: position, velocity, … along `time` (or `load` if the frames correspond to loads
+    along a quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of
+    the archive is a node of the same name, such as `series`. Its arrays have `time`, `strain` or `load` as their
+    coordinate if that quantity increases. Units are in the attribute `units`: SI units, or dimensions if the scenario
+    defines its own units. The scenario's text and the versions are attributes of the root. The table of a sweep
+    is the root's dataset; see `open_sweep`.
 
     Parameters
     ----------

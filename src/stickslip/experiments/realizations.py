@@ -1,4 +1,4 @@
-"""The loop over realizations that all experiments share: run in parallel, save, skip saved ones, report failures."""
+"""The loop over realizations, shared by all experiments: run in parallel, save, skip saved ones, report failures."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -39,7 +39,7 @@ class Realizations(NamedTuple):
         return [Realizations(self.results[k : k + size], self.sentences[k : k + size]) for k in starts]
 
     def successful(self, what: str) -> list[Any]:
-        """Return the results of those that did not fail.
+        """Return the results of the tasks that did not fail.
 
         Raises
         ------

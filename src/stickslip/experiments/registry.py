@@ -6,6 +6,7 @@ import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 
+from ..core.arguments import checked
 from ..core.text import read_text, shortened
 from ..data.law_file import require_checksum
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
@@ -30,6 +31,7 @@ def experiment_of(scenario: ScenarioBase) -> Experiment:
     return EXPERIMENTS[scenario.experiment]
 
 
+@checked
 def simulate(
     scenario: ScenarioBase,
     *,
@@ -147,7 +149,7 @@ def _parse(text: str, path: Path):
 
 
 def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
-    """Reject integers that other TOML and JSON readers and the result files cannot hold."""
+    """Reject integers that other TOML and JSON readers and the result files cannot represent."""
     items = tree.items() if isinstance(tree, dict) else enumerate(tree, start=1) if isinstance(tree, list) else ()
     for key, value in items:
         if isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:

@@ -117,12 +117,12 @@ def _probe(folder: Path) -> None:
 def staged_results(folder: Path, *, failures=()):
     """Context manager for a staging folder whose files replace those of an earlier run when all are complete.
 
-    The run is then finished, unless members failed: `stickslip resume` runs these again.
+    The run is then finished, unless members failed, in which case `stickslip resume` runs them again.
 
     Raises
     ------
     RuntimeError
-        If a file of another program is in the way; the message is one sentence, and nothing is replaced or removed.
+        If a file from another program is in the way; the message is one sentence, and nothing is replaced or removed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     staging = folder / WRITING
@@ -147,7 +147,7 @@ def staged_results(folder: Path, *, failures=()):
 
 
 def install_results(folder: Path) -> None:
-    """Move complete results into their folder; if the process is killed meanwhile, the next call finishes the move."""
+    """Move complete results into their folder; if the process is killed midway, the next call finishes the move."""
     staging = folder / WRITING
     new = read_manifest(staging)
     if not new:
@@ -176,7 +176,7 @@ def save(staging: Path, scenario, numbers: dict) -> None:
 
 
 def archive_fields(record) -> dict:
-    """Return the fields of a NamedTuple for an archive: None is omitted, tuples of strings become lines."""
+    """Return the fields of a NamedTuple for an archive: None is omitted, and tuples of strings become lines."""
     out = {}
     for name, value in record._asdict().items():
         if value is None:

@@ -138,7 +138,7 @@ def format_duration(seconds: float) -> str:
 def show_table(table: Table) -> None:
     """Print a table.
 
-    On a narrow terminal without room for it, print each row as lines, each with a heading and a value.
+    On a terminal too narrow for the table, print each row as lines, each with a heading and a value.
     """
     room = console.width
     if room >= NARROW or Measurement.get(console, console.options.update(max_width=1000), table).maximum <= room:

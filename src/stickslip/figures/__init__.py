@@ -10,14 +10,14 @@ Disk array (paper 000)
 
     complex_pairs          Im λ of all complex pairs against the push
     mean_square_displacement   M(t) at every load, with the predicted growth
-    trajectory             path of one disk by time
+    trajectory             path of one disk, coloured by time
     traveling_fronts       forward and backward fronts with their speeds
     mode_shape             components of one mode
     center_of_mass         centre of mass through the transition, and sliding velocity
 
 Spheres in shear (paper 001)
 
-    pairs_along_strain     complex pairs along the strain
+    pairs_along_strain     complex pairs against strain
     spectrum_in_time       eigenvalues during a run, above M(t)
     growth                 M(t) with the predicted growth and the fitted oscillation
     trajectories           displacements during growth
@@ -34,7 +34,7 @@ Fault gouge (paper 003), rate and state
 
     steady_sliding         friction and thickness against slip
     velocity_steps         change in friction after velocity steps
-    holds, reslides        friction in holds and in slides after them
+    holds, reslides        friction during holds and in slides after them
     healing                peak friction against hold time
     sample                 the sample in steady sliding
     slid                   spring-slider: friction, velocity and state

@@ -25,7 +25,7 @@ def movie(
     frames: list[Frame], path: Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
-    """Draw frames one after the other, with common limits for axes and colours.
+    """Draw frames one after another, with common limits for axes and colours.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def check_movie(path: Path, fps: int) -> None:
 
 @contextmanager
 def _explain_ffmpeg_failure():
-    """Turn a premature exit of ffmpeg, for example on a full disk, into a one-sentence error."""
+    """Turn a premature exit of ffmpeg, for example because the disk is full, into a one-sentence error."""
     try:
         yield
     except (CalledProcessError, BrokenPipeError) as problem:

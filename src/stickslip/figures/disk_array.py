@@ -76,7 +76,7 @@ def mean_square_displacement(result):
 
 @styled
 def trajectory(result, grain: int = 3):
-    """Path of one disk in the x–y plane, coloured by time: the growing spiral, and the path until breach (Fig 4)."""
+    """Path of one disk in the x–y plane, coloured by time: the growing spiral, and the path until breaching (Fig 4)."""
     data = result.trajectory
     figure, panels = column_axes(2, 4.6)
     end = data.breach[grain] if np.isfinite(data.breach[grain]) else data.time[-1]

@@ -60,7 +60,7 @@ def _select_frames(result) -> list:
 
 
 def _view_limits(result, shown, places):
-    """Lower and upper corner of the drawing."""
+    """Lower and upper corners of the drawing."""
     radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
     low = np.min([np.quantile(p[:, :2], HIDDEN, axis=0) for p in places], axis=0) - 2 * radius
     high = np.max([np.quantile(p[:, :2], 1 - HIDDEN, axis=0) for p in places], axis=0) + 2 * radius
@@ -155,7 +155,7 @@ def _plot_extent(axes, series) -> None:
 
 
 def _plot_plates(top, bottom, series, names) -> None:
-    """Plot shear over normal force on each plate, with its running mean, and the distance of the outermost plates."""
+    """Plot shear over normal force on each plate, its running mean, and the distance between the outermost plates."""
     span = max(1, len(series.time) // 40)
     seen = [0.1]
     for k, name in enumerate(names):

@@ -90,7 +90,7 @@ def energies_in_holds(ratios, creep, sliding: float):
 
 @styled
 def reslides(curves, ratios, peaks, slope, offset: float):
-    """Friction after holds for each velocity, with two standard errors and divided by C + ln(V_r/V_i), and its peak.
+    """Friction after holds for each velocity: with two standard errors, divided by C + ln(V_r/V_i), and its peak.
 
     Parameters
     ----------

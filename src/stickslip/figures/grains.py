@@ -46,7 +46,7 @@ def packing(
 
     A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
     ellipses are enlarged by the same factor, which brings the largest to the mean radius. In three dimensions, balls
-    are drawn at 0.6 of their size.
+    are drawn at 0.6 times their size.
 
     Parameters
     ----------

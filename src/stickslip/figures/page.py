@@ -16,7 +16,7 @@ def page(title: str, about: str, sections: list[tuple[str, str]]) -> str:
 
 
 def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None) -> str:
-    """HTML table of plain text; `classes` gives the kind of a column: number, note or verdict."""
+    """HTML table of plain text; `classes` gives the kind of each column: number, note or verdict."""
     known = classes or {}
 
     def cell(kind: str, name: str, text: str) -> str:
@@ -33,7 +33,7 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
 
 
 def pictures(shown: dict[str, bytes]) -> str:
-    """Embedded pictures (PNG or GIF), by their captions."""
+    """Embedded pictures (PNG or GIF), keyed by caption."""
     return '<div class="figures">\n' + "\n".join(_picture(*item) for item in shown.items()) + "\n</div>"
 
 
@@ -50,7 +50,7 @@ def listing(text: str) -> str:
 
 
 def folded(summary: str, content: str) -> str:
-    """HTML that is hidden until it is unfolded."""
+    """HTML that is hidden until it is expanded."""
     return f"<details><summary>{escape(summary)}</summary>\n{content}\n</details>"
 
 

@@ -14,8 +14,8 @@ def quantities(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Quantities by which the grains of a frame can be coloured, as {name: (values per grain, unit)}.
 
-    The pressure of a grain is p = (1/(d V)) Σ_c f·l, with l from its centre to the contact, V its own volume (in two
-    dimensions its area) and compression positive. It is absent if the law and therefore the forces are not known.
+    The pressure of a grain is p = (1/(d V)) Σ_c f·l, with l from its centre to the contact, V its own volume (area in
+    two dimensions) and compression positive. It is absent if the law and therefore the forces are not known.
 
     Parameters
     ----------

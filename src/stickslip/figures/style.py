@@ -69,7 +69,7 @@ def save(figure, path: str | Path) -> Path:
 
 @styled
 def png(figure) -> bytes:
-    """Return the content of a PNG file of a figure, and close the figure."""
+    """Return a figure as the content of a PNG file, and close the figure."""
     content = BytesIO()
     figure.savefig(content, format="png")
     plt.close(figure)

@@ -13,6 +13,7 @@ from importlib.resources import files
 import numpy as np
 from matplotlib import colormaps
 
+from ..core.arguments import checked
 from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
@@ -38,10 +39,11 @@ addEventListener("DOMContentLoaded", () => {
 CONTENT = {"material", "coordination", "sliding contacts"}  # integers
 
 
+@checked
 def view(frames: list[Frame], modes: list[Mode] | None = None, *, colour: str | None = None, height: int = 480):
     """Three-dimensional view of a packing for a notebook, as a K3D plot.
 
-    Grains are balls coloured by a quantity. Contacts are lines from centre to centre, wider for larger normal force,
+    Grains are balls coloured by a quantity. Contacts are lines from centre to centre, wider for larger normal forces,
     blue if they stick and red if they slide. The first mode, if any is given, is animated.
 
     Parameters
@@ -93,7 +95,7 @@ def page_view(
 def view_data(
     frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, si: bool = False
 ) -> dict:
-    """Data for `view.js`, as JSON; arrays are base64 of float32 (int32 for i and j, uint8 for mode)."""
+    """Data for `view.js`, as JSON; arrays are base64-encoded float32 (int32 for i and j, uint8 for mode)."""
     chosen = sorted({*_select_frames(frames), at})
     first, mode = frames[0], modes[0] if modes else None
     columns = [quantities(frames[k], first=first, mode=mode, si=si) for k in chosen]
@@ -118,19 +120,19 @@ def view_data(
 
 
 def _first_shown(frames: list[Frame], count: int) -> int:
-    """Frame shown at first: the beginning of a motion, else the last one, as at the end of a load path."""
+    """Frame shown initially: the first of a motion, otherwise the last, as at the end of a load path."""
     return 0 if frames[0].state.time < frames[-1].state.time else count - 1
 
 
 def _select_frames(frames: list[Frame]) -> list[int]:
-    """Numbers of frames that fit on a page, evenly spaced and including the first and the last."""
+    """Numbers of the frames that fit on a page, evenly spaced and including the first and the last."""
     size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
     count = min(len(frames), max(2, int(MOST / size)))
     return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
 
 
 def _describe_quantity(name: str, found: list[tuple[np.ndarray, str]]) -> dict:
-    """Name, unit and range of a quantity; for the material also `kinds`, values with separate colours."""
+    """Name, unit and range of a quantity; for the material, also `kinds`, values with separate colours."""
     values = np.concatenate([v for v, _ in found]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":

@@ -67,7 +67,7 @@ def frozen_hold(a: float, stiffness: float, velocity: float, time):
 def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
     """Slip velocity after slip x during a hold of the load point that follows steady sliding at V_i, for the slip law.
 
-    With y = ln(θ V_i/D_c) and z = ln(V/V_i) the force balance is a z + b y = −k x and the law is dy/dx = −(z + y)/D_c,
+    With y = ln(θ V_i/D_c) and z = ln(V/V_i), the force balance is a z + b y = −k x and the law is dy/dx = −(z + y)/D_c,
     hence dy/dx + λ y = k x/(a D_c) with λ = (a − b)/(a D_c). The solution is y = (k/(a D_c)) [x/λ − (1 − e^{−λx})/λ²],
     or y = k x²/(2 a D_c) for a = b, and V = V_i e^{−(kx + by)/a}. Friction decreases by k x.
 

@@ -148,9 +148,9 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     """Estimate parameters and noise alternately; return x, filters, whether residuals are noise, and evaluations.
 
     Residuals are not noise if fewer than MIN_INDEPENDENT independent samples are left per parameter, or if filtering
-    has moved the estimate away from the least-squares one, whose sum of squares the correct law exceeds only by a
-    fraction of order m/n_eff. The residuals then vary as slowly as the signal, and filtering them removes the signal as
-    well, so the ordinary least-squares estimate is returned.
+    has moved the estimate away from the least-squares one (under the correct law, the sum of squares exceeds its
+    minimum only by a fraction of order m/n_eff). The residuals then vary as slowly as the signal, and filtering them
+    removes the signal as well, so the ordinary least-squares estimate is returned.
     """
     x, evaluations = start, 0
     rest = residual(task, x)

@@ -1,4 +1,4 @@
-"""Initial guesses for fits: a coarse search over a, b, D_c and the spring, to avoid other local minima."""
+"""Initial guesses for fits: a coarse search over a, b, D_c and the spring, to avoid inferior local minima."""
 
 from itertools import product
 

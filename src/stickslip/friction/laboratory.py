@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from ..core.text import read_text, shortened
 from .fitting import Data
@@ -57,7 +58,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     Parameters
     ----------
     columns : for a file without headers: column numbers, counted from 0, keyed by the headers they stand for, as in
-        {"time": 0, "load_point [um]": 1, "friction": 3}; without a unit it is in metres, seconds or pascals
+        {"time": 0, "load_point [um]": 1, "friction": 3}; a column without a unit is in metres, seconds or pascals
 
     Raises
     ------
@@ -94,6 +95,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     return LabRecord(**values)
 
 
+@checked
 def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = ()) -> Path:
     """Write a record to a CSV file that `read_csv` can read, in metres, seconds and pascals.
 
@@ -112,6 +114,7 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
     return path
 
 
+@checked
 def record_data(record: LabRecord, *, before: float | None = None, normal: bool = False) -> Data:
     """Data for `fit`: legs from the load-point displacement, or the measured slip velocity if there is none.
 

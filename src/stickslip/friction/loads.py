@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 
 
@@ -16,6 +17,7 @@ class LoadStep(NamedTuple):
     normal: float = 1.0  # normal stress over its reference value
 
 
+@checked
 def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
     """Legs at successive velocities, each over the same load-point displacement.
 
@@ -36,6 +38,7 @@ def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
     return tuple(LoadStep(float(distance / v), float(v)) for v in velocities)
 
 
+@checked
 def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float | None = None) -> tuple[LoadStep, ...]:
     """Legs of a slide-hold-slide test, which begins and ends with sliding.
 
@@ -63,10 +66,11 @@ def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float 
     return tuple(legs)
 
 
+@checked
 def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tuple[LoadStep, ...]:
     """Legs of a measured load-point displacement, which is interpolated linearly between samples.
 
-    Neighbouring intervals are merged into one leg as long as a straight line from its first sample passes all others
+    Neighbouring intervals are merged into one leg as long as a straight line from its first sample passes all others to
     within `roughness` times the median displacement between (moving) samples, so that a motor at constant velocity is
     one leg.
 
@@ -93,7 +97,7 @@ def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tup
 
 
 def _end_of_line(time, place, factor, first: int, slack: float) -> int:
-    """Last sample that a straight line from sample `first` can reach within `slack` of all samples between."""
+    """Last sample that a straight line from sample `first` can reach, passing within `slack` of all those between."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
         span, rise = time[k] - time[first], place[k] - place[first]

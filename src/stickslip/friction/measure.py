@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
+from ..core.arguments import checked
+
 
 class Mean(NamedTuple):
     """Mean of correlated values."""
@@ -64,11 +66,12 @@ def steady_mean(values) -> Mean:
     return Mean(mean, float(np.sqrt(variance / max(effective - 1, 0.5))), float(effective))
 
 
+@checked
 def steady_start(values, *, batch: int = 5) -> int:
     """Index from which a series with an initial transient can be considered steady.
 
-    The cut d minimises Σ_{i≥d} (x_i − mean)²/(N − d)², over means of `batch` values and at most half of the series
-    (MSER; K. P. White, doi:10.1177/003754979706900601).
+    The cut d minimises Σ_{i≥d} (x_i − mean)²/(N − d)², computed from means of `batch` values, and removes at most half
+    of the series (MSER; K. P. White, doi:10.1177/003754979706900601).
 
     Parameters
     ----------
@@ -105,6 +108,7 @@ def healing(hold, excess) -> Healing:
     return Healing(slope, intercept, error, (slope - reach, slope + reach))
 
 
+@checked
 def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
     """Drop in friction during every hold of a record, and the peak after it.
 
@@ -112,7 +116,7 @@ def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
     ----------
     time, friction : (N,), from the start of the legs
     legs : legs of the load point; a hold is a leg of velocity 0 between two others
-    before : fraction of the leg before a hold, at its end, over which steady friction is averaged
+    before : fraction, at the end of the leg before a hold, over which steady friction is averaged
     """
     time, friction = np.asarray(time, float), np.asarray(friction, float)
     ends = np.cumsum([leg.duration for leg in legs])

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from .fitting import Fit
 
@@ -22,6 +23,7 @@ class LawComparison(NamedTuple):
     sentence: str
 
 
+@checked
 def compare_laws(first: Fit, second: Fit) -> LawComparison:
     """Test whether the data discriminate between two fits.
 

@@ -16,10 +16,10 @@ def autocovariance(pieces, lags: int) -> np.ndarray:
 
 
 def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, order selected by BIC, and the head of the whitening filter.
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, with order selected by BIC, and the head of the whitening filter.
 
     Uses Levinson's recursion on the autocovariance (Yule and Walker). Noise absorbed by a fit is added: residuals of
-    generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, which makes the noise look
+    generalised least squares have the covariance Σ − J C Jᵀ, where C is that of the parameters, so the noise looks
     less correlated than it is.
 
     Parameters

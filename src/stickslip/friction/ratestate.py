@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from . import kernel
 from .loads import check_times, leg_arrays
@@ -91,6 +92,7 @@ def check(rs: RateState) -> None:
         raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
 
 
+@checked
 def spring_slider(
     rs: RateState,
     spring: Spring,
@@ -188,6 +190,7 @@ def _default_times(duration, ends) -> np.ndarray:
     return np.unique(np.r_[0.0, np.concatenate(each)])
 
 
+@checked
 def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> SlipHistory:
     """Friction of a surface with prescribed, piecewise constant slip velocity.
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from .kernel import rate_derivatives
 from .ratestate import RateState, Spring, check, check_spring, kernel_parameters
 
@@ -19,6 +20,7 @@ class Sliding(NamedTuple):
     sentence: str
 
 
+@checked
 def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.0) -> float:
     """k_c = (b − a − η V)/D_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
 
@@ -39,6 +41,7 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     return (rs.b - rs.a - damping * velocity) / rs.dc
 
 
+@checked
 def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     """Stability of steady sliding at V: eigenvalues of the linearised equations for ln V and ln θ.
 

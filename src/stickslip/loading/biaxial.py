@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.control import force_controlled, stress_controlled
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law, linear
@@ -16,6 +17,7 @@ SOFT = 0.01  # largest pressure over kn; beyond it overlaps are not small
 LOOSE = 1.15  # expansion of the jammed packing before the walls compress it
 
 
+@checked
 def biaxial_box(
     n: int = 200,
     *,
@@ -76,6 +78,7 @@ def biaxial_box(
     return settle(state, law, tolerance * pressure), law
 
 
+@checked
 def sheared_box(
     n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
     seed: int = 0, tolerance: float = 1e-9,
@@ -125,6 +128,7 @@ def _contact_law(kn: float, kt: float, mu: float, pressure: float) -> Law:
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
 
 
+@checked
 def with_load(control: Control, wall: int, factor: float) -> Control:
     """Control with the force on a wall multiplied by a factor; `wall` is a body number."""
     force = control.force.copy()

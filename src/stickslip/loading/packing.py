@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
+from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.cell_motion import strained
@@ -18,6 +19,7 @@ from ..solve.equilibrate import equilibrate
 from ..solve.linear import one_thread
 
 
+@checked
 def disk_array(
     n: int = 10,
     radius=0.5,
@@ -63,6 +65,7 @@ def disk_array(
     return assembly(grains, wall, cell, loads(n, 1, force=force))
 
 
+@checked
 def with_push(state: State, push: float, disk: int = 0) -> State:
     """State with a different force along x on one disk [force]."""
     force = state.control.force.copy()
@@ -86,6 +89,7 @@ class PackingInfo(NamedTuple):
     residual: float  # largest unbalanced force [force]
 
 
+@checked
 def jammed(
     n: int,
     *,
@@ -165,6 +169,7 @@ def jammed(
     return state, report
 
 
+@checked
 def frictionless(law: Law) -> Law:
     """Law with the same normal force, without friction and dashpots."""
     table = law.table.copy()

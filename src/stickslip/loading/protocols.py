@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..core.arguments import checked, require_positive
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
@@ -51,14 +52,16 @@ class Family(NamedTuple):
     death: Change | None  # None if the pair exists at the last point
 
 
+@checked
 def load_path(turning_points, step: float, through=()) -> np.ndarray:
-    """Loads from one turning point to the next in increments of at most `step`, including the loads `through`.
+    """Loads from one turning point to the next in increments of at most `step`, including the loads in `through`.
 
     Examples
     --------
     >>> load_path([0.0, 0.02, 0.01], 0.01, through=[0.015])
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
+    require_positive(step=step)
     loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
     for a, b in pairwise(turning_points):
         inside = [x for x in waiting if min(a, b) <= x <= max(a, b)]
@@ -66,6 +69,8 @@ def load_path(turning_points, step: float, through=()) -> np.ndarray:
         n = max(1, round(abs(b - a) / step, 6).__ceil__())
         leg = np.union1d(np.round(np.linspace(a, b, n + 1), 12), inside)
         loads += list((leg if b > a else leg[::-1])[1:]) if a != b else []
+    if waiting:
+        raise ValueError(f"load {waiting[0]} of `through` was given: it lies outside the turning points")
     return np.array(loads)
 
 
@@ -98,8 +103,9 @@ class Protocol(NamedTuple):
         return Equilibrium(float(load), state, spectrum(state, self.law, modes=self.modes), outcome)
 
 
+@checked
 def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Checkpoint | None = None) -> list[Equilibrium]:
-    """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each.
+    """Equilibria along a path of loads, each found from the one before it; `report(equilibrium)` is called after each.
 
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
     one to within the tolerance of the solver.
@@ -174,8 +180,12 @@ def follow_pair(
     )
 
 
+@checked
 def track_pairs(path: list[Equilibrium], protocol: Protocol, report=lambda share, words: None) -> list[Family]:
-    """Track all complex pairs along a path, with births and deaths; calls `report(share done, words)` before each."""
+    """Track all complex pairs along a path, with births and deaths.
+
+    Call `report(share done, words)` before each pair.
+    """
     found, out = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR), []
     for k, members in enumerate(found):
         first = path[min(members)]
@@ -195,6 +205,7 @@ def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | Non
     return follow_pair(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
 
 
+@checked
 def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> list[float] | None:
     """Window [low, high] of loads without complex pairs that is nearest to `near`; None if there is none.
 
@@ -220,6 +231,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
     return [low, high]
 
 
+@checked
 def perturbed(state: State, seed: int, velocity: float) -> State:
     """State with normally distributed velocities of standard deviation `velocity` [length/time] in free coordinates."""
     rng = np.random.default_rng(seed)
@@ -242,6 +254,7 @@ class Growth(NamedTuple):
     decades: float  # of M inside the window
 
 
+@checked
 def fit_growth(
     time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11), within: float = 0.05
 ) -> Growth | None:
@@ -252,7 +265,7 @@ def fit_growth(
     Parameters
     ----------
     time, msd : (T,) [time], [length²]
-    growth_rate, frequency : initial guesses [1/time] from the spectrum, within a factor of two and to `within`
+    growth_rate, frequency : initial guesses [1/time] from the spectrum, accurate to a factor of two and to `within`
     within : float, relative range of frequencies searched
     """
     above_top = np.flatnonzero(msd > window[1])
@@ -281,8 +294,10 @@ def fit_growth(
     )
 
 
+@checked
 def free_run(state: State, law: Law, *, duration: float, dt: float, sample: float, drag=0.0, spin_drag=None):
-    """Run Newtonian dynamics, recording all grains every `sample` [time], and contact events."""
+    """Run Newtonian dynamics, recording contact events, and all grains every `sample` [time]."""
+    require_positive(duration=duration, dt=dt, sample=sample)
     probes = np.arange(len(state.grains.radius))
     return run(
         state,

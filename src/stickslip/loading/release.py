@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
@@ -89,7 +90,7 @@ def mean_square_motion(position, angle, reference: State, held: np.ndarray) -> n
 
 
 def with_random_velocity(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
-    """State with random velocities of all resisted modes, without drift and without spinning rattlers.
+    """State with random velocities in all resisted modes, without drift and without spinning rattlers.
 
     Parameters
     ----------
@@ -105,6 +106,7 @@ def with_random_velocity(state: State, modes: Spectrum, seed: int, velocity: flo
     )
 
 
+@checked
 def release(
     state: State,
     law: Law,

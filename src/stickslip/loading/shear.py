@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.contacts.neighbors import pack_key
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import Law
@@ -14,6 +15,7 @@ from ..solve.newton import Factorisation
 from .protocols import Protocol
 
 
+@checked
 def sheared(state: State, strain: float, *, slip: bool = True) -> State:
     """Simple shear along x with gradient along y, by `strain`; see `strained`.
 
@@ -29,6 +31,7 @@ def sheared(state: State, strain: float, *, slip: bool = True) -> State:
     return strained(state, gradient, slip=slip)
 
 
+@checked
 def reduced_cell(state: State) -> State:
     """Same packing in the least skewed cell of its lattice, for unlimited shear.
 
@@ -67,11 +70,13 @@ def reduced_cell(state: State) -> State:
     return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
 
 
+@checked
 def shear_strain(state: State) -> float:
     """Shear strain γ, the tangent of the angle by which the second cell vector leans along x."""
     return float(state.cell.vectors[1, 0] / state.cell.vectors[1, 1])
 
 
+@checked
 def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = False) -> Protocol:
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.control import between
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
@@ -25,6 +26,7 @@ class SlowRun(NamedTuple):
     kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
 
 
+@checked
 def slow_dynamics(
     state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report=None
 ) -> SlowRun:

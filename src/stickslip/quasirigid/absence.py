@@ -1,7 +1,7 @@
 """Proofs that no status balances a load: Farkas certificates, and motions that nothing resists.
 
 If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
-programme proposes y. The inequalities are then verified, allowing for the errors of A and q.
+programme proposes y. The inequalities are then verified, allowing for the errors in A and q.
 """
 
 from typing import NamedTuple

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 
 STICKS, SLIDES, SLIDES_BACK, OPENS = range(4)  # SLIDES has s = +1, SLIDES_BACK has s = −1
@@ -109,6 +110,7 @@ def _in_cell(apex: Apex, forward, back, normal, status, slack: float):
     return np.choose(status, by_status)
 
 
+@checked
 def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
     """Find consistent statuses by iteration, then by following the pieces, then by enumeration.
 
@@ -280,7 +282,7 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
 
 
 def _all_velocities(apex: Apex, status: np.ndarray):
-    """Matrices (K, 2E, 2E) of pieces, signs of det k, a mask of regular ones, and their velocities V (K, E, 2)."""
+    """Matrices (K, 2E, 2E) of pieces, signs of det k, a mask of the regular ones, and their velocities V (K, E, 2)."""
     matrix = piece_matrix(apex, status)
     sign = np.linalg.slogdet(matrix)[0]
     sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
@@ -295,11 +297,12 @@ def _all_velocities(apex: Apex, status: np.ndarray):
 
 
 def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
-    """Return True if the equation of a singular piece has a solution, to half of the digits."""
+    """Return True if the equation of a singular piece has a solution, to half the digits."""
     rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
     return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
 
 
+@checked
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 

@@ -1,6 +1,6 @@
 """Enumeration of the statuses of a few critical contacts: solutions of the complementarity problem, and rays.
 
-A status is regular if A_SS has full rank to within the errors of its entries; it then has exactly one solution. A
+A status is regular if A_SS has full rank to within the errors in its entries; it then has exactly one solution. A
 singular status may have no solution, or a whole face of solutions, whose ends are returned. Rays are motions that need
 no load.
 """
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
+from ..core.arguments import checked
 from .lcp import Complementarity, ScaledProblem, scale_problem
 
 MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384
@@ -163,7 +164,7 @@ def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
 
 
 class SolutionFace(NamedTuple):
-    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of the others."""
+    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of the sliding contacts, w of the others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)
@@ -250,7 +251,7 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
 
 
 class StatusMap(NamedTuple):
-    """Map C: S ↦ C(S). Bits of S mark the critical contacts that slide, bits of C(S) those that are consistent."""
+    """Map C: S ↦ C(S). Bits of S mark the critical contacts that slide; bits of C(S) mark those that are consistent."""
 
     image: np.ndarray  # (2^Mc,) C(S) for S = 0 … 2^Mc − 1; −1 where k(S) is singular
 
@@ -265,6 +266,7 @@ class StatusMap(NamedTuple):
         return np.flatnonzero(self.image == len(self.image) - 1)
 
 
+@checked
 def status_map(problem: Complementarity) -> StatusMap:
     """Compute the map of the paper's Eq. 5 for all statuses, for at most 14 critical contacts."""
     size = len(problem.vector)

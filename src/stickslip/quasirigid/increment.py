@@ -369,7 +369,7 @@ def _force_changes(matrix: LinearSystem, slides, velocity) -> np.ndarray:
 
 
 def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
-    """Matrices of grains that support each other, including the springs of contacts about to touch."""
+    """Matrices of grains that support each other, including the springs of pairs about to touch."""
     state = place.state
     m = linear_system(state, law, rattlers=place.loose)
     kept = np.flatnonzero(~place.parted[m.rows])

@@ -2,8 +2,9 @@
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 
-Decisions on signs and ranks take the round-off of A and q into account, in units in which their entries are about 1.
-Rows and columns are scaled by powers of two, which changes neither the sign of a minor nor any status.
+Decisions on signs and ranks take the round-off of A and q into account, and are made in units in which the entries of A
+and q are about 1. Rows and columns are scaled by powers of two, which changes neither the sign of a minor nor any
+status.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992); Ruiz, RAL-TR-2001-034, for the
 scaling.
@@ -13,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from ..solve.linear import one_thread
 from .matrices import LinearSystem
@@ -50,6 +52,7 @@ class ScaledProblem(NamedTuple):
         return self.matrix[box], self.error[box]
 
 
+@checked
 def complementarity(
     matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, geometric: bool = True
 ) -> Complementarity:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from ..core.arguments import checked
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SMOOTH, Law
 from ..core.measure import branch_vectors, touching
@@ -56,6 +57,7 @@ class LinearSystem(NamedTuple):
         return self.mu * self.force[:, 0] - np.abs(self.force[:, 1])
 
 
+@checked
 def linear_system(
     state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None
 ) -> LinearSystem:
@@ -63,7 +65,7 @@ def linear_system(
 
     Parameters
     ----------
-    state : State in two dimensions; walls and rigid groups are bodies, a free cell adds its strain
+    state : State in two dimensions; walls and rigid groups are bodies, and a free cell adds its strain
     law : Law with sharp Coulomb friction
     rattlers : whether rattlers and their contacts are included; or (N,) bool, the grains to exclude instead
     wall_arm : if given, every wall may also rotate about its point: the last coordinates are this arm times the angles
@@ -166,6 +168,7 @@ def block_diagonal(parts: np.ndarray):
     return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
 
 
+@checked
 def stiffness_matrix(matrix: LinearSystem, sliding=None, *, geometric: bool = True):
     """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness; equal to −J for these statuses.
 
@@ -196,6 +199,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
     return sliding
 
 
+@checked
 def damping_matrix(matrix: LinearSystem, sliding=None):
     """(n, n) sparse c Γ cᵀ; a sliding contact has no tangential dashpot."""
     sliding = _status_of_all(matrix, sliding)
@@ -204,6 +208,7 @@ def damping_matrix(matrix: LinearSystem, sliding=None):
     return sparse.csr_array(matrix.c @ sparse.diags_array(damping.ravel()) @ matrix.c.T)
 
 
+@checked
 def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding=None) -> float:
     """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

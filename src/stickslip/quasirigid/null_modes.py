@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space, qr, svd
 
+from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.measure import rattlers
 from ..core.readable import readable
@@ -40,6 +41,7 @@ class Mechanism(NamedTuple):
         return self.kind
 
 
+@checked
 def mechanisms(
     state: State, law: Law, load: np.ndarray | None = None, sliding=None, *, wall_arm: float | None = None
 ) -> list[Mechanism]:

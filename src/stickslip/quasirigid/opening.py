@@ -1,7 +1,7 @@
 """Statuses of contacts that carry no force because they open or have just closed.
 
-A disk without force at any contact is released as a body. It stays released if all of its contacts open under the least
-motion that follows its neighbours. Otherwise it carries load again.
+A disk with no force at any contact is released as a body. It stays released if all of its contacts open in the least
+motion with which it follows its neighbours. Otherwise it carries load again.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, where the question is left open.
 """
@@ -161,7 +161,7 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 
 
 def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
-    """Combinations with as many released bodies as are not dragged along by others."""
+    """Combinations that release all bodies except those that others would drag along."""
     while True:
         good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
@@ -172,7 +172,7 @@ def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
     """Consistent (statuses, stable) with some bodies released, bodies that stay caught, and whether all were found.
 
-    A body may be dragged along by its least motion although another motion would release it; in that case not all were
+    A body may be dragged along in its least motion although another motion would release it; in that case not all were
     found.
     """
     matrix, ours = search.matrix, search.ours

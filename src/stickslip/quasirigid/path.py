@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import KT, LINEAR, Law
@@ -87,6 +88,7 @@ class LoadPath(NamedTuple):
         return [p.state for p in self.points]
 
 
+@checked
 def load_path(
     state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report=None
 ) -> LoadPath:

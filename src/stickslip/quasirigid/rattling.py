@@ -1,4 +1,4 @@
-"""Rattlers on a load path, which are pushed aside by other grains until they are wedged and carry load again.
+"""Rattlers on a load path: other grains push them aside until they are wedged and carry load again.
 
 Rattlers carry no load, so no force balance determines their positions. A grain that presses into a rattler moves it by
 the least distance that makes room. If the contacts that push a rattler can hold it by friction, they drag it along with

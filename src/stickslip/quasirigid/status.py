@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from ..solve.linear import one_thread
 from .absence import Absence, UnresistedMotion, farkas, farkas_ray, find_idle_motions, motion_of_ray
@@ -112,6 +113,7 @@ class VerifiedStatus(NamedTuple):
     stable: bool | None = None
 
 
+@checked
 def contact_status(
     matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
     geometric: bool = True, unique: bool | None = None,

@@ -103,7 +103,7 @@ class StatusSolver:
         return self._expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
-        """(Mc,) round-off of Ṽ, a difference of velocities of touching bodies: a fraction of each of them."""
+        """(Mc,) round-off of Ṽ, a difference of velocities of touching bodies: a fraction of each velocity."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
     def _expand(self, v: np.ndarray) -> np.ndarray:
@@ -170,8 +170,8 @@ def elimination_order(c, body: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    SuperLU computes an order for the matrix that it factorises. The graph of bodies is a ninth of the size of that of
-    the coordinates and gives an equally good order.
+    SuperLU computes an order for the matrix that it factorises. The graph of bodies is a ninth the size of the graph of
+    coordinates and gives an equally good order.
     """
     _, lead, node = np.unique(body, return_index=True, return_inverse=True)
     if len(lead) < 2:

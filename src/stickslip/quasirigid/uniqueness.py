@@ -1,8 +1,8 @@
 """Uniqueness of the status for every load: certificates for P-matrices, and verifiable counterexamples.
 
 The status is unique for every load if and only if A is a P-matrix: all principal minors, det A_SS = det k(S)/det k₀,
-are positive. Signs are decided to within the errors of the entries of A: a minor that may be zero within these errors
-counts as zero, and A is then reported as singular, neither as a P-matrix nor as not being one.
+are positive. Signs are decided to within the errors in the entries of A: a minor that may be zero within these errors
+counts as zero, and A is then reported as singular rather than as being or not being a P-matrix.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from .enumeration import BLUR, MAPPED, enumerate_rates
 from .lcp import Complementarity, ScaledProblem, scale_problem
@@ -49,6 +50,7 @@ class Uniqueness(NamedTuple):
         return f"{self.verdict.value} ({self.reason})"
 
 
+@checked
 def certificate(problem: Complementarity) -> Uniqueness:
     """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
@@ -109,7 +111,7 @@ def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
 
 
 def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
-    """Find one contact, two, or all of them, with a minor that is negative beyond round-off."""
+    """Find a set of one, two or all contacts whose minor is negative beyond round-off."""
     diagonal, pair, blur = minors_of_one_and_two(here)
     for one in np.flatnonzero(diagonal < -np.diag(here.error)):
         return np.array([one])
@@ -135,7 +137,7 @@ def _check_small_minors(here: ScaledProblem) -> Uniqueness:
 
 
 def is_regular(here: ScaledProblem, chosen: np.ndarray) -> bool:
-    """Return True if A_SS has full rank beyond the errors of its entries."""
+    """Return True if A_SS has full rank beyond the errors in its entries."""
     a, error = here.submatrix(chosen)
     return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(error))
 

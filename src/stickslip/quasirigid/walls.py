@@ -2,13 +2,13 @@
 
 A disk at x_i and a wall with point p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i
 − p)·t. This point is at R − δ from the centre of the disk, while the disk itself has the lever arm R. If the wall
-rotates at the rate Ω, its surface moves there with velocity Ω a n. The torque of (F_n, F_t) on the wall is therefore −a
-F_n, without a contribution of F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R −
-δ) Ω; this is the contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but does not rotate
-them.
+rotates at the rate Ω, its surface at this point moves with velocity Ω a n. The torque of (F_n, F_t) on the wall is
+therefore −a F_n, without a contribution of F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i −
+v_w)·t + (R − δ) Ω; this is the contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but
+does not rotate them.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III E, which counts three rigid motions.
-With lever arms R the third one causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the order of the
+With lever arms R, the third one causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the order of the
 squared overlap over the squared size of the packing.
 """
 

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import MU, Law
@@ -21,6 +22,7 @@ DIGITS = 13  # significant digits of positions that lost none to text or single 
 ROUND_OFF = 1e-9  # relative excess over the limit of friction: slips are differences of positions, with errors of 1e-16
 
 
+@checked
 def imbalance(state: State, law: Law) -> float:
     """Largest unbalanced force or torque/R over the mean normal contact force.
 
@@ -107,6 +109,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %" if share < 100 else f"{100 * share:.1e} %"
 
 
+@checked
 def likely_causes(state: State, law: Law) -> tuple[str, ...]:
     """Possible reasons why the forces of a packing do not balance, the most informative first.
 
@@ -138,7 +141,8 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
 def _precision_loss(state: State) -> tuple[str, float]:
     """Description of how positions were truncated, and the resulting error [length]; zero if they were not.
 
-    Positions with all the digits that numbers of their size can have, or with whole numbers only, are not truncated.
+    Positions that have all the digits that numbers of their size can have, or that are all whole numbers, do not count
+    as truncated.
     """
     place = state.grains.position
     largest = max(float(np.abs(place).max()), 1e-30)

@@ -65,8 +65,8 @@ def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero:
 def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
     """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
 
-    Modes that are too close for a pass keep their coupling. At the end, each group of such modes is diagonalised as a
-    block.
+    Modes that are too close together for a pass keep their coupling. At the end, each group of such modes is
+    diagonalised as a block.
     """
     n = len(B)
     for k in range(passes):

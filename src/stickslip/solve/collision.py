@@ -6,6 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from ..core.arguments import checked
 from ..core.contacts.mechanics import with_dashpot
 from ..core.laws.builtin import (
     DAMPING_N,
@@ -32,6 +33,7 @@ class Collision(NamedTuple):
     peak_overlap: float  # [length]
 
 
+@checked
 def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple[int, int] = (0, 0)) -> Collision:
     """Simulate a head-on collision of two grains.
 
@@ -53,6 +55,12 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     for name, value in (("radius", radius), ("mass", mass), ("speed", speed)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value} was given: it must be positive")
+    for number in pair:
+        if number not in range(len(law.table)):
+            raise ValueError(
+                f"material {number} was given, but the law has {len(law.table)} of them, numbered from 0: "
+                "add it with laws.for_pair(law, a, b)"
+            )
     if isinstance(law.kind, Kind):
         raise ValueError(
             "a user-defined law was given: `collision` supports built-in laws only; simulate the two grains with `run`"
@@ -93,6 +101,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     return Collision(-float(run.y[1, -1]), float(run.t[-1] * span), peak, float(course[0].max() * depth))
 
 
+@checked
 def with_restitution(
     law: Law, restitution: float, *, radius: float, mass: float, speed: float, ratio: float = 0.5
 ) -> Law:
@@ -140,6 +149,7 @@ def with_restitution(
     return damped(brentq(excess, low, high, rtol=1e-9))
 
 
+@checked
 def eq8_damping(
     restitution: float, *, young: float, poisson: float, radius: float, mass: float, speed: float, ratio: float = 0.5
 ) -> float:

@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.linalg import eig
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
+from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import pluralize, readable
@@ -116,6 +117,7 @@ class DampedStability(NamedTuple):
         return "; ".join(found)
 
 
+@checked
 def damped_stability(state: State, law: Law, *, method: str = "auto", report=None) -> DampedStability:
     """Analyse the stability of a state whose law has dashpots, from the exponents s of M q̈ = J q + C q̇.
 

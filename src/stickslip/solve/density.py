@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.linalg import eigvals
 from scipy.sparse.linalg import eigsh
 
+from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
@@ -20,6 +21,7 @@ MARGIN = 0.01  # margin beyond the bounds, over the width of the spectrum; the b
 SHARP = 4.0  # ratio of the bin width to the resolution of the polynomials
 
 
+@checked
 def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
     """Participation ratio of modes, the fraction of bodies that take part.
 
@@ -80,6 +82,7 @@ class DensityOfStates(NamedTuple):
         return (self.edges[1:] + self.edges[:-1]) / 2
 
 
+@checked
 def density_of_states(
     state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: int = 0,
     report=None,
@@ -135,7 +138,7 @@ def _bin_edges(bins, largest: float) -> np.ndarray:
         raise ValueError(f"bins = {bins} was given: a number of bins, at least 1, or their edges are needed")
     edges = np.linspace(0.0, largest, bins + 1) if np.ndim(bins) == 0 else np.asarray(bins, float)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] < 0:
-        raise ValueError("the edges of bins must be at least two increasing frequencies, none of them negative")
+        raise ValueError("the bin edges must be at least two increasing frequencies, none of them negative")
     return edges
 
 
@@ -158,7 +161,7 @@ def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
 def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
     """Density from Chebyshev moments.
 
-    With λ = centre + half cos θ, a resolution π/K in θ corresponds to √λ_max/2 π/K in ω.
+    With λ = centre + half cos θ, a resolution of π/K in θ corresponds to √λ_max/2 π/K in ω.
     """
     if probes < 2:
         raise ValueError(f"probes = {probes} was given: at least 2 are needed to estimate the error")

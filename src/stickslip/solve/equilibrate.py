@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
+from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
@@ -30,6 +31,7 @@ class UnstableEquilibriumWarning(UserWarning):
     """The forces balance, but the equilibrium is unstable."""
 
 
+@checked
 def equilibrate(
     state: State,
     law: Law,
@@ -42,16 +44,16 @@ def equilibrate(
     """Bring a packing back to equilibrium after a step in load or strain.
 
     Newton's method with the exact Jacobian is tried first. If it fails, strongly damped dynamics runs until the
-    residual is 3e-3 of the mean contact force and Newton is tried again, then 3e-5, 3e-7 and 3e-9, each stage starting
-    where the last one ended.
+    residual is 3e-3 of the mean contact force, and Newton's method is tried again; the same is done at 3e-5, 3e-7 and
+    3e-9, each stage starting where the last one ended.
 
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     keep : Factorisation, reused from step to step of a path
-    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all of
-        them below 700 coordinates and among the 12 softest above that, whenever a new factorisation was needed (as
-        long as one factor leads from equilibrium to equilibrium, the Jacobian is nearly the one already checked).
+    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
+        directions below 700 coordinates and among the 12 softest above that, whenever a new factorisation was needed
+        (as long as one factor leads from equilibrium to equilibrium, the Jacobian is nearly the one already checked).
         "spectrum" also looks for complex pairs every time, by a dense eigenvalue computation. "nothing" skips the check
     steps : int, largest number of steps of damped dynamics in each stage
 
@@ -59,8 +61,9 @@ def equilibrate(
     -------
     State, Outcome
         `outcome.how` describes the method used. `outcome.fallback` is True if damped dynamics was needed.
-        `outcome.warning` is set if the equilibrium is unstable (an UnstableEquilibriumWarning is then issued, too) or
-        if the tolerance is too large to judge stability. Unless the outcome is CONVERGED, the given state is returned.
+        `outcome.warning` is set if the equilibrium is unstable (an UnstableEquilibriumWarning is then also issued) or
+        if the tolerance is too large for stability to be judged. Unless the outcome is CONVERGED, the given state is
+        returned.
 
     Examples
     --------

@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 
+from ..core.arguments import checked, require_positive
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
@@ -77,6 +78,7 @@ class FastestPair(NamedTuple):
         return f"fastest {kind}: {found}, residual {self.residual:.0e}; {limits}"
 
 
+@checked
 def fastest_pair(
     state: State,
     law: Law,
@@ -90,13 +92,13 @@ def fastest_pair(
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system, as excited by random probes.
 
     The growth rate is g = |Im √λ|. The probes run until the time `amplification`/`rate`, or until a verified mode has
-    grown by exp(`amplification`), when any faster mode would stand out. Peaks of growing power are verified by
+    grown by exp(`amplification`), by which time any faster mode would stand out. Peaks of growing power are verified by
     shift-invert windows, which distinguish pairs from nearly degenerate real modes. The window at λ ≈ 0 is always
     computed; it shows slow buckling.
 
     Parameters
     ----------
-    amplification : float, exponent gT up to which modes are sought; at 1.4 real doublets look like pairs and the
+    amplification : float, exponent gT up to which modes are sought; at 1.4, real doublets look like pairs, and the
         ranking is wrong
     rate : float, slowest growth rate sought [1/time]; the run time is inversely proportional to it
     probes : int, number of random initial vectors; a mode is missed if all of them excite it weakly
@@ -111,6 +113,7 @@ def fastest_pair(
     ------
     doi:10.1103/PhysRevE.101.052902, for the complex pairs.
     """
+    require_positive(rate=rate, probes=probes)
     free = freedom(state)
     matrix = dynamical_matrix(state, law, free)
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
@@ -202,7 +205,7 @@ class _ProbeRun:
         size = max(sizes)
         if not self.log_scale + np.log(size) < 300:  # its square is at the limit of double precision
             raise FloatingPointError(
-                "the probes overflow because a mode grows that no window found: use `spectrum` instead"
+                "the probes overflow because of a growing mode that no window found: use `spectrum` instead"
             )
         self.spectra.append(sum(powers) * np.exp(2 * self.log_scale))
         if size > 1e3:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from ..core.arguments import checked
 from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
 from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.contacts.mechanics import HELD
@@ -48,6 +49,15 @@ class Freedom(NamedTuple):
         """Number of bodies."""
         return (len(self.place) - 9) // 6
 
+    def check_belongs(self, others) -> None:
+        """Raise ValueError if a state among other values has another number of bodies."""
+        for state in others:
+            if isinstance(state, State) and state.n_bodies != self.bodies:
+                raise ValueError(
+                    f"free coordinates of {self.bodies} bodies were given for a state with {state.n_bodies}: "
+                    "use freedom(state)"
+                )
+
     def __len__(self):
         return len(self.component)
 
@@ -69,6 +79,7 @@ class Freedom(NamedTuple):
         return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], self.length)
 
 
+@checked
 def freedom(state: State) -> Freedom:
     """Free coordinates of a state; walls only translate."""
     grains, free = state.grains, state.control.free.copy()
@@ -100,6 +111,7 @@ def unsupported_grains(state: State, law: Law) -> np.ndarray:
     return rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
 
 
+@checked
 def backbone(state: State, law: Law) -> Freedom:
     """Free coordinates of a state without its rattlers."""
     loose = unsupported_grains(state, law)
@@ -115,6 +127,7 @@ def translations(matrix, free: Freedom) -> np.ndarray:
     return moves[:, nothing] / np.linalg.norm(moves[:, nothing], axis=0)
 
 
+@checked
 def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndarray:
     """(n,) generalised unbalanced force Pᵀf [force]."""
     force = unbalanced_forces(state, loads).ravel()
@@ -124,11 +137,12 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
     return force[free.component]
 
 
+@checked
 def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int = HELD):
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
-    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change of f, its row contains
-    f_a δ_b from the change of r and −V σ_ab δ_cd from the change of volume. If `free` is None, the coordinates are
+    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change in f, its row contains
+    f_a δ_b from the change in r and −V σ_ab δ_cd from the change in volume. If `free` is None, the coordinates are
     those of `freedom(state)`.
 
     Examples
@@ -158,7 +172,7 @@ def spring_stiffness(state: State, free: Freedom):
 
 
 def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
-    """(n, n) sparse change of the force on the cell with r and volume, at constant contact forces (C, 3)."""
+    """(n, n) sparse change in the force on the cell with r and volume, at constant contact forces (C, 3)."""
     count = len(force)
     turn = np.zeros((9, count, 6))  # ∂(f_a r_b)/∂(r, ρ) at constant f
     for k in range(9):
@@ -174,6 +188,7 @@ def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
     return sparse.csr_array(lift @ sparse.csr_array(geometry))
 
 
+@checked
 def assembled(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K assembled from contact blocks."""
     if free.length:
@@ -186,6 +201,7 @@ def assembled(state: State, blocks: np.ndarray, free: Freedom):
     return sparse.csr_array((values[keep], (rows[keep], cols[keep])), shape=(len(free), len(free)))
 
 
+@checked
 def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
     """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, each contact held in its mode [1/time²].
 
@@ -228,6 +244,7 @@ def incidence(state: State, count: int, free: Freedom, width: int = 6):
     return sparse.csr_array((np.concatenate(values), where), shape=(len(free), width * count))
 
 
+@checked
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
     """State with its free coordinates moved by `step` (n,) [length]; contact memory is left unchanged."""
     full = free.spread(step)

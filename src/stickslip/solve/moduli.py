@@ -6,6 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
+from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.measure import stress, volume
 from ..core.readable import readable
@@ -86,11 +87,12 @@ class ElasticModuli(NamedTuple):
 
     @property
     def asymmetry(self) -> float:
-        """Fraction of C without major symmetry C_abcd = C_cdab: zero if forces have a potential and stress vanishes."""
+        """Fraction of C without the major symmetry C_abcd = C_cdab: zero without stress if forces have a potential."""
         c = symmetrised(self.tensor)
         return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
 
 
+@checked
 def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     """Elastic moduli C = −∂σ/∂G = −(ℓ²/V) (J_cc − J_cg J_gg⁻¹ J_gc) of a packing.
 

@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE
 from ..core.contacts.neighbors import with_neighbor_list
@@ -57,6 +58,7 @@ class _TrialPoint(NamedTuple):
         return float(np.abs(self.vector).max(initial=0.0))
 
 
+@checked
 def newton(
     state: State, law: Law, *, tolerance: float = 1e-14, iterations: int = 30, keep: Factorisation | None = None
 ):
@@ -78,6 +80,8 @@ def newton(
     State, Outcome
         the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
+    require_positive(tolerance=tolerance)
+    require_not_negative(iterations=iterations)
     free, keep = freedom(state), keep or Factorisation()
     loose = _unloaded_grains(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1

@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, eig, qr, schur
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
+from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
@@ -55,16 +56,17 @@ class ComplexPairs(NamedTuple):
         return np.abs(np.sqrt(self.eigenvalues).real)
 
 
+@checked
 def complex_pairs(
     state: State, law: Law, *, certificate: bool = False, report: Report | None = None, dense_below: int = DENSE_BELOW
 ) -> ComplexPairs:
     """Find all complex pairs λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
 
     M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is about 1e-3 of S in size. A pair is born where K couples two
-    nearly degenerate modes of S more strongly than their separation. S is diagonalised in single precision. Windows of
-    its modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
-    close to being a pair for a decision, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of
-    the largest |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
+    nearly degenerate modes of S by more than their separation. S is diagonalised in single precision. Windows of its
+    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues that are
+    too close to being a pair to be decided, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9
+    of the largest |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------
@@ -134,8 +136,8 @@ def _pairs_dense(matrix, tell: Report):
 def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
     """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, without duplicates, and the largest |λ|.
 
-    Every sweep computes the residual R = AX − XB of each invariant subspace X and removes the error of X with an
-    approximate inverse of A − σ in the modes of S. This takes two large matrix products for all clusters together,
+    Every sweep computes the residual R = AX − XB of each invariant subspace X and removes the error in X by applying
+    an approximate inverse of A − σ in the modes of S. This takes two large matrix products for all clusters together,
     instead of one sparse factor for each.
     """
     tell(0.8, f"refining {len(clusters)} candidates")
@@ -178,7 +180,7 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report
 
 
 def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
-    """Clusters with a clear expected pair that no eigenvalue matches."""
+    """Clusters in which a clear pair is expected but no eigenvalue matches it."""
     owner = np.repeat(np.arange(len(clusters)), [len(c.expected) for c in clusters])
     expected = np.concatenate([np.zeros(0, complex), *(c.expected for c in clusters)])
     clear = expected.imag > 10 * tolerance
@@ -199,7 +201,7 @@ def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: 
 
 
 def _is_certainly_real(B: np.ndarray, error: float) -> bool:
-    """Return True if the two real eigenvalues of a subspace are farther from being a pair than its error."""
+    """Return True if the two real eigenvalues of a subspace are farther from being a pair than its error allows."""
     values, vectors = np.linalg.eig(B)
     return len(B) == 2 and not np.iscomplexobj(values) and pair_margin(values, vectors)[0] > error
 

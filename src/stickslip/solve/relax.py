@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
@@ -9,12 +10,14 @@ from ..core.outcome import Status
 from ..core.state import OPEN, State, reset_reached
 
 
+@checked
 def residual(state: State, law: Law):
     """Largest unbalanced force or torque/R of a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
     return float(size.max()), int(size.argmax())
 
 
+@checked
 def relax(
     state: State,
     law: Law,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
+from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks, linearise
 from ..core.contacts.mechanics import FREE
 from ..core.laws.builtin import Law
@@ -26,7 +27,7 @@ LEAST = 3  # smallest default number of spectra, however large the packing
 class ContactSensitivity(NamedTuple):
     """Sensitivity of one pair to contact stiffness, and of the verdict to the sliding or opening of each contact.
 
-    Changes are sorted: those that reverse the verdict first, then by the change of the growth rate, then by the
+    Changes are sorted: those that reverse the verdict first, then by the change in the growth rate, then by the
     derivative.
     """
 
@@ -79,6 +80,7 @@ class _ModeData(NamedTuple):
         return self.incidence[:, width * row : width * (row + 1)]
 
 
+@checked
 def contact_sensitivity(
     state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None
 ) -> ContactSensitivity:
@@ -113,7 +115,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that are pressed together. Without any one of their contacts they are rattlers:
+    Three disks that are pressed together. If any one of their contacts opens, they become rattlers:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -165,7 +167,7 @@ def contact_sensitivity(
 
 
 def _rank_changes(growth: float, verdict: str, after, words, slope) -> np.ndarray:
-    """Order of changes: those that reverse the verdict, then by change of growth; unverified ones last."""
+    """Order of changes: those that reverse the verdict, then by change in growth; unverified ones last."""
     known = np.isfinite(after)
     turns = known & ((words == "stable") != (verdict == "stable"))
     return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
@@ -297,7 +299,7 @@ def _changed_matrix(state: State, modes: _ModeData, free: Freedom, changes) -> n
 
 
 def _cell_change(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
-    """(n, n) mass-scaled change of the cell rows of J due to a change of one contact force."""
+    """(n, n) mass-scaled change in the cell rows of J due to a change in one contact force."""
     all_forces = np.zeros((int(state.contacts.count[0]), 3))
     nothing = cell_geometric_terms(state, all_forces, free)
     all_forces[row] = force

@@ -8,6 +8,7 @@ from scipy import sparse
 from scipy.linalg import eig, eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
+from ..core.arguments import checked, require_not_negative
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import pluralize, readable
@@ -56,7 +57,7 @@ class Spectrum(NamedTuple):
 
     @property
     def stable(self) -> bool | None:
-        """True if there is no complex pair and no negative eigenvalue beyond round-off; None off equilibrium."""
+        """True if there is no complex pair and no negative eigenvalue beyond round-off; None away from equilibrium."""
         if not self.residual <= BALANCED_BELOW:
             return None
         floor = -REAL_BELOW * np.abs(self.eigenvalues).max()
@@ -69,6 +70,7 @@ class Spectrum(NamedTuple):
         return np.stack([weight[axis == k].sum(axis=0) for k in range(7)], axis=1)
 
 
+@checked
 def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     """Compute all eigenvalues and modes of −M⁻¹J at an accepted state, with each contact held in its mode.
 
@@ -146,6 +148,7 @@ def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     return values.real[negative], int(zero.sum()), vectors[:, negative]
 
 
+@checked
 def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float | None = None) -> np.ndarray:
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
@@ -158,6 +161,7 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     (2n,) complex [1/time]; unstable if any real part is positive. Without drag and dashpots, s² = −λ.
     """
     free = freedom(state)
+    require_not_negative(drag=drag, spin_drag=spin_drag)
     _, dashpots = contact_blocks(state, law)
     rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
     upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
@@ -171,8 +175,8 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
 def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
     """Overlap of the planes of two complex modes, 0 to 1, in the mass-weighted metric.
 
-    A plane is spanned by the real and imaginary parts of a mode. The result is the smaller cosine of the principal
-    angles.
+    A plane is spanned by the real and imaginary parts of a mode. The result is the smaller of the cosines of
+    the two principal angles.
     """
 
     def plane(mode):
@@ -182,6 +186,7 @@ def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
     return float(np.linalg.svd(plane(a).T @ plane(b), compute_uv=False).min())
 
 
+@checked
 def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     """Match complex pairs through a sequence of spectra by the overlap of their modes.
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
+from ..core.arguments import checked
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SHARP, Law, rescales
 from ..core.measure import touching
@@ -71,7 +72,7 @@ class Stability(NamedTuple):
     def stable(self) -> bool | None:
         """True if no growing mode was found; floppy modes are counted, but do not matter.
 
-        None off equilibrium, and if a mode grows only while contacts at the Coulomb limit keep sliding.
+        None away from equilibrium, or if a mode grows only while contacts at the Coulomb limit keep sliding.
         """
         return combine_stability(self.grows, self.if_stuck) if self.balanced else None
 
@@ -136,12 +137,13 @@ def combine_motions(count: int, found, stuck) -> str:
     )
 
 
+@checked
 def stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability:
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
     A state with a residual above `BALANCED_BELOW` of the mean contact force is not in equilibrium. Then `stable` is
     None, `verdict` says so, and `causes` lists possible reasons. The mode of each contact is determined by its slip
-    under this law, which may differ from the law under which the state was accepted. With sharp friction a contact at
+    under this law, which may differ from the law under which the state was accepted. With sharp friction, a contact at
     the Coulomb limit slides or sticks depending on the direction in which it is pushed. The spectrum assumes that all
     such contacts slide, `if_stuck` that all of them stick, and the verdict states both if they differ. Under a law with
     `rescaled=True` the spectrum assumes that no contact is being unloaded, and `scope` says so.

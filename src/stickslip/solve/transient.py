@@ -7,6 +7,7 @@ import scipy  # scipy.optimize is imported on first use
 from scipy.linalg import LinAlgError, cholesky, eig, eigh, null_space, solve_triangular
 from scipy.sparse.linalg import LinearOperator, svds
 
+from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law, damping_model
 from ..core.readable import readable
@@ -57,6 +58,7 @@ class _ModalMotion(NamedTuple):
     parts: np.ndarray  # (k, m) W
 
 
+@checked
 def transient_growth(
     state: State, law: Law, *, norm: str = "energy", duration: float | None = None, samples: int = 100, report=None
 ) -> TransientGrowth:
@@ -69,7 +71,7 @@ def transient_growth(
     ----------
     norm : "energy": E = ½ q̇ᵀMq̇ + ½ qᵀKq, with K the symmetric part of −J, which must be positive definite; dE/dt is
         the power of the skew part minus the dissipation of dashpots. "displacement": |q|² = qᵀMq of a motion that
-        starts at rest. (Without dashpots, velocities that start from the equilibrium positions grow by the same
+        starts at rest. (Without dashpots, initial velocities at the equilibrium positions grow by the same
         factor.)
     duration : window that is searched [time]; default: 20 periods of the slowest mode, or a whole beat of the two most
         nearly coinciding modes if that is longer. Without dashpots the motion is quasi-periodic and approaches its
@@ -238,7 +240,7 @@ def _raise_unstable(rate: float) -> None:
 
 
 def _normalise_modes(exponents, modes, norms, parts) -> _ModalMotion:
-    """Scale modes to unit norm, which makes the bound nearly as small as scaling can."""
+    """Scale modes to unit norm, which makes the bound nearly as small as scaling can make it."""
     size = np.linalg.norm(norms, axis=0)
     return _ModalMotion(exponents, modes / size, norms / size, parts * size[:, None])
 

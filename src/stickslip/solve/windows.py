@@ -27,7 +27,7 @@ class Basis(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Largest |λ| [1/time²], as precise as thresholds require."""
+        """Largest |λ| [1/time²], as precise as the thresholds require."""
         return float(np.abs(self.diagonal).max())
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ..arguments import checked
 from ..control import spring_forces
 from ..laws.builtin import (
     DAMPING_N,
@@ -42,6 +43,7 @@ from .geometry import (
 from .mechanics import (
     FREE,
     FROZEN,
+    HELD,
     effective_values,
     out_of_range,
     rescale_slip,
@@ -150,7 +152,7 @@ def sweep_contacts(
 ):  # fmt: skip
     """Add the loads of all contacts and update their memory in place. The function is inlined into its callers.
 
-    `step` holds velocities and spins of the step that ends here, and its length. They determine the fraction of the
+    `step` holds the velocities, spins and length of the step that ends here. They determine the fraction of the
     step during which a closing contact touched. If the length is zero, the contact starts without slip. `rescaled`: see
     `builtin.rescaling_flag`.
     """
@@ -295,6 +297,7 @@ def evaluate(
 NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
 
 
+@checked
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
@@ -330,6 +333,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     >>> state = ss.accept(state, trial)  # keeps the new slips
     """
     check_materials(state, law)
+    check_memory(memory)
     state = with_neighbor_list(state, law)
     contacts = state.contacts
     trial = contacts._replace(
@@ -352,8 +356,26 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     return loads, trial
 
 
+def check_memory(memory: int) -> None:
+    """Raise ValueError if a number is none of the treatments of contact memory."""
+    if memory not in (FROZEN, HELD, FREE):
+        raise ValueError(f"memory = {memory} was given: FREE, HELD and FROZEN are allowed")
+
+
+@checked
 def accept(state: State, trial) -> State:
-    """State with the trial memory committed."""
+    """State with the trial memory committed.
+
+    Raises
+    ------
+    ValueError
+        if the trial memory belongs to a state with another number of bodies.
+    """
+    if len(trial.origin) != state.n_bodies:
+        raise ValueError(
+            f"the trial memory is that of {len(trial.origin)} bodies, but the state has {state.n_bodies}: "
+            "give what `forces` returned for this state"
+        )
     return state._replace(contacts=trial)
 
 
@@ -367,6 +389,7 @@ def check_materials(state: State, law: Law) -> None:
         )
 
 
+@checked
 def unbalanced_forces(state: State, loads: ContactLoads):
     """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free."""
     grains, control = state.grains, state.control

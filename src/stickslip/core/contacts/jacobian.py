@@ -1,7 +1,7 @@
 """Exact Jacobian of contact forces and torques with memory: one 6 × 6 block per contact.
 
-Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends on r = r_i − r_j and
-ρ = R_i angle_i + R_j angle_j only. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
+Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends only on r = r_i − r_j
+and ρ = R_i angle_i + R_j angle_j. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
 hand; those of the law come from its source. With the slip u, see `tangent`, and the tangential force φ(δ, |u|):
 
     dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ..arguments import checked
 from ..laws.builtin import (
     DAMPING_N,
     DAMPING_T,
@@ -33,7 +34,7 @@ from ..laws.builtin import (
 )
 from ..options import INNER
 from ..state import OPEN, SLIDE, State
-from .forces import bodies, check_materials
+from .forces import bodies, check_materials, check_memory
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts, slip_increment, surface_rotation
 from .interaction_range import largest_gap, listed_gap, with_rolling_memory
 from .mechanics import HELD, effective_values, out_of_range, rescale_slip, return_mapping, turning_weight
@@ -151,6 +152,7 @@ def _fill_linearisation(kind, coulomb, viscous, dim, bodies, contacts, shift, p,
 def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
+    check_memory(memory)
     if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > listed_gap(state.contacts):
         raise ValueError(
             "the list of contacts does not belong to these positions: equilibrate, or accept(state, trial) first"
@@ -183,6 +185,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
+@checked
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
 

@@ -1,7 +1,7 @@
 """Mechanics of one contact; functions take and return scalars.
 
 Sweeps over a few contacts and vectorised blocks of many both call these functions, so that the physics is written
-once.
+only once.
 """
 
 import numpy as np
@@ -92,7 +92,7 @@ def contact_radius_ratio(overlap, gained):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
-    """Factor f on the slip s for laws that rescale, after a displacement dr of the pair that ends at n, and f s."""
+    """Factor f of the slip s for laws that rescale it, after a displacement dr of the pair that ends at n, and f s."""
     fade = contact_radius_ratio(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
@@ -107,7 +107,7 @@ def scale_to_length(ax, ay, az, bx, by, bz):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
-    """Factor κ on the increment d such that a + κ d has the direction to which the slip `a` of a sliding contact turns.
+    """Factor κ of the increment d such that a + κ d has the direction to which the slip `a` of a sliding contact turns.
 
     A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its final direction is that of a + κ d with
     κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order. The last term uses the mean of R before and after. Returns κ
@@ -133,7 +133,7 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     """Slip a + d part/whole truncated at the Coulomb limit, and the resulting mode. With HELD memory the mode is fixed.
 
     `a` is the previous slip, rotated with the contact and shortened by `fade`, d the increment, and part/whole the
-    fraction of it that counts. In three dimensions the slip of a contact that keeps sliding turns, see
+    fraction of it that counts. In three dimensions the slip of a contact that keeps sliding turns; see
     `turning_weight`. The slip of one that starts to slide is truncated along a + d part/whole. One division serves all
     cases, because a vector division takes as long as ten multiplications.
     """

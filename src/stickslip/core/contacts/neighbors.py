@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ..arguments import checked
 from ..laws.builtin import Law
 from ..options import INNER
 from ..state import OPEN, Cell, Contacts, State, empty_contacts
@@ -355,7 +356,7 @@ def body_radii(state: State) -> np.ndarray:
 
 
 def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
-    """Concatenate values of grains and walls. Without walls return the grains' own array, to save memory."""
+    """Concatenate values of grains and walls. Without walls, return the grains' own array, to save memory."""
     return np.concatenate([grains, walls]) if len(walls) else grains
 
 
@@ -384,6 +385,7 @@ def select_rows(contacts: Contacts, rows) -> Contacts:
     return contacts._replace(**{k: p[rows] for k, p in parts.items() if len(p)}, count=np.array([len(rows)]))
 
 
+@checked
 def without_walls(state: State, walls) -> State:
     """State without the given walls, numbered 0 … W−1.
 

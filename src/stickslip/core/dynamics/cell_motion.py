@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ..arguments import checked
 from ..contacts.interaction_range import listed_gap
 from ..control import factors_at
 from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
@@ -45,6 +46,7 @@ class Frame(NamedTuple):
     widest: float  # largest sum of two radii
 
 
+@checked
 def strained(state: State, gradient, *, slip: bool = True) -> State:
     """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
 
@@ -76,7 +78,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
         raise ValueError("a state with walls was given: only periodic cells can be strained")
     vectors = state.cell.vectors + state.cell.vectors @ g.T
     if not np.linalg.det(vectors) > MIN_VOLUME_RATIO * abs(np.linalg.det(state.cell.vectors)):
-        raise ValueError("a gradient was given that collapses or inverts the cell: use a smaller one")
+        raise ValueError("a gradient that collapses or inverts the cell was given: use a smaller one")
     contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
     if not slip:
         contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)

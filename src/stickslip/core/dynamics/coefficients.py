@@ -44,8 +44,8 @@ def sum_over_groups(member, start, force):
 class Plan(NamedTuple):
     """Coefficients of the loop, constant during a run.
 
-    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a time step over mass (zero where not free),
-    factor of explicit drag, factor of implicit drag.
+    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a time step divided by the mass (zero where not
+    free), factor of explicit drag, factor of implicit drag.
     """
 
     motion: np.ndarray  # (6, 3B)
@@ -70,7 +70,10 @@ def find_not_finite(x, angle):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def largest_unbalanced(v, spin, force, torque, plan):
-    """Largest force, torque/R or drag force over the free components, and its body. NaN counts as largest."""
+    """Largest force, torque/R or drag force over the free components, and the body on which it acts.
+
+    NaN counts as largest.
+    """
     motion, drag = plan.motion, plan.drag
     residual, worst = 0.0, -1
     for a in range(len(v)):
@@ -109,7 +112,7 @@ def driven_bodies(state: State) -> Bodies:
 
 
 def state_after(state: State, work: Bodies, contacts, time: float) -> State:
-    """State at the end of a run, from its working copy of all bodies."""
+    """State at the end of a run, from the run's working copy of all bodies."""
     n = len(state.grains.radius)
     grains = state.grains._replace(
         position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
@@ -125,7 +128,7 @@ def moved_by_forces(motion):
 
 
 def inverse_inertia_of(state: State) -> np.ndarray:
-    """Inverse inertia 1/I of bodies that can rotate, (B,), else zero [1/(mass length²)]."""
+    """Inverse inertia 1/I of bodies that can rotate, zero for others, (B,) [1/(mass length²)]."""
     free = state.control.free[:, 5 if state.cell.dim == 2 else slice(3, 6)]
     n = len(state.grains.radius)
     out = np.zeros(state.n_bodies)

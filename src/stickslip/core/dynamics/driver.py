@@ -52,10 +52,10 @@ def _thread_count(n: int, asked: int | None, watched: bool) -> int:
 
 
 def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bodies in memory order, (B,): tile after tile, the grains of the last tile, walls.
+    """Bodies in memory order, (B,): tile by tile, then the grains of the last tile, then the walls.
 
-    Also returns the bounds of the tiles, (T + 1,), with equally many tiles for each thread. Within a tile grains lie
-    along a space-filling curve.
+    Also returns the bounds of the tiles, (T + 1,), with the same number of tiles for each thread. Within a tile, grains
+    lie along a space-filling curve.
     """
     n, last = len(state.grains.radius), _in_last_tile(state)
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
@@ -176,7 +176,7 @@ class _BlockRun:
         )  # fmt: skip
 
     def _rebuild_list(self, skin: float) -> None:
-        """Rebuild the list with all pairs nearer than `skin`."""
+        """Rebuild the list with all pairs closer than `skin`."""
         commit(self.blocks, self.contacts, 0, 1)
         self.blocks = empty_blocks()  # free memory before the new list is made
         self.contacts = former = _without_open_pairs(self.contacts)
@@ -218,7 +218,7 @@ class _BlockRun:
     def gather(self) -> Bodies:
         """Copy all bodies to new arrays in the state's order, and the contact memory to the contact list.
 
-        To save memory, the arrays should be kept only while they are used.
+        To save memory, keep the arrays only while they are in use.
         """
         commit(self.blocks, self.contacts, 0, 1)
         here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVING_FIELDS})
@@ -247,7 +247,7 @@ class _BlockRun:
         return residual, worst
 
     def finish(self, skin: float) -> State:
-        """State at the last step, with a list with the given skin."""
+        """State at the last step, whose list has the given skin."""
         commit(self.blocks, self.contacts, 0, 1)
         self.blocks = empty_blocks()  # free memory for the result
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
@@ -291,7 +291,7 @@ class _BlockRun:
         """Displacement limit of each body, (B,), and the displacement of the fastest one per step.
 
         With larger limits, blocks are chosen less often but contain more pairs that do not touch. The total cost is
-        minimal if the limit is proportional to the square root of the speed, with measured factors. Fast bodies have
+        minimal if the limit is proportional to the square root of the speed; the factors are measured. Fast bodies have
         larger limits.
         """
         dt, size = self.plan.dt, 2 * float(self.state.grains.radius.mean()) * self.few
@@ -344,7 +344,7 @@ def run_blocks(
 
 
 def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
-    """Copy of the list that a run writes to. Pair vectors, angles and unused keys are left out until it ends."""
+    """Copy of the list that a run writes to. Pair vectors, angles and unused keys are left out until the run ends."""
     contacts = state.contacts
     if store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, _EMPTY, _EMPTY):
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
@@ -369,7 +369,7 @@ def _positions_in_state_order(moving: MovingBodies) -> np.ndarray:
 
 
 def _without_open_pairs(contacts):
-    """List without open pairs, which takes half the memory."""
+    """List without open pairs; it takes half the memory."""
     return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
 
 

@@ -6,9 +6,9 @@ and the Coulomb limit L,
 
     −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):
 
-F_t has no potential, and the terms with ∂U are the energy that a contact creates or destroys when it is sheared at one
+F_t has no potential, and the terms in ∂U are the energy that a contact creates or destroys when it is sheared at one
 overlap and released at another. They have a separate column. It also contains the energy destroyed by laws that
-shorten the slip as the overlap decreases, −|F_t| |s| d ln f with f the factor on the slip.
+shorten the slip as the overlap decreases, −|F_t| |s| d ln f with f the factor applied to the slip.
 """
 
 from typing import NamedTuple
@@ -137,7 +137,7 @@ def _add_contacts(
     kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate,
     rescaled, row,
 ):  # fmt: skip
-    """Add one step of all contacts to the row, or with `first` only their stored energies; `rate`: see `run`."""
+    """Add one step of all contacts to the row, or, with `first`, only their stored energies; `rate`: see `run`."""
     m, nothing = 0, np.zeros(3)
     for c in range(after.count[0]):
         while m < before.count[0] and before.key[m] < after.key[c]:

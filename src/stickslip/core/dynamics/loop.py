@@ -1,9 +1,9 @@
-"""Time steps of many grains, tile by tile, on one thread or several. For the order of contacts see `blocks`.
+"""Time steps of many grains, tile by tile, on one thread or several. For the order of contacts, see `blocks`.
 
 A step first evaluates the contacts between bodies of different threads. Then each thread goes through its tiles. It
-evaluates the contacts of a tile with later tiles and within the tile, and moves its grains while they are in the
-processor's cache. The kinematics are compiled without fast math, so that stopping after a step for a record does not
-change the trajectory by a single bit.
+evaluates a tile's contacts, both with later tiles and within the tile, and moves the tile's grains while they are in
+the processor's cache. The kinematics are compiled without fast math, so that stopping after a step for a record does
+not change a single bit of the trajectory.
 """
 
 from functools import cache
@@ -47,7 +47,7 @@ if not numba.config.THREADING_LAYER or numba.config.THREADING_LAYER == "default"
 
 
 class StepFactors(NamedTuple):
-    """Time step and the factors of drag, for translations and for rotations."""
+    """Time step and the drag factors, for translations and for rotations."""
 
     dt: float
     keep: float  # 1 − ν dt/2
@@ -124,7 +124,7 @@ def _drift(flow, dt, x, y, z, vx, vy, vz):
 
 @njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
-    """End a step by half a kick with implicit drag, and begin the next by half a kick with explicit drag and the drift.
+    """End a step with half a kick (implicit drag), and begin the next with half a kick (explicit drag) and the drift.
 
     Returns the squared displacement since the blocks were chosen, divided by that allowed for the body.
     """
@@ -321,7 +321,7 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
         """Run from step `step` to the end of step `stop`, or until a body has moved too far for the blocks.
 
         `ended`: the step has ended and forces are stored; else positions are those of the step, but forces are not
-        known yet. `fresh`: velocities are those of the step, too, and memory is not transported.
+        known yet. `fresh`: velocities are also those of the step, and memory is not transported.
         """
         tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
         cross, inner = blocks.cross, blocks.inner

@@ -1,4 +1,4 @@
-"""Records of a run: samples at intervals, and events of contacts."""
+"""Records of a run: samples at intervals, and contact events."""
 
 import math
 from collections.abc import Callable
@@ -176,7 +176,7 @@ def _count_rattlers(s):
 
 @njit(**INNER)
 def _has_friction(p):
-    """Return True if some pair of materials has friction."""
+    """Return True if any pair of materials has friction."""
     for a in range(len(p)):
         for b in range(len(p)):
             if p[a, b, MU] > 0.0:

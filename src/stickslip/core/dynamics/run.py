@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
+from ..arguments import checked, require_not_negative
 from ..contacts.forces import Bodies, check_materials, sweep_contacts
 from ..contacts.geometry import shifts
 from ..contacts.interaction_range import with_rolling_memory
@@ -58,7 +59,7 @@ def second_kick(v, force, kick, slow):
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def any_moved(x, origin, limit):
-    """Return True if a coordinate is further than `limit` from its origin, or undecided because of NaN in fast math."""
+    """Return True if a coordinate is further than `limit` from its origin, or NaN in fast math hides it."""
     far = 0.0
     for q in range(len(x)):
         far = max(far, abs(x[q] - origin[q]))
@@ -150,6 +151,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     return advance
 
 
+@checked
 def run(
     state: State,
     law: Law,
@@ -185,11 +187,12 @@ def run(
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
     slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
-        closing contact counts the fraction of the step during which it touched, dashpots use velocities at the full
+        closing contact counts for the fraction of the step during which it touched, dashpots use velocities at the full
         step, and the Coulomb limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison: slip
-        increments are velocities at the half step times dt, projected onto the plane of contact at the end, a closing
-        contact counts the whole step, the limit is μ |F_n|, and the slip of a sliding contact is set so that spring and
-        dashpot together are at the limit. "rate" is first order in dt where contacts rotate, close or have dashpots
+        increments are velocities at the half step times dt, projected onto the contact plane at the end of the step, a
+        closing contact counts for the whole step, the limit is μ |F_n|, and the slip of a sliding contact is set so
+        that spring and dashpot together are at the limit. "rate" is first order in dt where contacts rotate, close or
+        have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
 
     Returns
@@ -201,7 +204,7 @@ def run(
     Raises
     ------
     ValueError
-        with one sentence, if dt is longer than `stable_time_step` or an argument is not allowed.
+        with a one-sentence message, if dt is longer than `stable_time_step` or an argument is not allowed.
 
     Source
     ------
@@ -218,6 +221,7 @@ def run(
     ((11,), 5.0)
     """
     check_materials(state, law)
+    require_not_negative(drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)

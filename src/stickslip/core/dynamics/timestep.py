@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from ..arguments import checked
 from ..contacts.forces import Bodies, bodies, check_materials
 from ..contacts.geometry import normal_and_overlap, pair_vector, shifts
 from ..contacts.mechanics import effective_values, out_of_range
@@ -126,6 +127,7 @@ def _load_spring_bound(state: State, here: Bodies) -> float:
     return float((total.max(axis=1) * here.inverse_mass).max())
 
 
+@checked
 def stable_time_step(state: State, law: Law) -> float:
     """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from ...builtin_laws import BUILTIN_LAWS, NAMES
+from ..arguments import checked
 from ..options import INNER
 from ..readable import readable
 from .dispatch import Kind, by_kind, check_kind, find_user_law
@@ -49,7 +50,7 @@ def hertz_mindlin(
     """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
     Force model of the papers, without R_eff. With `coulomb="smooth"`, F_t = −k_t √δ (1 + x − x²) s with
-    x = |s|/s*, s* = μ (k_n/k_t) δ, whose derivative vanishes at the limit.
+    x = |s|/s*, s* = μ (k_n/k_t) δ; the derivative of F_t vanishes at the limit.
 
     Parameters
     ----------
@@ -119,6 +120,7 @@ def hertz_mindlin_reff(
     return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
+@checked
 def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     """Stiffnesses k_n = (2/3) E/(1 − ν²), k_t = 2E/((1 + ν)(2 − ν)) of `hertz_mindlin_reff` for equal elastic grains.
 
@@ -180,6 +182,10 @@ def check_parameter(name, value, names=PARAMETERS):
         )
 
 
+MOST_MATERIALS = 1000
+
+
+@checked
 def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     """Law with other parameters between materials `a` and `b`. New materials start as copies of material 0.
 
@@ -190,6 +196,9 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     [0.5, 0.2]
     """
     names = parameter_names(law)
+    for number in (a, b):
+        if not 0 <= number < MOST_MATERIALS:
+            raise ValueError(f"material {number} was given: materials have numbers from 0 to {MOST_MATERIALS - 1}")
     size = max(len(law.table), a + 1, b + 1)
     table = np.empty((size, size, len(names)))
     table[:] = law.table[0, 0]
@@ -343,7 +352,7 @@ def damping_factor(viscous, r_eff, m_eff, overlap):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def mobilisation(coulomb, x):
-    """Factor on the tangential stiffness of a spring whose force k_t |s| is the fraction x of the Coulomb limit."""
+    """Factor of the tangential stiffness of a spring whose force k_t |s| is the fraction x of the Coulomb limit."""
     if coulomb == SMOOTH:
         return 1.0 + x - x * x
     return 1.0 + 0.0 * x

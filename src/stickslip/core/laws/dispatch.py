@@ -92,8 +92,8 @@ def as_numpy_integers(kind: int, *numbers: int) -> tuple:
     """Convert a law's kind and other numbers to NumPy integers, for use in the closure of a kernel.
 
     Functions that take a literal are compiled for that value alone, starting in Python. This is mostly wasted, because
-    constants of both sorts are folded once callees have become part of the kernel. The dimension and the model of
-    damping stay literals where vectors are made from loops, or where rounding would change.
+    constants of both sorts are folded once callees have become part of the kernel. The dimension and the damping model
+    stay literals where vectors are made from loops, or where rounding would change.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def by_kind(function):
 def find_user_law(kind: int) -> UserLaw:
     """Description of a user-defined law.
 
-    Raise ValueError with a one-sentence message if it was not created in this process.
+    Raise ValueError with a one-sentence message if the law was not created in this process.
     """
     compiled_functions(kind)
     return USER_LAWS[kind]

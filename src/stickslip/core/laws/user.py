@@ -1,8 +1,9 @@
 """User-defined contact laws: plain Python functions of scalars, compiled into the kernels like the built-in laws.
 
 The arguments of a user's function are `overlap`, `r_eff`, whatever else its role offers (see `ROLES`), and parameters
-of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. Their values are part of the
-digest that identifies compiled kernels on disk, so that a law in which any of them has changed is a different law.
+of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. The values of these names are
+part of the digest that identifies compiled kernels on disk, so that a law in which any of them has changed is a
+different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
 versions that accept complex numbers and branch on the real part.
@@ -260,7 +261,7 @@ def custom(
     Raises
     ------
     ValueError
-        with one sentence, if a function has the wrong signature, is not finite, is not deterministic, does not accept
+        with a one-sentence message, if a function has a wrong signature, is not finite or deterministic, does not take
         complex numbers, or cannot be compiled. A LawWarning reports a force that jumps at the end of the range.
 
     Source
@@ -353,7 +354,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     Raises
     ------
     ValueError
-        with one sentence and the line, if the file does not compile or run, or for the reasons given in `custom`.
+        with a one-sentence message that gives the line, if the file does not compile or run, or as for `custom`.
     """
     path = Path(path)
     if not path.is_file():

@@ -159,7 +159,7 @@ def _check_energy(own: UserLaw, values: dict, points) -> None:
 
 
 def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
-    """Describe a force that is not zero at the end of the range; empty if there is none."""
+    """Describe a force that is not zero at the end of the range; the description is empty if there is none."""
     largest = max(abs(_evaluate(own, "normal_force", values, overlap=x, r_eff=r)) for r, x in points)
     end = max(ranges)
     r_eff = max(r for r, _ in points)

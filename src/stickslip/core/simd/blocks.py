@@ -3,8 +3,8 @@
 Grains are divided into equal-sized tiles of neighbours, and follow a space-filling curve within each tile. A block
 holds contacts of one pair of materials, either within one tile, or between a tile and later ones (`cross`), or with
 walls. Contacts are evaluated block by block. Each grain then gathers the loads of its contacts in the order of its
-partners' numbers. The orientation of a pair and the order of summation depend on the numbers of the grains in the state
-alone, and every contact goes through the same vector instructions. Trajectories are therefore bitwise independent of
+partners' numbers. The orientation of a pair and the order of summation depend only on the numbers of the grains in the
+state, and every contact goes through the same vector instructions. Trajectories are therefore bitwise independent of
 the number of threads and of the memory order.
 
 Blocks contain only touching and nearly touching pairs: those that could touch within the displacement limits of both
@@ -148,7 +148,7 @@ def commit(blocks, contacts, part, parts):
 def store_reference(contacts, position, angle, radius, vectors, pair_out, roll_out):
     """Write the current pair vectors and angles of touching contacts.
 
-    Returns True if they are those of the committed memory. With empty arrays nothing is written.
+    Returns True if they are those of the committed memory. With empty arrays, nothing is written.
     """
     rested, image = True, contacts.image
     for c in range(contacts.count[0]):
@@ -332,7 +332,7 @@ def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks
 
 @njit(fastmath=True, **KERNEL_OPTIONS)
 def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
-    """Return True if no pair in a block touches or has touched before. May be False if one nearly touches."""
+    """Return True if no pair in a block touches or has touched before. May be False if a pair nearly touches."""
     lanes = slice(LANES * b, LANES * b + LANES)
     size = blocks.size[lanes] if needs_radius(kind, viscous) else blocks.load[np.uint64(0)]
     mode, vector = blocks.mode[lanes], blocks.vector[blocks.at[b] :]

@@ -97,12 +97,12 @@ def _pick_pairs(
     begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
     picked, start, held,
 ):  # fmt: skip
-    """Pick all pairs that touch or may soon touch, in the order of their first bodies in memory, `begin` to `end`.
+    """Pick all pairs that touch or may soon touch, in the memory order of their first bodies, `begin` to `end`.
 
-    Returns their number. A row of `picked` holds all the data that blocks need on a pair, except its slip, so that the
-    list is read only once. Stores the number of pairs of each body in `start` and of each bucket in `held`. Buckets are
-    pairs between a tile and later ones of the same thread, pairs between threads and within the last tile, then pairs
-    within each of the other tiles, all with separate buckets for each pair of materials.
+    Returns their number. A row of `picked` holds all the data that blocks need about a pair, except its slip, so that
+    the list is read only once. Stores the number of pairs of each body in `start` and of each bucket in `held`. Buckets
+    hold pairs between a tile and later ones of the same thread, pairs between threads and within the last tile, then
+    pairs within each of the other tiles; each pair of materials has separate buckets.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
     number, n = np.uint64(0), np.uint64(len(order) - len(normal))
@@ -185,7 +185,7 @@ def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
 
 @njit(cache=True, _nrt=False, **INNER)
 def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
-    """Fill unused lanes of a block with a body paired with itself, which the pair's vector keeps from touching."""
+    """Fill unused lanes of a block with a body paired with itself; the pair's vector keeps it from touching."""
     b = from_slot // LANES
     if to_slot > from_slot:
         at[b] = 0
@@ -203,7 +203,7 @@ def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, sli
 
 @njit(cache=True, _nrt=False, **INNER)
 def _place_vectors(at):
-    """Replace marks of blocks by the start of their vectors, and return the end of the last one."""
+    """Replace marks of blocks with the starts of their vectors, and return the end of the last one."""
     end = 0
     for b in range(len(at)):
         if at[b] >= 0:
@@ -338,7 +338,7 @@ def _prepare(contacts, moving, workers, materials):
 def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
     """Allocate all blocks, in the memory of `old` if it is large enough, and find the slots of each thread and bucket.
 
-    The counts of each body are summed over threads in the first row of `start`.
+    The counts of each body are summed over threads into the first row of `start`.
     """
     workers, buckets, top = len(held), held.shape[1], len(moving.tile)
     classes, first, filled = buckets // (2 * top), np.zeros(buckets + 1, np.int64), np.empty_like(held)
@@ -365,7 +365,7 @@ def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
 def _assemble_blocks(
     old, contacts, moving, normal, across, room, gap, first, bound, filled, place, slot, parts, internal, tile_of, start
 ):  # fmt: skip
-    """Complete filled blocks with padding, vectors, rows of loads and the order of summation."""
+    """Complete the filled blocks with padding, vectors, rows of loads and the order of summation."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
     bodies, top, far = len(internal), len(moving.tile), 1.0 + gap
     for g in range(bodies):
@@ -403,8 +403,8 @@ def block_chooser(parallel: bool):
         """Choose blocks for all pairs that may touch within the displacement limits, in the memory of `old` blocks.
 
         The old blocks are first written back to the list. The tiles of a thread share rows of loads, which stay in its
-        cache. `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix with a
-        frame, which has the current vectors.
+        cache. `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix if there
+        is a frame, which has the current vectors.
         """
         # the body must depend on `parallel`, because the cache of compiled code is keyed by it alone
         workers, crossing = len(moving.share) - 1 if parallel else 1, len(moving.tile) - 1

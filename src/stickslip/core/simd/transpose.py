@@ -64,7 +64,7 @@ def empty_aligned(rows, width):
 
 
 def _prefetch_of(array, write):
-    """Signature and code of a prefetch of the cache line with an element of a contiguous array."""
+    """Signature and code for prefetching the cache line that holds an element of a contiguous array."""
 
     def generated(context, builder, signature, args):
         prefetch(builder, builder.gep(_data_pointer(context, builder, signature, args, 0), [args[1]]), write)
@@ -75,7 +75,10 @@ def _prefetch_of(array, write):
 
 @intrinsic
 def prefetch_for_read(typingctx, array, at):
-    """Prefetch the cache line with element `at` of a contiguous array for reading. Results do not depend on it."""
+    """Prefetch, for reading, the cache line that holds element `at` of a contiguous array.
+
+    Results do not depend on it.
+    """
     return _prefetch_of(array, False)
 
 
@@ -89,7 +92,7 @@ def prefetch_for_write(typingctx, array, at):
 def use_widest_vectors(typingctx):
     """Let loops of the calling function use the widest available vectors.
 
-    The compiler prefers half of that width, assuming narrower code nearby. Results do not depend on it.
+    The compiler prefers half that width, assuming narrower code nearby. Results do not depend on it.
     """
 
     def generated(context, builder, signature, args):
@@ -211,7 +214,9 @@ def _sum_rotations(builder, levers, spins):
 
 @intrinsic
 def scatter_loads(typingctx, place, scratch, load):
-    """Scatter six planes of `scratch`, forces and −n × F_t, to rows of `load` from `place`; two numbers are zero.
+    """Scatter six planes of `scratch`, forces and −n × F_t, to rows of `load` starting at `place`.
+
+    Two numbers are zero.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Packings in the formats of other programs: one module per format; `files` selects it from the file extension."""
+"""Packings in the formats of other programs: one module per format; `files` selects it by the file extension."""

@@ -4,6 +4,7 @@ import difflib
 import warnings
 from pathlib import Path
 
+from ...core.arguments import checked
 from ...core.contacts.mechanics import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import SHARP, Law, laws_equal
@@ -42,7 +43,7 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
         time step in a dump; for GSD and dumps, the last one by default
     contacts : path of the `dump local` that belongs to the grains and provides their memory
     columns : names of its columns, if the file has none: i j dist dx dy dz fx fy fz tx ty tz
-    boundary : three letters as in LAMMPS, such as ppf, if the file does not say what is periodic
+    boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
 
     Raises
     ------
@@ -99,7 +100,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
 
 
 def _law_from_file(given: dict) -> tuple[dict, Law | None]:
-    """Split options into those that do not concern the law, and the law of a Python file that the user named."""
+    """Split options into those that do not concern the law, and the law from a Python file that the user named."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
     try:
@@ -154,6 +155,7 @@ def _with_options(
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 
+@checked
 def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]:
     """Write an accepted state, or several as a trajectory, in the format selected by the file extension.
 
@@ -201,7 +203,7 @@ def convert(
     path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
     amplitude: float = 0.3, grow: bool = False, overwrite: bool = False, **options,
 ) -> tuple[list[Path], list[str]]:  # fmt: skip
-    """Convert a packing to another format, all its states or a chosen one, or animate one of its modes.
+    """Convert all states of a packing, or a chosen one, to another format, or animate one of its modes.
 
     Parameters
     ----------

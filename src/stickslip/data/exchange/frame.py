@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...builtin_laws import NAMES
+from ...core.arguments import checked
 from ...core.contacts.forces import forces
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.dispatch import Kind, describe_law, restore_kind
@@ -28,6 +29,7 @@ class Frame(NamedTuple):
     moving: bool = False  # True in an animation of a mode, which is not a state to continue from
 
 
+@checked
 def frame_of(state: State, law: Law) -> Frame:
     """Columns of an accepted state: resultants per grain, elastic forces on i per contact [force].
 
@@ -124,7 +126,7 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
 
 
 def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
-    """List what a format does not store: walls, the law, and what `Control` imposes besides free grains."""
+    """List what a format does not store: walls, the law, and anything in `Control` other than free grains."""
     state, words = frame.state, []
     control, n = state.control, len(state.grains.radius)
     if walls and len(state.walls.mass):

@@ -2,8 +2,8 @@
 
 Other programs display the standard chunks, which are in single precision and in a box around the origin. Columns per
 grain and per contact are under `log/particles/` and `log/bonds/`. All arrays of the state are under `stickslip/`, which
-other programs ignore: files written by this package are read back to the last bit. From other files only the standard
-chunks are read.
+other programs ignore: files written by this package are read back exactly, to the last bit. From other files only the
+standard chunks are read.
 """
 
 import json
@@ -202,7 +202,7 @@ def _read_foreign(frame):
         "position": position, "radius": p.diameter.astype(float) / 2, "mass": p.mass.astype(float), "cell": vectors,
         "velocity": p.velocity.astype(float), "spin": spin, "dim": dim,
     }  # fmt: skip
-    words = ["the file was not written by stickslip: it has positions of seven digits, no contact memory and no law"]
+    words = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
     if (p.diameter == 1).all():
         words.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():

@@ -91,7 +91,7 @@ def _add_box(table: Table, arrays: dict, boundary: str | None, words: list[str])
     elif periodic is None:
         periodic, words = (
             np.ones(3, bool),
-            [*words, "the file does not say what is periodic: all directions are assumed to be"],
+            [*words, "the file does not say which directions are periodic: all are assumed to be"],
         )
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
@@ -200,7 +200,7 @@ def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
 
 
 def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
-    """Warn if the law's normal forces differ from LAMMPS's; raise PackingError if it must be a different law."""
+    """Warn if the law's normal forces differ from LAMMPS's; raise PackingError if the law must be a different one."""
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(

@@ -48,7 +48,7 @@ def write_lammps(path: str | Path, frame: Frame) -> list[str]:
 
 
 def _format_rows(rows) -> list[str]:
-    """Format rows of numbers, which are read back to the last bit."""
+    """Format rows of numbers so that they can be read back exactly, to the last bit."""
     return [" ".join(map(repr, row)) for row in rows]
 
 
@@ -76,7 +76,7 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     state, law = frame.state, frame.law
     pairs, words = without_walls(frame)
     if law.coulomb != SHARP:
-        return [*words, "LAMMPS has sharp friction but this law is smooth: the memory of contacts is not written"]
+        return [*words, "LAMMPS has sharp friction, but this law is smooth: the memory of contacts is not written"]
     rows = touching(state)
     rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
     c = linearise(state, law)

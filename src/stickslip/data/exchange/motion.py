@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.state import State
 from ..sample import HUGE, PackingError
 from .frame import Frame
@@ -11,6 +12,7 @@ from .frame import Frame
 REQUIRED = ("translation", "rotation", "exponent")
 
 
+@checked
 def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.ndarray, complex]:
     """Read the translation and rotation, (N, 3) complex, and the exponent s of a mode exp(st) written by `stability`.
 
@@ -44,6 +46,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     return translation[number], rotation[number], complex(exponent[number])
 
 
+@checked
 def mode_frames(
     frame: Frame, translation: np.ndarray, rotation: np.ndarray, exponent: complex, *, count: int = 48,
     amplitude: float = 0.3, grow: bool = False,

@@ -1,4 +1,4 @@
-"""VTK files, which ParaView reads: grains as points with radius, contacts as lines with their forces, one file each.
+"""VTK files, which ParaView reads: grains as points with radii, contacts as lines with their forces, one file each.
 
 NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), NAME-contacts.vtu the lines. Several frames become
 NAME_0000.vtu and so on, which ParaView opens as a series.

@@ -63,7 +63,7 @@ def evaluate_claims(main: DiskArrayResult, quarter: DiskArrayResult, report=lamb
 
     Parameters
     ----------
-    report : called as report(share done, words) along the ramps with other load steps
+    report : called as report(share done, words) during the ramps with other load steps
     """
     printed = _spectrum_claims(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics_claims(main)
     printed += _front_claims(main) + _ratio_claims(main) + _mode_claims(main) + _sliding_claims(main, "")
@@ -167,7 +167,7 @@ def _stability(result: DiskArrayResult, suffix: str) -> Claim:
         rise = growth_factor(free)
         measured = bool(rise < RISE)
         note = (
-            f"mean M of the last over that of the first 1/{LATE} of {free.time[-1]:.0f} time units: {rise:.2g}; "
+            f"mean M in the last 1/{LATE} of {free.time[-1]:.0f} time units over that in the first: {rise:.2g}; "
             f"M at the end: {free.msd[-1]:.1e}; fastest growth rate of the spectrum: {free.predicted_growth:.1e}"
         )
     return claim(

@@ -103,7 +103,7 @@ def row_order(state: State, start: int, *, backward: bool = False):
 def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
     """Fit a front to times of the same event, shape (realizations, N).
 
-    Delays are counted from the disk where it starts.
+    Delays are counted from the disk where the front starts.
 
     Source
     ------

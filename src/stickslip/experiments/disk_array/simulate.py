@@ -1,4 +1,4 @@
-"""Simulation of a disk array: press, push quasi-statically with spectra, run freely from chosen loads, and slide."""
+"""Simulation of a disk array: press, push quasi-statically, find spectra, run freely from chosen loads, and slide."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -163,7 +163,7 @@ def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list
 
 
 def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
-    """Return the first point of a path at a load."""
+    """Return the first point on a path at a given load."""
     return min(path, key=lambda point: abs(point.load - load))
 
 
@@ -240,7 +240,7 @@ def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeR
 
 
 def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
-    """Repeat a free run, bit for bit, with fine sampling from before the first slip until well after sliding."""
+    """Repeat a free run, bit for bit, with fine sampling from before the first slip until well after sliding begins."""
     if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
         return None
     how = scenario.dynamics
@@ -403,5 +403,5 @@ def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
-    """Run a scenario, and its path again with twice the load step, to show how much births depend on the step."""
+    """Run a scenario, and its path again with twice the load step, to show how much the births depend on it."""
     return simulate_disk_array(scenario, sensitivity=True, **options)

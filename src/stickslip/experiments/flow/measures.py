@@ -24,7 +24,7 @@ class Deposit(NamedTuple):
 
 @readable
 class PlaneShear(NamedTuple):
-    """Steady shear between two plates: means over the second half of the last stage and a standard deviation."""
+    """Steady shear between two plates: means and a standard deviation over the second half of the last stage."""
 
     friction: float  # shear over normal force on the upper plate
     friction_deviation: float

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...builtin_laws import BY_NAME
+from ...core.arguments import checked
 from ...core.control import rigid
 from ...core.laws.builtin import (
     Law,
@@ -47,6 +48,7 @@ class Poured(NamedTuple):
         return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
 
 
+@checked
 def poured(scenario: FlowScenario) -> Poured:
     """Return grains, walls and plates of a scenario, at rest and without contacts.
 
@@ -104,7 +106,7 @@ def _check_sampling(scenario: FlowScenario, dt: float) -> None:
 
 
 def flow_law(scenario: FlowScenario, radius, mass) -> Law:
-    """Return the law of a scenario: grains are material 0, wall k is material k + 1 if it has its own friction."""
+    """Return the law of a scenario: grains are material 0, and wall k is material k + 1 if it has its own friction."""
     chosen, r, m = scenario.law, float(np.mean(radius)), float(np.mean(mass))
     if chosen.file is not None:
         return _with_walls(load_law(chosen), scenario)
@@ -169,7 +171,7 @@ def _grain_masses(scenario: FlowScenario, radius) -> np.ndarray:
 
 
 def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
-    """Place grains on a lattice from the bottom up, with random displacements and no contacts; returns (N, 3)."""
+    """Place grains on a lattice from the bottom up, with random displacements and no contacts; return (N, 3)."""
     chosen, dim, largest = scenario.grains, scenario.grains.dim, float(radius.max())
     low, high = np.array(chosen.low), np.array(chosen.high)
     wide = 2 * largest * (1 + chosen.gap)

@@ -28,7 +28,7 @@ def files(result: FlowResult):
 
 
 def numbers(result: FlowResult) -> dict:
-    """Return the contents of the archive, besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     found, shear = {}, plane_shear(result)
     if shear:
         found["plane_shear"] = archive_fields(shear)
@@ -52,7 +52,7 @@ def numbers(result: FlowResult) -> dict:
 
 
 def _write_series(result: FlowResult, path: Path) -> None:
-    """Write one row per sample, with a header; vectors have columns _x, _y, _z, walls and plates have their names."""
+    """Write a header and a row per sample; vectors have columns _x, _y, _z; names of walls and plates are prefixes."""
     series, columns = result.series, {}
     bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
     for name in FlowSeries._fields:

@@ -365,7 +365,7 @@ def _has_force(body: FlatWall | Plate) -> bool:
 
 
 def force_axis(body: FlatWall | Plate) -> str | None:
-    """Return the axis along which a force can move a body: y for plates, a wall's normal, or None if it is inclined."""
+    """Return the axis along which a force can move a body: y for plates, that of a wall's normal, None if inclined."""
     if isinstance(body, Plate):
         return "y"
     along = [axis for axis, n in zip(AXES, body.normal, strict=False) if n]

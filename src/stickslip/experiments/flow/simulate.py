@@ -234,5 +234,5 @@ def _describe_row(row: dict) -> str:
 
 
 def simulate_on_workers(scenario: FlowScenario, *, workers: int | None = None, **options) -> FlowResult:
-    """Run a scenario with the signature of all experiments; `workers` is the number of threads of the single run."""
+    """Run a scenario (same signature for all experiments); `workers` is the number of threads of the single run."""
     return simulate_flow(scenario, threads=workers, **options)

@@ -22,7 +22,7 @@ class StageConditions(NamedTuple):
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
-    """Return the conditions of the last stage from the start times of all stages so far; if none, the initial ones."""
+    """Return the conditions of the last stage given the start times of all stages so far; if none, the initial ones."""
     conditions = StageConditions(
         tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
         scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,

@@ -1,7 +1,7 @@
 """Evaluation of the claims of paper 003, the supplement of Ferdowsi and Rubin's slide-hold-slide study.
 
-The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Statements of
-the study itself or of others are references. Tolerances were fixed before anything was measured.
+The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Statements from
+the study itself or from others serve as references. Tolerances were fixed before anything was measured.
 """
 
 import numpy as np
@@ -87,7 +87,7 @@ def _statement(id: str, source: str, measured: bool | None, note: str, *, study:
 
 
 def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
-    """Make a claim without a measurement, which needs a full run."""
+    """Make a claim without its measurement, which needs a full run."""
     return claim(id, source, paper, None, unit, tolerance, f"{note}: part of stickslip reproduce gouge --full", **more)
 
 

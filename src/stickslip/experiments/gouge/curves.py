@@ -41,7 +41,7 @@ def reslides_after_longest(result: GougeResult, before: float):
 
 
 def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
-    """Return the hold times with slides at one common velocity, and that velocity.
+    """Return the hold times followed by slides at one common velocity, and that velocity.
 
     The velocity is the one before the hold if there are such slides, otherwise the slowest.
     """

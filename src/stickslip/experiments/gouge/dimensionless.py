@@ -15,7 +15,7 @@ LONG = 0.4  # share of the largest stable time step above which the stiffest con
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
     """Stiffness k of the spring per unit area of the plate [Pa/m], from `value` in terms of `definition`.
 
-    The default is the scenario's stiffness. Definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state,
+    The default is the scenario's stiffness. The definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state,
     k dc/(b σ).
 
     Examples
@@ -54,7 +54,7 @@ def _unit(scenario: GougeScenario, definition: str) -> float:
 def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> dict[str, float]:
     """Return a hold time t after sliding at V in terms of every definition; paper 003 quotes 1650 without one.
 
-    Definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
+    The definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
     frozen state; inertial, t/(D √(ρ/σ)).
     """
     stress, scales, grains = scenario.load.normal_stress, scenario.scales, scenario.grains
@@ -68,8 +68,8 @@ def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> di
 def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float) -> dict[str, float]:
     """Return the inertial number at a velocity V of the plate and a thickness H [m] in terms of every definition.
 
-    Definitions are mean_grain, (V/H) D √(ρ/σ) with the mean diameter, on which warnings are based; largest_grain, the
-    same with the largest diameter; slip, V √(ρ/σ), for shear localised in one layer of grains.
+    The definitions are mean_grain, (V/H) D √(ρ/σ) with the mean diameter, on which warnings are based; largest_grain,
+    the same with the largest diameter; slip, V √(ρ/σ), for shear localised in one layer of grains.
     """
     grains, stress = scenario.grains, scenario.load.normal_stress
     sizes = {"mean_grain": grains.mean, "largest_grain": grains.diameter[1], "slip": thickness}
@@ -105,7 +105,7 @@ class Range(NamedTuple):
                 f"young"
             )
         if self.time_step > LONG:
-            said.append(f"dt is {self.time_step:.2f} of the largest stable time step: use a shorter one")
+            said.append(f"dt is {self.time_step:.2f} of the largest stable time step: use a shorter dt")
         for name, value in (("thickness", self.thickness), ("length", self.length)):
             if value < LAYER:
                 said.append(

@@ -1,4 +1,4 @@
-"""External engine LAMMPS for fault gouge: legs are written as LAMMPS input, run, and read back as Series.
+"""LAMMPS as an external engine for fault gouge: legs are written as LAMMPS input, run, and read back as Series.
 
 One leg is a folder that contains `in.gouge` and its starting point, which is a data file or the restart file of the
 previous leg. It is run through the Python library of LAMMPS, in one process or in several under mpirun;
@@ -237,7 +237,7 @@ def _digits(*numbers: float) -> str:
 
 
 def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
-    """Return the LAMMPS commands of a leg other than run and output.
+    """Return the LAMMPS commands of a leg, except run and output.
 
     `skin` is that of the neighbour lists, in diameters.
     """
@@ -301,7 +301,7 @@ write_restart {AFTER}
 
 
 def _read_frames(path: Path, columns: int) -> dict[int, np.ndarray]:
-    """Read the tables of a dump, by the step at which each was written."""
+    """Read the tables of a dump, keyed by the step at which each was written."""
     found = {}
     for frame in path.read_text(encoding="utf-8").split("ITEM: TIMESTEP\n")[1:]:
         *head, body = frame.split("\n", 8)

@@ -300,7 +300,7 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
     """Largest value of the smoothed mean curve, or the smallest for sign −1.
 
-    After a hold, the end of elastic reloading.
+    After a hold, this is the end of elastic reloading.
 
     Noise increases it; see `peak_bias`.
     """

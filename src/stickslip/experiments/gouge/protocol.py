@@ -98,7 +98,7 @@ class Realization(NamedTuple):
         return [test for test in self.tests if test.kind in kinds]
 
     def slide_to(self, test: Test) -> Test:
-        """Return the slide to the state from which a hold, a slide after it or a first step branched off."""
+        """Return the slide that led to the state from which a hold, a slide after it or a first step branched off."""
         mine = (test.part, test.branch, test.before)
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
@@ -296,7 +296,7 @@ class _LegRunner:
         return place, series, self.engine.elastic(place)
 
     def _report_progress(self, steps: int, series: Series, words: str) -> None:
-        """Report progress and the present state of the sample."""
+        """Report progress and the current state of the sample."""
         self.done += steps
         self.total = max(self.total, self.done)
         self.tell(

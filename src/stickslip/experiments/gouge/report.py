@@ -153,7 +153,7 @@ def numbers(result: GougeResult) -> dict:
 
 
 def _write_series(result: GougeResult, path: Path) -> None:
-    """Write one row per sample: realization, test, its kind and velocities, and all columns of `Series` but fabric."""
+    """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
     units = {
         "time": "s", "load_point": "m", "slip": "m", "velocity": "m/s", "thickness": "m", "kinetic_energy": "J",
@@ -222,7 +222,7 @@ def _step_files(result: GougeResult):
 def show(result: GougeResult) -> None:
     """Print steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
-    console.print(f"{len(result.realizations)} realizations; ± is the half width of a 95 % interval.")
+    console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
     table = Table(**STYLE)
     for name in ("velocity [m/s]", "steady friction", "±"):
         table.add_column(name, justify="right", no_wrap=True)

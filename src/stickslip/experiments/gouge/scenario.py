@@ -173,7 +173,7 @@ class Preparation(ScenarioTable):
     change: Positive = Field(
         0.02,
         description=(
-            "sliding is steady if friction in two successive windows differs by at most this, or by the standard error"
+            "sliding is steady if friction in two successive windows differs by no more than this or the standard error"
         ),
     )
     longest: Positive = Field(40.0, description="slip after which the preparation fails if sliding is not steady [D]")
@@ -322,7 +322,7 @@ class GougeScenario(ScenarioBase):
     )
     sample_every: Number = Field(500, description="number of steps between samples")
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
-        0, description="steps after the protocol that record an energy ledger; each takes as long as ten ordinary steps"
+        0, description="steps that record an energy ledger after the protocol; each takes as long as ten ordinary steps"
     )
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
@@ -397,7 +397,7 @@ class GougeScenario(ScenarioBase):
         if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
             raise ValueError(
                 f"holds = {list(holds)} was given in {name}, but holds must differ by a sample of {self.interval:.2g} "
-                f"s, and last at least two samples, the longest at least {LEAST}: lower sample_every"
+                f"s, and last at least two samples, and the longest at least {LEAST}: lower sample_every"
             )
 
     @property
@@ -429,7 +429,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def trunk_duration(self) -> float:
-        """Duration of the trunk: the slides from which tests branch off, and the minimum of the preparation [s]."""
+        """Duration of the trunk: the slides from which tests branch off, and the shortest possible preparation [s]."""
         size = self.grains.mean
         preparation = self.preparation.slip * size / self.preparation.velocity
         return preparation + sum(sum(part.trunk(v, size)) for part in self.protocol for v in part.starts)

@@ -78,7 +78,7 @@ def simulate_gouge(
 
 
 class _Ensemble:
-    """Run unfinished realizations: all their trunks in parallel, then all branches of these."""
+    """Run unfinished realizations: all their trunks in parallel, then all branches of the trunks."""
 
     def __init__(self, scenario: GougeScenario, alone: list, folder: Path | None, workers: Workers, report: Report):
         self.scenario, self.alone, self.folder, self.workers, self.report = scenario, alone, folder, workers, report
@@ -175,7 +175,7 @@ def _branch_task(text: str, start: Branch, kept: Checkpoint | None, tell: Tell) 
 
 
 def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:
-    """Path of a saved realization, named by the digest of its scenario so that no other scenario uses it."""
+    """Path of a saved realization, named after the digest of its scenario so that no other scenario uses it."""
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 

@@ -34,7 +34,7 @@ class Number(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half width of the 95 % confidence interval from Student's t distribution."""
+        """Half-width of the 95 % confidence interval from Student's t distribution."""
         units = self.samples if self.samples >= LEAST else self.branches
         return self.error * float(student.ppf(0.975, units - 1)) if units > 1 else np.nan
 
@@ -156,7 +156,7 @@ def slope(x, numbers: list[Number]) -> Number:
     """
     x = np.asarray(x, float)
     if len(set(x.tolist())) < 2:
-        raise ValueError(f"a slope through {len(x)} points was requested: give at least two different x")
+        raise ValueError(f"a slope through {len(x)} points was requested: give at least two different values of x")
     centred = x - x.mean()
     return combine(numbers, lambda y: centred @ y / (centred @ centred))
 

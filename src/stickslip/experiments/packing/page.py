@@ -142,7 +142,7 @@ def _experiment_name(text: str) -> str:
 
 
 def _read_states(path: Path, frame: str | None) -> list:
-    """Read the states of one group: the largest one, or that of the requested frame."""
+    """Read the states of one group: the largest one, or the one that contains the requested frame."""
     try:
         found = read_archive(path, "all")
     except PackingError:
@@ -181,7 +181,7 @@ def _label(name: str, time: float, stages: list[dict], advances: bool, unit: str
 def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
     """Find the state with the fastest-growing mode.
 
-    Returns its index, its modes, and the reason if the requested state has no modes because it is not in equilibrium.
+    Returns its index, its modes, and, if the requested state is not in equilibrium and so has no modes, the reason.
     """
     best, at, modes, why = 0.0, 0, [], ""
     for k, (name, state, law) in enumerate(states):
@@ -219,7 +219,7 @@ def _claims_table(path: Path) -> str:
 
 
 def _list_measures(tree: dict, units: dict[str, str]) -> list[list[str]]:
-    """List the measures of a run with their units; for archives of earlier versions, all scalars outside of states."""
+    """List the measures of a run with their units; for archives from earlier versions, all scalars outside states."""
     if not isinstance(saved := tree.get("measures"), dict):
         return _list_scalars(tree, units)
     return [
@@ -234,7 +234,7 @@ def _readable(name: str) -> str:
 
 
 def _scenario_table(text: str) -> str:
-    """Folded table of a scenario with dotted keys; keys without a value are omitted."""
+    """Collapsible table of a scenario with dotted keys; keys without a value are omitted."""
     try:
         tables = json.loads(text)
     except ValueError:
@@ -254,7 +254,7 @@ def _flat(tree, above: str = ""):
 
 
 def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
-    """List the scalars of an archive outside of its states, with their paths and units."""
+    """List the scalars of an archive outside its states, with their paths and units."""
     rows = []
     for name, value in tree.items():
         path = f"{above}{name}"
@@ -271,7 +271,7 @@ def _uses_si(experiment: str) -> bool:
 
 
 def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
-    """Return the last, least and greatest value of each time series."""
+    """Return the last, least and greatest values of each time series."""
     rows = []
     for name, values in series.items() if isinstance(series, dict) else ():
         known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
@@ -307,7 +307,7 @@ def _sweep_content(folder: Path) -> PageContent:
 def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
 ) -> PageContent:  # fmt: skip
-    """Load a packing file with `read_packing`, and its verdict and modes.
+    """Load a packing file with `read_packing`, together with its verdict and modes.
 
     Parameters
     ----------
@@ -436,13 +436,13 @@ def write_movie(
     shown: PageContent, path: Path, *, colour: str | None = None, fps: int | None = None, count: int = 48,
     amplitude: float = 0.3, mode: int | None = None, report=None,
 ) -> Path:  # fmt: skip
-    """Write the frames of a run, or one period of a mode, as GIF or MP4.
+    """Write the frames of a run, or one period of a mode, as a GIF or MP4.
 
     Parameters
     ----------
     colour : one of `quantities`; by default the speed for a run and the displacement for a mode
     mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
-    fps : frames per second; by default the movie of a run lasts about eight seconds, and that of a mode has 15
+    fps : frames per second; by default the movie of a run lasts about eight seconds, and that of a mode runs at 15
     count, amplitude : frames and amplitude of a mode's period, see `mode_frames`
     """
     if not shown.frames:

@@ -18,7 +18,7 @@ def default_path(place: Path, name: str) -> Path:
 
 
 def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made_from=()) -> None:
-    """Raise ValueError before any computation if a path is unsuitable or would replace a foreign file.
+    """Raise ValueError before any computation if a path is unsuitable or would replace a file from another program.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def staged_file(path: Path) -> Iterator[Path]:
 
 
 def _is_own_file(path: Path) -> bool:
-    """Return True for a page or movie of this package, which has a mark near its beginning or end."""
+    """Return True for a page or movie written by this package, recognised by a mark near its beginning or end."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:

@@ -80,7 +80,7 @@ def verdict(found: Stability | DampedStability, calm: Settling | None = None) ->
 
 
 def likely_causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
-    """Return the likely causes of unbalanced forces, from the packing and the options given for its law."""
+    """Return the likely causes of unbalanced forces, inferred from the packing and the options given for its law."""
     known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any("the defaults are assumed" in line for line in words)
@@ -142,7 +142,7 @@ def show(
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
-    Also `why` and `remedy` if the packing is not in equilibrium.
+    Also print `why` and `remedy` if the packing is not in equilibrium.
     """
     static = found.undamped if isinstance(found, DampedStability) else found
     for line in words:
@@ -264,7 +264,7 @@ def write_modes(path: Path, found: Stability | DampedStability) -> Path:
 
 
 def growing_modes(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
-    """Return translation, rotation (N, 3) complex and exponent s of each growing mode, the fastest first."""
+    """Return translation, rotation (N, 3) complex and exponent s of each growing mode, fastest first."""
     _, exponents, full = _expand_modes(found)
     order = np.argsort(-exponents.real, kind="stable")
     return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]

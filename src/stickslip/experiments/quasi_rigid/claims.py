@@ -40,7 +40,7 @@ def evaluate_claims(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
 
 
 def _most_sliding_state(one: SampleResult) -> State:
-    """State with the most sliding contacts on the path before its last tenth."""
+    """State with the most sliding contacts before the last tenth of the path."""
     early = [p for p in one.path.points if p.load <= 0.9 * one.path.points[-1].load]
     return max(early, key=lambda p: p.sliding).state
 
@@ -205,7 +205,7 @@ def _premise(main: QuasiResult) -> Claim:
 
 
 def _unique_without_premise(one: SampleResult) -> np.ndarray:
-    """Points at which Q > 0 does not hold for all v, the status is unique for any load, and the path continues.
+    """Points at which Q ≤ 0 for some v, the status is unique for any load, and the path continues.
 
     Shape (L,).
     """

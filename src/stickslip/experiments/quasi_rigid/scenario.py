@@ -1,4 +1,4 @@
-"""Scenario of quasi-rigid loading: disks between walls or in a periodic cell, by load path and by slow dynamics."""
+"""Scenario of quasi-rigid loading: disks between walls or in a periodic cell, loaded by path and by slow dynamics."""
 
 from typing import Annotated, Literal
 

@@ -264,7 +264,7 @@ def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
 
 
 def load_rate(state: State, begin: Control, end: Control, free: Freedom) -> np.ndarray:
-    """Change of the external load on the free coordinates from one control to the other, shape (n,) [force]."""
+    """Change in the external load on the free coordinates from one control to the other, shape (n,) [force]."""
     return external_force(state._replace(control=end), free) - external_force(state._replace(control=begin), free)
 
 
@@ -284,7 +284,7 @@ def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
 
 
 def force_components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
-    """F_n along the branch vector and F_t clockwise of it, for given rows of the contact list, shape (C, 2) [force]."""
+    """F_n along the branch vector, F_t clockwise from it, for given rows of the contact list, shape (C, 2) [force]."""
     normal = branch_vectors(state)[rows]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)

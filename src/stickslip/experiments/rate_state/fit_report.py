@@ -153,7 +153,7 @@ def doubts(found: RecordFits) -> list[str]:
 
 
 def _likelier_unit(dc: float) -> tuple[str, float]:
-    """Unit in which the displacements may be given, and the conversion factor from the unit stated in the file."""
+    """Likely unit of the displacements, and the conversion factor from the unit stated in the file."""
     factors = [10.0**k for k in (-9, -6, -3, 3, 6, 9)]
     factor = min(factors, key=lambda one: abs(np.log(dc * one / 1e-5)))  # nearest to ten micrometres
     return f"a unit {1 / factor:g} times smaller" if factor < 1 else f"a unit {factor:g} times larger", factor
@@ -171,7 +171,7 @@ def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
 
 
 def write(out: Path, found: RecordFits) -> list[Path]:
-    """Write JSON and figure, and return their paths."""
+    """Write the JSON file and the figure, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
     write_file(out, FIGURE, png(figures.fitted(found.data, found.fits)))
     write_file(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete

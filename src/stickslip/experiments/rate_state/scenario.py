@@ -33,7 +33,7 @@ class Stretch(ScenarioTable):
 
     velocity: NotNegative = Field(description="velocity; 0 is a hold [m/s]")
     duration: Positive | None = Field(None, description="duration of the leg [s]")
-    distance: Positive | None = Field(None, description="distance of the load point, instead of duration [m]")
+    distance: Positive | None = Field(None, description="distance moved by the load point, instead of duration [m]")
     normal: Positive = Field(1.0, description="normal stress over its reference value")
 
     @model_validator(mode="after")

@@ -41,7 +41,7 @@ def simulate_slider(
 
 
 def _sample_times(legs, number: int) -> np.ndarray:
-    """Return sample times: in each leg a third evenly spaced in ln t, the others evenly in t, including its end."""
+    """Return sample times: in each leg, a third evenly spaced in ln t and the rest in t, including the leg's end."""
     few = number // 3
     share = np.unique(np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
     ends = np.cumsum([leg.duration for leg in legs])

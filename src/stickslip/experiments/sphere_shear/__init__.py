@@ -37,7 +37,7 @@ EXPERIMENT = Experiment(
         cuts=(
             "2 packings instead of 5; strain steps of 5e-4 instead of 1e-4 beyond 1e-3 (2e-3); Newtonian runs of "
             "25 growth times (at least 2e4 time units) instead of 45 (5e4), too short to reach failure; 12 spectra"
-            " in a run instead of 40"
+            " per run instead of 40"
         ),
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),

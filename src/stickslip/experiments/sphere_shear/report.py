@@ -69,7 +69,7 @@ def show(result: ShearResult) -> None:
 
 
 def measures(result: ShearResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}: medians over packings, NaN if none has one."""
+    """Return the measures of a run for sweeps as {name: (value, unit)}: medians over packings, NaN where none exist."""
     paths, runs = result.paths, [r for r in result.single if r]
     fitted = [r.growth.growth_rate / r.corrected_rate for r in runs if r.growth]
     columns = {

@@ -75,7 +75,7 @@ class ShearPath(NamedTuple):
 
 @readable
 class ShearResult(NamedTuple):
-    """Results of a shear scenario; lists are by seed, with None where a run failed or there was nothing to release."""
+    """Results of a shear scenario; one list entry per seed, None where a run failed or there was nothing to release."""
 
     scenario: ShearScenario
     law: Law
@@ -129,7 +129,7 @@ def shear_packing(
     kept: Checkpoint | None = None,
     report: Callable[[float, str], None] = lambda share, words: None,
 ) -> ShearPath:
-    """Pack one sample and shear it; the path ends early, with the reason, where no equilibrium is found.
+    """Pack one sample and shear it; where no equilibrium is found, the path ends early and the reason is given.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def _path_columns(point: Equilibrium, law: Law) -> tuple:
 
 
 def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
-    """Locate the birth of the first pair by bisection between a state without pairs and a strain with some.
+    """Locate the birth of the first pair by bisection between a state without pairs and a strain at which some exist.
 
     Every trial is one strain step from the saved state, so the path does not depend on the search.
     """

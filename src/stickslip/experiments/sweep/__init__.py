@@ -1,1 +1,1 @@
-"""Sweeps: many scenarios defined by a table `[sweep]`, and the dataset of their results."""
+"""Sweeps: many scenarios defined by a `[sweep]` table, and the dataset of their results."""

@@ -89,7 +89,7 @@ def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], fai
 
 
 def _labels(axis: Axis) -> np.ndarray:
-    """Return the values of an axis as numbers, or else as strings."""
+    """Return the values of an axis as numbers if possible, otherwise as strings."""
     if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
         return np.array(axis.values, np.int32)
     if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):

@@ -1,4 +1,4 @@
-"""Definition of a sweep: many scenarios from one, by a [sweep] table of keys with lists of values or distributions.
+"""Definition of a sweep: many scenarios from one, using a [sweep] table of keys with lists of values or distributions.
 
 A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
 `draw_seed` and their own key, so adding another key does not change them.
@@ -84,12 +84,12 @@ class Member(NamedTuple):
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """Read a sweep from a TOML file with a table [sweep], or from the sweep.json of a run."""
+    """Read a sweep from a TOML file with a [sweep] table, or from the sweep.json of a run."""
     return sweep(**read_tables(path))
 
 
 def sweep(**tables) -> Sweep:
-    """Create a sweep from nested dictionaries, as in the TOML file; only the table [sweep] is validated here.
+    """Create a sweep from nested dictionaries, as in the TOML file; only the [sweep] table is validated here.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def member(chosen: Sweep, k: int) -> Member:
 
 
 def describe_differences(old: dict, new: dict) -> str:
-    """Describe the differences between the tables of two sweeps; empty if only the values of swept keys differ."""
+    """Describe how the tables of two sweeps differ; the result is empty if only the values of swept keys differ."""
     (base, keys, mode), (its_base, its_keys, its_mode) = map(_split_tables, (old, new))
     words = []
     if set(keys) != set(its_keys):

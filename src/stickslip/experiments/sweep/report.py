@@ -27,7 +27,7 @@ READY = "ready"  # file that marks a sweep that replaces another one as complete
 def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
 ) -> SweepResult | None:
-    """Print the number of members, ask for confirmation if there are many, validate all and run the unfinished ones.
+    """Print the number of members, ask for confirmation if there are many, validate them and run the unfinished ones.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def ranges(swept: SweepResult) -> dict[str, dict]:
 
 
 def failure_summary(swept: SweepResult) -> str | None:
-    """Return one sentence if members failed, otherwise None."""
+    """Return one sentence if any members failed, otherwise None."""
     failed = sum(map(bool, swept.failures))
     if not failed:
         return None

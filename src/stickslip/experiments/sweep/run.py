@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
+from ...core.arguments import checked
 from ...data.archive import ArchiveError
 from ...data.atomic import write_atomically
 from ...data.checkpoint import MEMBERS, SWEEP
@@ -67,8 +68,8 @@ def validate_members(chosen: Sweep, report=None) -> list[str]:
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
     """Return the estimated time for all members and its basis, as a phrase.
 
-    The estimate uses the median time of finished members, or else a trial run of the first one, for at most PROBE
-    seconds in a local process.
+    The estimate uses the median time of finished members, or else a trial run of the first member, limited to
+    PROBE seconds in a local process.
     """
     some = (read_finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
     known = [one["seconds"] for one in some if one]
@@ -115,6 +116,7 @@ def read_finished(folder: Path) -> dict | None:
         return None
 
 
+@checked
 def run_sweep(
     chosen: Sweep,
     folder: str | Path,
@@ -131,7 +133,7 @@ def run_sweep(
     names : names of all members, if already validated
     workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
     figures : whether each member also draws its figures
-    report : called as report(fraction of what is run, text, seconds left or None)
+    report : called as report(fraction of the pending work done, text, seconds left or None)
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
