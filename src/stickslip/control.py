@@ -26,6 +26,7 @@ from .core.control import (
     time_dependent,
 )
 from .core.state import loads
+from .lazy import unknown
 
 __all__ = [
     "between",
@@ -40,3 +41,5 @@ __all__ = [
     "stress_controlled",
     "time_dependent",
 ]
+
+__getattr__ = unknown(__name__)

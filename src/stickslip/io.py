@@ -19,6 +19,7 @@ from .data.exchange.motion import mode_frames, read_mode
 from .experiments.dataset import contact_table, open_dataset
 from .experiments.sweep.dataset import open_sweep
 from .experiments.sweep.definition import read_sweep
+from .lazy import unknown
 
 __all__ = [
     "contact_table",
@@ -32,3 +33,5 @@ __all__ = [
     "read_sweep",
     "write_packing",
 ]
+
+__getattr__ = unknown(__name__)

@@ -22,6 +22,7 @@ Dashpots
 from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear
 from .core.laws.user import custom, from_file
 from .core.laws.validation import LawWarning
+from .lazy import unknown
 from .loading.packing import frictionless
 from .solve.collision import collision, eq8_damping, with_restitution
 
@@ -39,3 +40,5 @@ __all__ = [
     "linear",
     "with_restitution",
 ]
+
+__getattr__ = unknown(__name__)

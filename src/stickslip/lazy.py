@@ -5,9 +5,31 @@ Type checkers and editors read the same stub, so that each name is listed once.
 
 import ast
 import difflib
+import inspect
+from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+
+# words of users and of other programs, and what they are called here
+WORDS = {
+    "random": "packings.jammed", "random_packing": "packings.jammed", "generate": "packings.jammed",
+    "compress": "packings.strained", "shear": "protocols.aqs packings.sheared", "cyclic": "protocols.load_path",
+    "pairs": "modes.complex_pairs", "moduli": "modes.elastic_moduli", "elastic_constants": "modes.elastic_moduli",
+    "volume_fraction": "measure.packing_fraction", "energy": "measure.elastic_energy",
+    "phi": "measure.packing_fraction", "load": "io.read_packing io.open_dataset", "read": "io.read_packing",
+    "read_lammps": "io.read_packing", "read_dump": "io.read_packing", "save": "io.write_packing",
+    "write": "io.write_packing", "to_vtk": "io.write_packing", "hertz": "laws.hertz_mindlin",
+    "mindlin": "laws.hertz_mindlin", "hooke": "laws.linear", "hookean": "laws.linear", "pair": "laws.for_pair",
+    "per_pair": "laws.for_pair", "by_material": "laws.for_pair", "rolling": "laws.custom", "user_law": "laws.custom",
+    "servo": "control.force_controlled control.stress_controlled", "pressure_control": "control.stress_controlled",
+    "gravity": "control.loads", "spring": "control.spring_loaded", "shear_rate": "control.strained_at",
+    "fix": "control.fixed", "freeze": "control.fixed", "floppy": "quasirigid.mechanisms", "hessian": "jacobian",
+    "eigenvalues": "spectrum", "timestep": "measure.stable_time_step", "dt": "measure.stable_time_step",
+    "plot": "figures.packing", "plot_packing": "figures.packing", "show": "figures.packing",
+    "run_scenario": "simulate", "loads": "control.loads results.ContactLoads", "fit_rate_and_state": "friction.fit",
+    "fit_rate_state": "friction.fit", "rate_and_state": "friction.RateState", "slider": "friction.spring_slider",
+}  # fmt: skip
 
 
 def attach(package: str, file: str):
@@ -34,12 +56,39 @@ def attach(package: str, file: str):
     return get, lambda: sorted(where), sorted(where)
 
 
-def missing_attribute(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
-    """Error message for a missing attribute, with the namespace that has it or the closest name."""
-    if find_spec(f"{package}.{name}"):  # `from package import module` asks first, then imports the module
+def unknown(package: str):
+    """Return a `__getattr__` for a namespace whose names are all imported: it only suggests other names."""
+
+    def get(name: str):
+        raise AttributeError(missing_attribute(package, name, dict.fromkeys(import_module(package).__all__)))
+
+    return get
+
+
+def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:
+    """Error message for a missing attribute, with the places that have it or the closest name."""
+    if name.startswith("_"):
+        return f"module {package!r} has no attribute {name!r}"
+    root = package.partition(".")[0]
+    if hasattr(import_module(package), "__path__") and find_spec(
+        f"{package}.{name}"
+    ):  # `from package import module` asks first, then imports the module
         return f"{package}.{name} is a module that was not imported: import {package}.{name}"
-    spaces = [] if name.startswith("_") else [inner for module, inner in known.values() if module == "."]
-    there = [f"{package}.{s}.{name}" for s in spaces if name in import_module(f".{s}", package).__all__]
-    near = there or [f"{package}.{one}" for one in difflib.get_close_matches(name, known, n=1, cutoff=0.6)]
-    hint = f"did you mean {near[0]}?" if near else f"see dir({package})"
+    near = [f"{root}.{space}.{name}" for space, names in _namespaces(root).items() if name in names]
+    near = near or [f"{root}.{one}" for one in WORDS.get(name.lower(), "").split()]
+    near = near or [f"{package}.{one}" for one in _closest(name, known)]
+    hint = f"did you mean {' or '.join(near)}?" if near else f"see help({package})"
     return f"{package} has no attribute {name!r}: {hint}"
+
+
+def _namespaces(root: str) -> dict[str, list[str]]:
+    """Public names of each namespace."""
+    module = import_module(root)
+    spaces = [one for one in module.__all__ if inspect.ismodule(getattr(module, one))]
+    return {space: list(getattr(module, space).__all__) for space in spaces}
+
+
+def _closest(name: str, known: Iterable[str]) -> list[str]:
+    """Name that contains the given one, or that it contains, or else the one spelled most alike; at most one."""
+    inside = [one for one in known if len(name) > 3 and name.lower() in one.lower()]
+    return sorted(inside, key=len)[:1] or difflib.get_close_matches(name, known, n=1, cutoff=0.6)

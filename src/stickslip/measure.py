@@ -46,6 +46,7 @@ from .core.measure import (
     wrapped,
 )
 from .core.state import heights
+from .lazy import unknown
 from .loading.shear import shear_strain
 from .solve.balance import BALANCED_BELOW, imbalance, likely_causes
 from .solve.relax import residual
@@ -73,3 +74,5 @@ __all__ = [
     "unbalanced_forces",
     "wrapped",
 ]
+
+__getattr__ = unknown(__name__)

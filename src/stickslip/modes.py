@@ -27,6 +27,7 @@ Matrices
 """
 
 from .core.contacts.jacobian import contact_blocks
+from .lazy import unknown
 from .loading.protocols import track_pairs
 from .solve.damped import damped_stability
 from .solve.density import density_of_states, participation_ratio
@@ -59,3 +60,5 @@ __all__ = [
     "track_pairs",
     "transient_growth",
 ]
+
+__getattr__ = unknown(__name__)

@@ -26,6 +26,7 @@ from .core.dynamics.cell_motion import strained
 from .core.state import check
 from .data.sample import PackingError, PackingWarning, from_arrays
 from .experiments.flow.pouring import poured
+from .lazy import unknown
 from .loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
 from .loading.packing import disk_array, jammed, with_push
 from .loading.protocols import perturbed
@@ -52,3 +53,5 @@ __all__ = [
     "with_push",
     "without_walls",
 ]
+
+__getattr__ = unknown(__name__)

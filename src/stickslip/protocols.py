@@ -10,8 +10,11 @@ fit_growth      growth rate and frequency fitted to M(t)
 release         undamped run from an unstable state, with snapshots of its spectrum
 """
 
+from .lazy import unknown
 from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
 from .loading.release import release
 from .loading.shear import aqs
 
 __all__ = ["Protocol", "aqs", "fit_growth", "free_run", "load_path", "ramp", "release", "stable_window"]
+
+__getattr__ = unknown(__name__)

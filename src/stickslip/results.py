@@ -24,6 +24,7 @@ from .experiments.sweep.definition import Sweep
 from .friction.fitting import Fit
 from .friction.model_comparison import LawComparison
 from .friction.ratestate import SlipHistory
+from .lazy import unknown
 from .loading.packing import PackingInfo as PackingInfo
 from .loading.protocols import Equilibrium
 from .loading.release import Released
@@ -91,3 +92,5 @@ __all__ = [
     "Uniqueness",
     "Verdict",
 ]
+
+__getattr__ = unknown(__name__)

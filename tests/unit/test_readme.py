@@ -3,12 +3,14 @@
 import re
 import subprocess
 import sys
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import stickslip
+from stickslip.lazy import WORDS
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -92,8 +94,25 @@ def test_every_function_has_one_path():
         (stickslip, "jammed", "packings.jammed"),
         (stickslip.friction, "healings", "healing"),
         (stickslip.figures, "muvie", "movie"),
+        (stickslip.packings, "jamed", "jammed"),
+        (stickslip.modes, "sensitivity", "contact_sensitivity"),
+        (stickslip.ensemble, "run", "run_members"),
+        (stickslip.results, "Spectrun", "Spectrum"),
     ],
 )
 def test_an_attribute_that_does_not_exist_names_the_nearest_one(space, wrong, near):
     with pytest.raises(AttributeError, match=rf"did you mean {space.__name__}\.{near}\?"):
         getattr(space, wrong)
+
+
+def test_a_name_in_two_namespaces_names_both():
+    words = r"did you mean stickslip\.figures\.complex_pairs or stickslip\.modes\.complex_pairs\?"
+    with pytest.raises(AttributeError, match=words):
+        stickslip.complex_pairs  # noqa: B018
+
+
+def test_words_of_other_programs_lead_to_names_that_exist():
+    with pytest.raises(AttributeError, match=r"did you mean stickslip\.packings\.jammed\?"):
+        stickslip.packings.random  # noqa: B018
+    for path in " ".join(WORDS.values()).split():
+        assert callable(attrgetter(path)(stickslip)), path

@@ -10,6 +10,9 @@ Spread           number of runs at a time, and where they run
 Workers          type of `workers`: a number of processes, or the address of a Dask scheduler
 """
 
+from ..lazy import unknown
 from .pool import Member, Spread, Workers, default_workers, reach, run_members, trial
 
 __all__ = ["Member", "Spread", "Workers", "default_workers", "reach", "run_members", "trial"]
+
+__getattr__ = unknown(__name__)
