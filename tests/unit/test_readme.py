@@ -96,7 +96,7 @@ def test_every_function_has_one_path():
         (stickslip.figures, "muvie", "movie"),
         (stickslip.packings, "jamed", "jammed"),
         (stickslip.modes, "sensitivity", "contact_sensitivity"),
-        (stickslip.ensemble, "run", "run_members"),
+        (stickslip.ensemble, "run_member", "run_members"),
         (stickslip.results, "Spectrun", "Spectrum"),
     ],
 )

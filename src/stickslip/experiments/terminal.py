@@ -1,5 +1,7 @@
 """Terminal output of all commands: console, tables, progress with physical quantities."""
 
+import os
+import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +15,17 @@ from rich.text import Text
 
 from .. import compilation
 
-console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are printed verbatim
+UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
+
+
+def _width() -> int | None:
+    """Columns of the output if it is no terminal and COLUMNS does not say."""
+    terminal = sys.stdout is not None and sys.stdout.isatty()
+    return None if terminal or "COLUMNS" in os.environ else UNBROKEN
+
+
+# paths and names are printed verbatim
+console = Console(soft_wrap=False, markup=False, highlight=False, width=_width())
 
 NARROW = 60  # columns below which the cells of tables would be broken
 WIDE = 110  # columns from which on a stage and its text share a line
