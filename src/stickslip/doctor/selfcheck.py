@@ -87,7 +87,7 @@ def measure_pair(state: State, law: Law) -> dict[str, float]:
     modes = spectrum(state, law)
     if not len(modes.pairs):
         return {}
-    first = modes.eigenvalues[modes.pairs[0]]
+    first = modes.pairs[0]
     return {"Jacobian, Re λ of a pair": first.real, "Jacobian, Im λ of a pair": first.imag}
 
 

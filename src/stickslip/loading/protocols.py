@@ -164,7 +164,7 @@ def follow_pair(
     def looks_like(k):
         known = path[k].spectrum
         mode, mass = known.modes[:, members[k]], known.free.mass
-        return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
+        return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pair_indices)
 
     birth = death = None
     if first > 0:

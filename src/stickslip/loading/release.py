@@ -142,7 +142,7 @@ def release(
     modes = spectrum(state, law)
     if not len(modes.pairs):
         raise ValueError("the state has no complex pair, so nothing grows: release a state beyond the onset")
-    fastest = int(modes.pairs[0])
+    fastest = int(modes.pair_indices[0])
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))

@@ -36,7 +36,12 @@ class Spectrum(NamedTuple):
 
     @property
     def pairs(self) -> np.ndarray:
-        """Indices of the eigenvalues with Im λ > 0, one for each complex pair, fastest growing first."""
+        """Eigenvalues with Im λ > 0, one for each complex pair, fastest growing first [1/time²]."""
+        return self.eigenvalues[self.pair_indices]
+
+    @property
+    def pair_indices(self) -> np.ndarray:
+        """Indices of `pairs` in `eigenvalues`, and of their modes, growth rates and frequencies."""
         index = np.flatnonzero(self.eigenvalues.imag > 0)
         return index[np.argsort(-self.growth_rate[index])]
 
@@ -204,7 +209,7 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     families: list[dict[int, int]] = []
     for k, now in enumerate(spectra):
         living = [f for f in families if k - 1 in f]
-        pairs = now.pairs
+        pairs = now.pair_indices
         taken = set()
         if living and len(pairs):
             before = spectra[k - 1]
@@ -223,7 +228,7 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
 
 
 def _summary(found: Spectrum) -> str:
-    pairs, real = found.pairs, found.eigenvalues.real[found.eigenvalues.imag == 0]
+    pairs, real = found.pair_indices, found.eigenvalues.real[found.eigenvalues.imag == 0]
     rate = f", the fastest grows at {found.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
     return (
         f"{len(found.eigenvalues)} eigenvalues, {pluralize(len(pairs), 'complex pair')}{rate}, "

@@ -121,7 +121,7 @@ def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
     said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
     if load == STABLE_LOAD:
         said = '"for F_x = 0.062 all the eigenvalues of J are real"'
-    note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.im_lambda[modes.pairs]) or "zero throughout")
+    note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.pairs.imag) or "zero throughout")
     return claim(
         f"pairs-at-{load:.3f}{suffix}", f"Fig 2: {said}", 0 if load == STABLE_LOAD else 1, len(modes.pairs), "pairs",
         TOLERANCE["pairs"], note, error=0.0,

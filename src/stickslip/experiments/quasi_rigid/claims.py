@@ -229,7 +229,7 @@ def _flutter(main: QuasiResult) -> Claim:
     k, one = best
     state = one.path.states[int(np.argmin(np.abs(one.path.load - one.looks.load[k])))]
     found = spectrum(state, one.law, modes=False)
-    growth = float(found.growth_rate[found.pairs].max(initial=0.0))
+    growth = float(found.growth_rate[found.pair_indices].max(initial=0.0))
     return claim(
         "flutter-example", source, True, not growth > 0, "", 0.0,
         f"does not hold if k is not symmetric; counterexample among {seen} states with Q > 0: sample {one.seed} at "

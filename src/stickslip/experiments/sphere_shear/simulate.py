@@ -182,7 +182,7 @@ def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
 
 def _path_columns(point: Equilibrium, law: Law) -> tuple:
     """Return the columns of ShearPath at one point, from `pairs` to `residual`."""
-    modes, pairs, state = point.spectrum, point.spectrum.pairs, point.state
+    modes, pairs, state = point.spectrum, point.spectrum.pair_indices, point.state
     im = modes.im_lambda[pairs]
     real = modes.eigenvalues[modes.eigenvalues.imag == 0].real
     return (
