@@ -28,7 +28,7 @@ build-backend = "hatchling.build"
 
 [project]
 name = "stickslip-kernels"
-version = "{__version__}"
+version = "{{version}}"
 description = "Compiled kernels of stickslip, for one operating system, Python and Numba"
 license = "BSD-3-Clause"
 requires-python = "=={sys.version_info.major}.{sys.version_info.minor}.*"
@@ -50,24 +50,51 @@ class Hook(BuildHookInterface):
 """
 
 
+RUNS = """\
+import sys
+import stickslip as ss
+name, dim = sys.argv[1], int(sys.argv[2])
+for more in ({}, {"damping_n": 0.1, "damping_t": 0.05}):
+    for coulomb in ("sharp", "smooth"):
+        law = getattr(ss.laws, name)(mu=0.5, coulomb=coulomb, **more)
+        state, _ = ss.packings.jammed(60, packing_fraction={2: 0.88, 3: 0.68}[dim], dim=dim, seed=1)
+        ss.run(state, law, 20, 0.01, every=10)
+"""
+
+
 def everything() -> list[list[str]]:
     """Arguments of Python for runs that compile all kernels."""
     snippet = (ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     return [
         ["-m", "stickslip", "warm", "--all"], ["-c", snippet], ["-m", "stickslip", "doctor", "--quiet"],
         ["-m", "stickslip", "stability", str(ROOT / "examples" / "sheared_spheres.npz"), "--quiet"],
+        *(["-c", RUNS, law, str(dim)] for law in ("hertz_mindlin", "hertz_mindlin_reff", "linear") for dim in (2, 3)),
     ]  # fmt: skip
 
 
 def compile_level(level: str, folder: Path, runs: list[list[str]]) -> None:
     """Fill a cache folder with kernels for a level of processors."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "STICKSLIP_"))}
     settings = {
         "NUMBA_CACHE_DIR": str(folder), "NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": "", prebuilt.OFF: "1",
+        "PYTHONPATH": str(Path(prebuilt.__file__).parents[1]),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as empty:
         for words in runs:
-            subprocess.run([sys.executable, *words], cwd=empty, env=os.environ | settings, check=True)
-    (folder / "syntax.json").unlink(missing_ok=True)
+            subprocess.run([sys.executable, *words], cwd=empty, env=plain | settings, check=True)
+    for path in (folder / "syntax.json", *folder.rglob("*.lock")):
+        path.unlink(missing_ok=True)
+
+
+def missing(package: Path) -> int:
+    """Number of files that all runs still add to an empty cache beside a package."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "STICKSLIP_"))}
+    with tempfile.TemporaryDirectory() as cache:
+        paths = os.pathsep.join([str(Path(prebuilt.__file__).parents[1]), str(package.parent)])
+        for words in everything():
+            env = plain | {"XDG_CACHE_HOME": cache, "PYTHONPATH": paths}
+            subprocess.run([sys.executable, *words], cwd=cache, env=env, check=True, capture_output=True)
+        return len(list(Path(cache).rglob("*.nbc")))
 
 
 def build(levels: list[str]) -> Path:
@@ -80,7 +107,12 @@ def build(levels: list[str]) -> Path:
             compile_level(level, package / level, everything())
         (package / "__init__.py").write_text('"""Compiled kernels of stickslip; see `stickslip.prebuilt`."""\n')
         (package / prebuilt.STAMP).write_text(json.dumps(environment | {"levels": levels}, indent=1))
-        project = PROJECT.format(numba=environment["numba"], llvmlite=environment["llvmlite"])
+        if count := missing(package):
+            raise SystemExit(f"{count} kernels are not in the package or cannot be loaded from it")
+        local = "" if levels == list(prebuilt.LEVELS) else "+" + "-".join(levels).replace("-", ".")
+        project = PROJECT.format(
+            numba=environment["numba"], llvmlite=environment["llvmlite"], version=f"{__version__}{local}"
+        )
         (Path(folder) / "pyproject.toml").write_text(project)
         python = f"cp{sys.version_info.major}{sys.version_info.minor}"
         system = sysconfig.get_platform().replace("-", "_").replace(".", "_")

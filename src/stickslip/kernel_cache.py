@@ -20,6 +20,7 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 import tempfile
 import types
 import warnings
@@ -39,6 +40,11 @@ _TEMPORARY = "STICKSLIP_KERNELS"
 _PREFIX = "stickslip-kernels-"
 _SYNTAX = "syntax.json"  # digests of syntax trees by digests of files: parsing takes half a second
 _MARK = b"\0stickslip, SHA-256:\0"
+# Numba's settings that change machine code
+_SETTINGS = (
+    "BOUNDSCHECK", "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "ENABLE_AVX", "USING_SVML", "DEBUGINFO_DEFAULT",
+    "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS", "EXTEND_VARIABLE_LIFETIMES", "DEBUG_NRT", "PARFOR_MAX_TUPLE_SIZE",
+)  # fmt: skip
 # modules that find functions of another one when types are inferred, without an import
 _LOOKED_UP = {"stickslip.core.laws.dispatch": ("stickslip.core.laws.user",)}
 
@@ -48,9 +54,10 @@ _LOOKED_UP = {"stickslip.core.laws.dispatch": ("stickslip.core.laws.user",)}
 
 @functools.cache
 def folder() -> Path:
-    """Folder of all compiled kernels: NUMBA_CACHE_DIR, else the user's cache, else one for this process."""
+    """Folder of all compiled kernels: NUMBA_CACHE_DIR or the user's cache, or one for this process if not writable."""
     if _CONFIG.CACHE_DIR:
-        return Path(_CONFIG.CACHE_DIR)
+        chosen = Path(_CONFIG.CACHE_DIR)
+        return chosen if _is_usable(str(chosen)) else _temporary()
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
     try:
         base.mkdir(parents=True, exist_ok=True)
@@ -74,6 +81,20 @@ def _temporary() -> Path:
         path = os.environ[_TEMPORARY] = tempfile.mkdtemp(prefix=_PREFIX)
         atexit.register(shutil.rmtree, path, ignore_errors=True)
     return Path(path)
+
+
+def prebuilt_state() -> str:
+    """Say whether prebuilt kernels are used, and for how many modules, or why not."""
+    found = prebuilt.find()
+    if not found.folder:
+        return found.reason
+    names = [path.name.rpartition("-") for path in found.folder.iterdir() if path.is_dir()]
+    current = sum(
+        _file(f"stickslip.{module}") is not None and digest(f"stickslip.{module}") == key for module, _, key in names
+    )
+    if not current:
+        return "not used: built from other sources or with other settings of Numba"
+    return f"{found.reason}: {current} of {len(names)} modules are up to date"
 
 
 def outdated() -> list[Path]:
@@ -111,8 +132,8 @@ def digest(module: str) -> str:
         if path and name not in found and name not in (__name__, prebuilt.__name__):
             found[name], imports = _syntax(path)
             waiting += [*_names(imports, name, path.name == "__init__.py"), *_LOOKED_UP.get(name, ())]
-    settings = numba.__version__, _CONFIG.BOUNDSCHECK, int(_CONFIG.OPT)
-    text = repr((settings, sorted(found.items())))
+    settings = [getattr(_CONFIG, name, None) for name in _SETTINGS]
+    text = repr((numba.__version__, settings, sorted(found.items())))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -140,7 +161,7 @@ def _names(imports: list, module: str, is_package: bool) -> Iterator[str]:
 def _syntax(path: Path) -> tuple[str, list]:
     """Digest of the syntax tree of a source file, and its import statements as (level, module, names)."""
     source = path.read_bytes()
-    known, key = _known(), hashlib.sha256(source).hexdigest()
+    known, key = _known(), hashlib.sha256(source + sys.version.encode()).hexdigest()  # trees differ among versions
     if key not in known:
         tree = _without_docstrings(ast.parse(source))
         imports: list[tuple[int, str, list[str]]] = []
@@ -266,7 +287,8 @@ def _load(self, key, load=IndexDataCacheFile.load):
     place, path = prebuilt.find().folder, Path(self._index_path)
     if found is None and place and path.parent.parent == folder():
         other = IndexDataCacheFile(str(place / path.parent.name), path.stem, self._source_stamp)
-        found = load(other, prebuilt.key_of(key))
+        with contextlib.suppress(OSError):  # a file that cannot be read is a missing one
+            found = load(other, prebuilt.key_of(key))
     return found
 
 
@@ -286,14 +308,21 @@ def _load_data(self, name, load=IndexDataCacheFile._load_data):
         with open(path, "rb") as file:
             data = file.read()
         body, mark, checksum = data.rpartition(_MARK)
-        if mark and len(checksum) == 32 and hashlib.sha256(body).digest() != checksum:
+        if (mark or _is_ours(path)) and hashlib.sha256(body).digest() != checksum:
             raise ValueError("the checksum does not match")
+        if _is_ours(path) and name != self._data_name(int.from_bytes(checksum[:6])):
+            raise ValueError("it is another kernel's")
         return load(self, name)
     except OSError:
         raise
     except Exception as problem:
         _warn(path, type(problem).__name__)
         raise OSError(f"{path} is damaged") from problem  # Numba takes it for a missing kernel
+
+
+def _is_ours(path: str) -> bool:
+    """Return True for files of this package's kernels, which `_save` wrote."""
+    return Path(path).parent.parent in (folder(), prebuilt.find().folder)
 
 
 def _save(self, key, data):
@@ -307,9 +336,14 @@ def _save(self, key, data):
     name = self._data_name(int.from_bytes(checksum[:6]))
     with self._open_for_write(self._data_path(name)) as file:
         file.write(body + _MARK + checksum)
-    overloads = self._load_index()
-    before, overloads[key] = overloads.get(key), name
-    self._save_index(overloads)
+    from filelock import FileLock  # only processes that compile need it
+
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # without a lock, another process may lose its entry and compile again
+            stack.enter_context(FileLock(f"{self._index_path}.lock", timeout=10))
+        overloads = self._load_index()
+        before, overloads[key] = overloads.get(key), name
+        self._save_index(overloads)
     if before and before not in overloads.values():
         with contextlib.suppress(OSError):
             os.unlink(self._data_path(before))

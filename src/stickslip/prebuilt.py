@@ -66,9 +66,9 @@ def find() -> Prebuilt:
     spec = importlib.util.find_spec(PACKAGE)
     if spec is None or not spec.submodule_search_locations:
         return Prebuilt(None, None, "not installed")
-    if os.environ.get(OFF):
+    if os.environ.get(OFF, "0") not in ("", "0"):
         return Prebuilt(None, None, f"not used: {OFF} is set")
-    if _CONFIG.CPU_NAME or _CONFIG.CPU_FEATURES:
+    if _CONFIG.CPU_NAME is not None or _CONFIG.CPU_FEATURES is not None:
         return Prebuilt(None, None, "not used: NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set")
     from . import __version__
 

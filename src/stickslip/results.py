@@ -3,15 +3,20 @@
 Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity, DampedStability,
     DensityOfStates, ElasticModuli, TransientGrowth (functions of `modes`), Freedom (freedom), Factorisation (newton)
 Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release),
-    PackingInfo (packings.jammed), Poured (packings.poured), Ledger (run), Collision (laws.collision)
-Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun
-Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawComparison (friction.compare_laws)
+    PackingInfo (packings.jammed), Poured (packings.poured), Record, Ledger (run), Collision (laws.collision)
+Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
+    StatusSolution (statuses_at_apex), StatusMap (status_map)
+Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawComparison (friction.compare_laws), Sliding,
+    Mean, Healing, HoldResponse (functions of `friction`)
 Experiments: DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries, Deposit,
-    PlaneShear, SliderResult, Sweep
+    PlaneShear, SliderResult, Sweep, SweepResult (run_sweep)
+Files: Frame (io.frame_of)
 """
 
 from .core.contacts.forces import ContactLoads
 from .core.dynamics.ledger import Ledger
+from .core.dynamics.record import Record
+from .data.exchange.frame import Frame
 from .experiments.disk_array.simulate import DiskArrayResult
 from .experiments.flow.measures import Deposit, PlaneShear
 from .experiments.flow.pouring import Poured
@@ -21,15 +26,19 @@ from .experiments.quasi_rigid.simulate import QuasiResult
 from .experiments.rate_state.simulate import SliderResult
 from .experiments.sphere_shear.simulate import ShearPath, ShearResult
 from .experiments.sweep.definition import Sweep
+from .experiments.sweep.run import SweepResult
 from .friction.fitting import Fit
+from .friction.measure import Healing, HoldResponse, Mean
 from .friction.model_comparison import LawComparison
 from .friction.ratestate import SlipHistory
+from .friction.stability import Sliding
 from .lazy import unknown
 from .loading.packing import PackingInfo as PackingInfo
 from .loading.protocols import Equilibrium
 from .loading.release import Released
 from .loading.slow import SlowRun
-from .quasirigid.cone_apex import Apex
+from .quasirigid.cone_apex import Apex, StatusSolution
+from .quasirigid.enumeration import StatusMap
 from .quasirigid.lcp import Complementarity
 from .quasirigid.matrices import LinearSystem
 from .quasirigid.null_modes import Mechanism
@@ -68,26 +77,35 @@ __all__ = [
     "Fit",
     "FlowResult",
     "FlowSeries",
+    "Frame",
     "Freedom",
     "GougeResult",
+    "Healing",
+    "HoldResponse",
     "LawComparison",
     "Ledger",
     "LinearSystem",
     "LoadPath",
+    "Mean",
     "Mechanism",
     "PackingInfo",
     "PlaneShear",
     "Poured",
     "QuasiResult",
+    "Record",
     "Released",
     "ShearPath",
     "ShearResult",
     "SliderResult",
+    "Sliding",
     "SlipHistory",
     "SlowRun",
     "Spectrum",
     "Stability",
+    "StatusMap",
+    "StatusSolution",
     "Sweep",
+    "SweepResult",
     "TransientGrowth",
     "Uniqueness",
     "Verdict",

@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -68,11 +69,53 @@ def test_kernels_for_other_settings_are_compiled(built, tmp_path):
     assert warm(tmp_path, built, NUMBA_OPT="2") > 0
 
 
-def test_a_damaged_kernel_is_compiled_again(built, tmp_path):
-    for path in (built / prebuilt.PACKAGE).rglob("*.nbc"):
+@pytest.mark.parametrize(
+    "settings",
+    [{"NUMBA_OPT": "2"}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_ENABLE_AVX": "0"}, {"NUMBA_LOOP_VECTORIZE": "0"}],
+)
+def test_other_settings_of_numba_have_other_kernels(built, settings):
+    code = "from stickslip.kernel_cache import prebuilt_state; print(prebuilt_state())"
+    assert process(["-c", code], built, built).stdout.startswith(f"for {LEVELS[-1]}: ")
+    assert process(["-c", code], built, built, **settings).stdout.startswith("not used: built from other sources or")
+
+
+@pytest.fixture
+def copied(built, tmp_path):
+    """A copy of the package that a test may damage."""
+    shutil.copytree(built, tmp_path / "packages")
+    return tmp_path / "packages"
+
+
+def damage_halves(paths):
+    for path in paths:
         whole = path.read_bytes()
         path.write_bytes(whole[: len(whole) // 2])
-    assert warm(tmp_path, built) > 0
+
+
+def damage_bits(paths):
+    for path in paths:
+        whole = bytearray(path.read_bytes())
+        whole[len(whole) // 2] ^= 1
+        path.write_bytes(bytes(whole))
+
+
+def damage_order(paths):
+    contents = [path.read_bytes() for path in paths]
+    for path, content in zip(paths, contents[1:] + contents[:1], strict=True):
+        path.write_bytes(content)
+
+
+def damage_access(paths):
+    for path in {one.parent for one in paths}:
+        for index in path.glob("*.nbi"):
+            index.unlink()
+            index.mkdir()  # reading it is an OSError, whoever does it
+
+
+@pytest.mark.parametrize("damage", [damage_halves, damage_bits, damage_order, damage_access])
+def test_a_damaged_kernel_is_compiled_again(copied, tmp_path, damage):
+    damage(sorted((copied / prebuilt.PACKAGE).rglob("*.nbc")))
+    assert warm(tmp_path / "cache", copied) > 0
 
 
 @pytest.mark.parametrize(
@@ -106,7 +149,12 @@ def test_a_stamp_that_cannot_be_read_is_named(tmp_path, text):
 
 
 def test_a_processor_without_a_feature_is_of_a_lower_level(monkeypatch):
-    names = set(prebuilt.LEVELS["x86-64-v4"])
+    # the x86-64 psABI, section "x86-64 Architecture Levels"
+    third = "avx avx2 bmi bmi2 f16c fma lzcnt movbe cx16 sahf popcnt sse3 sse4.1 sse4.2 ssse3 xsave"
+    names = {*third.split(), *["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]}
+    assert {level: set(features) for level, features in prebuilt.LEVELS.items()} == {
+        "x86-64-v4": names, "x86-64-v3": set(third.split()),
+    }  # fmt: skip
     for lacking, levels in (
         (set(), ["x86-64-v4", "x86-64-v3"]), ({"avx512vl"}, ["x86-64-v3"]), ({"fma"}, []), (names, []),
     ):  # fmt: skip

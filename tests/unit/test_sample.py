@@ -166,7 +166,9 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     assert found["zero_modes"] == 3
     assert found["residual"] < 1e-10
     assert set(found["pairs"][0]) == {"re_lambda", "im_lambda", "omega", "growth_rate"}
-    np.testing.assert_allclose([p["growth_rate"] for p in found["pairs"]], truth.growth_rate[truth.pair_indices], rtol=1e-6)
+    np.testing.assert_allclose(
+        [p["growth_rate"] for p in found["pairs"]], truth.growth_rate[truth.pair_indices], rtol=1e-6
+    )
 
 
 def test_the_command_says_the_verdict_and_writes_the_modes(unstable, tmp_path):

@@ -3,7 +3,9 @@
 from enum import Enum
 from typing import NamedTuple
 
-from .readable import readable
+import numpy as np
+
+from .readable import pluralize, readable
 
 
 class Status(Enum):
@@ -50,7 +52,8 @@ class Outcome(NamedTuple):
         if self.broken and self.how:
             return f"{self.status.value} (grain {self.where + 1}, {self.how})"
         at = f", grain {self.where + 1}" if self.where >= 0 and not self.ok else ""
-        return f"{self.status.value} (residual {self.residual:.3g}{at}, {self.iterations} iterations)"
+        size = "" if np.isinf(self.residual) else f"residual {self.residual:.3g}{at}, "  # inf: it was not computed
+        return f"{self.status.value} ({size}{pluralize(self.iterations, 'iteration')})"
 
 
 class NotInEquilibriumError(RuntimeError):

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from threadpoolctl import threadpool_info
 
-from .. import __version__, extras, kernel_cache, prebuilt
+from .. import __version__, extras, kernel_cache
 from ..ensemble import default_workers
 from ..experiments.gouge.lammps import load_error
 from ..solve.linear import factorised
@@ -79,7 +79,7 @@ def caches() -> dict[str, str | int | bool]:
         "files": len(files),
         "bytes": sum(path.stat().st_size for path in files),
         "of_other_versions": len(kernel_cache.outdated()),
-        "prebuilt": prebuilt.find().reason,
+        "prebuilt": kernel_cache.prebuilt_state(),
     }
 
 

@@ -34,7 +34,7 @@ class Paper(NamedTuple):
     failures: Callable | None = None
 
 
-@readable
+@readable(head=lambda value: value.words)
 class Experiment(NamedTuple):
     """One experiment; `lazy_function` defers the import of its modules until they are needed."""
 

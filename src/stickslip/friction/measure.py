@@ -6,8 +6,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from ..core.arguments import checked
+from ..core.readable import readable
 
 
+@readable
 class Mean(NamedTuple):
     """Mean of correlated values."""
 
@@ -16,6 +18,7 @@ class Mean(NamedTuple):
     effective: float  # number of independent values with the same error
 
 
+@readable
 class Healing(NamedTuple):
     """Peak excess against the logarithm of the hold time, Δμ = slope ln t + intercept."""
 
@@ -25,6 +28,7 @@ class Healing(NamedTuple):
     interval: tuple[float, float]  # 95 %
 
 
+@readable
 class HoldResponse(NamedTuple):
     """Response to the K holds in a record."""
 

@@ -5,10 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.arguments import checked
+from ..core.readable import readable
 from .kernel import rate_derivatives
 from .ratestate import RateState, Spring, check, check_spring, kernel_parameters
 
 
+@readable
 class Sliding(NamedTuple):
     """Steady sliding at one velocity, and the evolution of small disturbances."""
 

@@ -59,6 +59,7 @@ class Apex(NamedTuple):
         return [both[float(s)] for s in self.sign]
 
 
+@readable
 class StatusSolution(NamedTuple):
     """Statuses that are consistent with their velocities, or None if none were found."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from ..core.arguments import checked
+from ..core.readable import readable
 from .lcp import Complementarity, ScaledProblem, scale_problem
 
 MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384
@@ -250,6 +251,7 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
     return rays
 
 
+@readable
 class StatusMap(NamedTuple):
     """Map C: S ↦ C(S). Bits of S mark the critical contacts that slide; bits of C(S) mark those that are consistent."""
 

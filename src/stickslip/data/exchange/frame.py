@@ -13,11 +13,12 @@ from ...core.contacts.forces import forces
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.dispatch import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
-from ...core.readable import pluralize
+from ...core.readable import pluralize, readable
 from ...core.state import State
 from ..sample import PackingError
 
 
+@readable
 class Frame(NamedTuple):
     """A state with derived columns for export; frames of an animation have further columns."""
 

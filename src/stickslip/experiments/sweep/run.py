@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from ... import __version__
 from ...core.arguments import checked
+from ...core.readable import readable
 from ...data.archive import ArchiveError
 from ...data.atomic import write_atomically
 from ...data.checkpoint import MEMBERS, SWEEP
@@ -39,6 +40,7 @@ class MemberOutput(NamedTuple):
     files: dict[str, bytes]
 
 
+@readable
 class SweepResult(NamedTuple):
     """Outcome of all members, in order."""
 
