@@ -10,7 +10,7 @@ import types
 from collections.abc import Callable
 from functools import cache, wraps
 from numbers import Integral, Real
-from typing import ParamSpec, TypeVar, get_args
+from typing import ParamSpec, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -56,6 +56,8 @@ def _checkable(function) -> list[tuple[int, str, tuple[type, ...]]]:
     found = []
     for place, one in enumerate(inspect.signature(function).parameters.values()):
         classes = get_args(one.annotation) if isinstance(one.annotation, types.UnionType) else (one.annotation,)
+        if get_origin(one.annotation) is list:
+            classes = (list, *get_args(one.annotation))
         named = one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
         if named and one.annotation is not one.empty and all(map(_is_checkable, classes)):
             found.append((place if one.kind is not one.KEYWORD_ONLY else 10**6, one.name, classes))
@@ -64,10 +66,15 @@ def _checkable(function) -> list[tuple[int, str, tuple[type, ...]]]:
 
 def _is_checkable(kind) -> bool:
     noun = isinstance(kind, type) and kind.__module__.startswith("stickslip.")
-    return kind in (int, float, type(None)) or noun
+    return kind in (int, float, list, type(None)) or noun
 
 
 def _check(name: str, value, classes: tuple[type, ...]) -> None:
+    if classes[0] is list:
+        if not isinstance(value, list | tuple) or not all(isinstance(one, classes[1]) for one in value):
+            kind = "something else" if type(value) in (list, tuple) else f"a value of type {type(value).__name__}"
+            raise TypeError(f"{name} must be a list of {classes[1].__name__}, but {kind} was given")
+        return
     if isinstance(value, classes):
         if hasattr(value, "check_lengths"):
             value.check_lengths()

@@ -251,6 +251,8 @@ def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
     array([10.,  5.,  1.])
     """
     size = as_numbers(size)
+    if size.ndim not in (1, 2) or not np.isfinite(size).all() or (size.ndim == 1 and not (size > 0).all()):
+        raise ValueError(f"a cell of size {size.tolist()} was given: use positive lengths, or vectors as rows")
     vectors = np.diag(size) if size.ndim == 1 else size
     if dim == 2 and vectors.shape == (2, 2):
         vectors = np.block([[vectors, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]])
@@ -299,6 +301,8 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
     force, torque : broadcast to (n_grains, 3) [force], [force length]
     gravity : (3,) [length/time²]
     """
+    if min(n_grains, n_walls) < 0:
+        raise ValueError(f"{n_grains} grains and {n_walls} walls were given: neither may be negative")
     n = n_grains + n_walls
     control = Control(
         np.zeros((n, 3)),
@@ -356,13 +360,16 @@ def assembly(
 ) -> State:
     """Validated state. The list of contacts is built at the first evaluation of forces.
 
+    Without a cell, space is open: a plane if the grains are disks (z = 0, I = m R²/2), else three-dimensional.
+
     Raises
     ------
     ValueError
         with a one-sentence message, if the parts do not fit together or hold invalid values, or a centre is behind a
         wall.
     """
-    walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
+    walls = flat_walls() if walls is None else walls
+    cell = box(dim=2 if _are_disks(grains) else 3) if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
     if not len(grains.radius):
         raise ValueError("an assembly of 0 grains was given: at least 1 is needed")
@@ -377,6 +384,11 @@ def assembly(
             f"turn the wall's normal towards the grains"
         )
     return state
+
+
+def _are_disks(grains: Grains) -> bool:
+    solid = np.isclose(grains.inertia, 0.5 * grains.mass * grains.radius**2, rtol=1e-9, atol=0)
+    return bool(len(solid) and solid.all() and not grains.position[:, 2].any())
 
 
 @checked

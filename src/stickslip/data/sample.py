@@ -242,6 +242,9 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     image, slip = np.where(flip[:, None], -image, image), np.where(flip[:, None], -slip, slip)
     key = np.array([pack_key(*ends, *box) for *ends, box in zip(i, j, image, strict=True)], np.int64)
     order = np.argsort(key, kind="stable")
+    alone = np.flatnonzero((i == j) & ~image.any(axis=1))
+    if len(alone):
+        raise PackingError(f"pair {alone[0]} joins grain {i[alone[0]]} with itself: it needs an image other than zero")
     twice = order[1:][np.diff(key[order]) == 0]
     if len(twice):
         c = int(twice[0])

@@ -22,7 +22,7 @@ PIXELS = 720  # width of the picture
 
 @styled
 def movie(
-    frames: list[Frame], path: Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
+    frames: list[Frame], path: str | Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
@@ -46,6 +46,7 @@ def movie(
     RuntimeError
         if ffmpeg exits prematurely.
     """
+    path = Path(path)
     check_movie(path, fps)
     layout = layout_of(frames, colour=colour, mode=mode, si=si)
     wide, tall = layout.high - layout.low

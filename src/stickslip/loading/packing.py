@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
+from ..core.control import body_numbers
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import DAMPING_N, DAMPING_T, MU, Law, hertz_mindlin
 from ..core.measure import coordination, elastic_energy, packing_fraction, pressure, rattlers, touching
@@ -69,10 +70,11 @@ def disk_array(
 def with_push(state: State, push: float, disk: int = 0) -> State:
     """State with a different force along x on one disk [force]."""
     force = state.control.force.copy()
-    force[disk, 0] = push
+    force[body_numbers(state.control, disk), 0] = push
     return state._replace(control=state.control._replace(force=force))
 
 
+DENSEST = 1.5  # packing fraction beyond which grains overlap by a good part of their radius
 JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
 
 
@@ -121,7 +123,7 @@ def jammed(
 
     Returns
     -------
-    State, Packed
+    State, PackingInfo
 
     Raises
     ------
@@ -138,6 +140,10 @@ def jammed(
         raise ValueError("give either packing_fraction or pressure")
     if n < 2:
         raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+    if dim not in JAMMED:
+        raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
+    if packing_fraction is not None and packing_fraction > DENSEST:
+        raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
     for name, value in (("packing_fraction", packing_fraction), ("pressure", pressure)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value} was given: it must be positive")

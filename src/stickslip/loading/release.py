@@ -129,7 +129,7 @@ def release(
     Parameters
     ----------
     strain : strain of the state, for the record
-    seed, velocity : of the initial perturbation, see `with_random_velocity`
+    seed, velocity : of the initial perturbation: random velocities in all resisted modes, of this standard deviation
     report : called as report(share done, words)
 
     Raises

@@ -123,7 +123,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
     Returns
     -------
-    Found
+    StatusSolution
         verified: V solves the piece of the statuses and lies in its cell. If nothing is found and there are at most
         4096 combinations, none is consistent; if there are more, the search along the pieces found none.
     """

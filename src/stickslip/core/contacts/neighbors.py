@@ -400,6 +400,9 @@ def without_walls(state: State, walls) -> State:
     """
     contacts, n, count = state.contacts, len(state.grains.radius), int(state.contacts.count[0])
     kept = np.ones(state.n_bodies, bool)
+    for wall in np.atleast_1d(walls):
+        if wall not in range(state.n_bodies - n):
+            raise ValueError(f"wall {wall} was given: the state has {state.n_bodies - n} walls, numbered from 0")
     kept[n + np.asarray(walls, np.int64)] = False
     rows = np.flatnonzero(kept[contacts.j[:count]])
     number = np.cumsum(kept) - 1

@@ -222,6 +222,7 @@ def run(
     """
     check_materials(state, law)
     require_not_negative(drag=drag, spin_drag=spin_drag, tolerance=tolerance)
+    steps, every, dt = int(steps), int(every), float(dt)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)

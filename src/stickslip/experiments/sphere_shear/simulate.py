@@ -94,7 +94,7 @@ def strain_path(scenario: ShearScenario) -> np.ndarray:
 
 
 def make_packing(scenario: ShearScenario, seed: int):
-    """Make the frictionless packing of a scenario; return State and Packed."""
+    """Make the frictionless packing of a scenario; return State and PackingInfo."""
     chosen = scenario.packing
     fraction = chosen.packing_fraction
     if fraction is None and chosen.pressure is None:

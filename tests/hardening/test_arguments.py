@@ -1,0 +1,106 @@
+"""Wrong arguments of public functions: one sentence that names the argument, from where the user calls."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+
+H = ss.laws.hertz_mindlin()
+
+
+@pytest.fixture(scope="module")
+def packings():
+    spheres, _ = ss.packings.jammed(30, packing_fraction=0.68, seed=1)
+    disks, _ = ss.packings.jammed(20, packing_fraction=0.9, dim=2, seed=1)
+    return spheres, disks
+
+
+SWAPPED = "check the order of the arguments"
+WRONG = [
+    (lambda p, d: ss.stability(H, p), TypeError, f"state must be a State, .* Law was given: {SWAPPED}"),
+    (lambda p, d: ss.stability(p, "hertz"), TypeError, "law must be a Law, but a value of type str was given"),
+    (lambda p, d: ss.forces(p, None), TypeError, "law must be a Law, but None was given"),
+    (lambda p, d: ss.assembly(p), TypeError, "grains must be a Grains, .*: give its .grains"),
+    (lambda p, d: ss.measure.unbalanced_forces(p, ss.forces(p, H)), TypeError, "give value 0 of this tuple"),
+    (lambda p, d: ss.measure.coordination(p, H), TypeError, "least must be a whole number"),
+    (lambda p, d: ss.io.write_packing("x.npz", H, p), TypeError, "law must be a Law or None"),
+    (lambda p, d: ss.figures.view(p), TypeError, "frames must be a list of Frame, but a value of type State"),
+    (lambda p, d: ss.figures.view([p]), TypeError, "frames must be a list of Frame, but something else"),
+    (lambda p, d: ss.run(p, H, 10.5, 0.1), ValueError, "steps = 10.5 was given, but it must be a whole number"),
+    (lambda p, d: ss.run(p, H, np.inf, 0.1), ValueError, "steps = inf was given, but it must be a whole number"),
+    (lambda p, d: ss.run(p, H, 10, np.nan), ValueError, "dt is NaN: give a number"),
+    (lambda p, d: ss.run(p, H, 10, np.array([0.1, 0.2])), TypeError, "dt must be a number, .* ndarray was given"),
+    (lambda p, d: ss.run(p, H, 10, 0.1, drag=-1), ValueError, "drag = -1 was given: it must be zero or positive"),
+    (lambda p, d: ss.equilibrate(p, H, tolerance=-1), ValueError, "tolerance = -1 was given: it must be positive"),
+    (lambda p, d: ss.newton(p, H, iterations=-3), ValueError, "iterations = -3 was given"),
+    (lambda p, d: ss.accept(d, ss.forces(p, H)[1]), ValueError, "memory is that of 30 bodies, but the state has 20"),
+    (lambda p, d: ss.forces(d._replace(contacts=p.contacts), H), ValueError, "contacts.origin has 30 rows where 20"),
+    (lambda p, d: ss.jacobian(d, H, ss.freedom(p)), ValueError, r"free coordinates of 30 bodies .* state with 20"),
+    (lambda p, d: ss.forces(p, H, memory=7), ValueError, "FREE, HELD and FROZEN are allowed"),
+    (lambda p, d: ss.modes.dynamical_matrix(p, H, ss.freedom(d)), ValueError, r"use freedom\(state\)"),
+    (lambda p, d: ss.laws.collision(H, radius=1, mass=1, speed=1, pair=(0, 1)), ValueError, "material 1 was given"),
+    (lambda p, d: ss.laws.for_pair(H, 0, -1, mu=0.0), ValueError, "material -1 was given"),
+    (lambda p, d: ss.control.fixed(p.control, [-1]), ValueError, "body -1 was given: bodies have numbers 0 to 29"),
+    (lambda p, d: ss.control.fixed(p.control, [30]), ValueError, "body 30 was given"),
+    (lambda p, d: ss.control.fixed(p.control, "floor"), ValueError, "give numbers of bodies, or a mask of all 30"),
+    (lambda p, d: ss.control.driven(p.control, [0], np.nan), ValueError, "a rate is NaN"),
+    (lambda p, d: ss.packings.with_push(p, 1e-5, disk=99), ValueError, "body 99 was given"),
+    (lambda p, d: ss.packings.without_walls(p, [0]), ValueError, "the state has 0 walls"),
+    (lambda p, d: ss.packings.jammed(20, dim=4, packing_fraction=0.8), ValueError, "dim = 4 was given"),
+    (lambda p, d: ss.packings.jammed(20, packing_fraction=5), ValueError, "at most 1.5 is allowed"),
+    (lambda p, d: ss.protocols.load_path([0, 1], -0.1), ValueError, "step = -0.1 was given"),
+    (lambda p, d: ss.protocols.load_path([0, 1], 0.5, through=[7]), ValueError, "outside the turning points"),
+    (lambda p, d: ss.modes.fastest_pair(p, H, rate=-1.0), ValueError, "rate = -1.0 was given"),
+    (lambda p, d: ss.modes.damped_growth(p, H, drag=-1.0), ValueError, "drag = -1.0 was given"),
+    (lambda p, d: ss.box([np.nan, 1, 1]), ValueError, "use positive lengths"),
+    (lambda p, d: ss.box([-1, 1, 1]), ValueError, "use positive lengths"),
+    (lambda p, d: ss.box(1), ValueError, "use positive lengths"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "kind", "words"), WRONG)
+def test_one_sentence_names_the_argument(packings, call, kind, words):
+    with pytest.raises(kind, match=words) as caught:
+        call(*packings)
+    assert "\n" not in str(caught.value)
+
+
+def test_arrays_of_different_lengths_are_refused(packings):
+    state = packings[0]
+    short = state._replace(grains=state.grains._replace(radius=state.grains.radius[:10]))
+    with pytest.raises(ValueError, match=r"grains\.position has 30 rows where 10 are needed"):
+        ss.forces(short, H)
+    j = state.contacts.j.copy()
+    j[0] = 10**6
+    with pytest.raises(ValueError, match="contacts name bodies other than 0 to 29"):
+        ss.run(state._replace(contacts=state.contacts._replace(j=j)), H, 1, 0.1)
+
+
+def test_numbers_of_numpy_and_whole_floats_are_numbers(packings):
+    state = packings[0]
+    for steps, dt in ((10.0, 0.1), (np.int64(10), np.float64(0.1)), (np.array(10), np.array(0.1))):
+        assert ss.run(state, H, steps, dt)[2].ok
+
+
+def test_a_pair_of_a_grain_with_itself_needs_an_image():
+    with pytest.raises(ss.packings.PackingError, match="pair 0 joins grain 0 with itself"):
+        ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], H, pair_i=[0], pair_j=[0])
+
+
+def test_bodies_may_be_a_mask_or_a_range(packings):
+    control, mask = packings[0].control, np.arange(30) < 3
+    for bodies in (mask, range(3), slice(3), [0, 1, 2]):
+        assert ss.control.fixed(control, bodies).free.any(axis=1).sum() == 27
+
+
+def test_disks_without_a_cell_lie_in_a_plane():
+    assert ss.assembly(ss.disks([[0, 0.5]], 0.5)).cell.dim == 2
+    assert ss.assembly(ss.spheres([[0, 0.5]], 0.5)).cell.dim == 3
+    assert ss.box([5, 4], dim=2).vectors.diagonal().tolist() == [5, 4, 1]
+
+
+def test_errors_inside_do_not_leave_the_door_open(packings):
+    with pytest.raises(ValueError, match="memory = 7"):
+        ss.forces(packings[0], H, memory=7)
+    with pytest.raises(TypeError, match="law must be a Law"):
+        ss.forces(packings[0], 1)
