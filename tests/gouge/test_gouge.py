@@ -449,7 +449,7 @@ def test_one_realization_has_no_error():
     assert np.isnan(curve.error).all()
     assert repr(measures.just_after(curve)) == "Number(0.1 ± nan, 95 %, 1 samples, 1 branches)"
     assert statistics.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
-    with pytest.raises(ValueError, match="two different x"):
+    with pytest.raises(ValueError, match="two different values of x"):
         statistics.slope([1.0], [measures.just_after(curve)])
 
 

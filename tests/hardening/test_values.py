@@ -29,15 +29,18 @@ def test_what_would_lose_a_part_is_refused(more, words):
         ss.disks(PAIR, 0.5, **more)
 
 
+LINEAR = ss.laws.linear()
+
+
 def test_complex_positions_cells_and_walls_are_refused():
     bad = np.array(PAIR) + 1j
     for make in (lambda: ss.disks(bad, 0.5), lambda: ss.box(bad[1]), lambda: ss.flat_walls([0, 0], bad[1])):
         with pytest.raises(ValueError, match="complex numbers were given"):
             make()
     with pytest.raises(ss.packings.PackingError, match="position contains entries that are not numbers"):
-        ss.packings.from_arrays(bad, np.full(2, 0.5), law="linear", dim=2)
+        ss.packings.from_arrays(bad, np.full(2, 0.5), LINEAR, dim=2)
     with pytest.raises(ss.packings.PackingError, match="mass contains entries that are not numbers"):
-        ss.packings.from_arrays(np.array(PAIR), np.full(2, 0.5), law="linear", mass=DATES, dim=2)
+        ss.packings.from_arrays(np.array(PAIR), np.full(2, 0.5), LINEAR, mass=DATES, dim=2)
 
 
 @pytest.mark.parametrize("make", [ss.laws.linear, ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff])

@@ -9,6 +9,8 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgba_array
 from matplotlib.lines import AxLine
 
+import stickslip as ss
+from stickslip.core.state import empty_contacts
 from stickslip.experiments.gouge.measures import Curve
 from stickslip.figures import disk_array, flow, gouge, quasi_rigid, sphere_shear
 from stickslip.solve.spectrum import Spectrum
@@ -190,11 +192,11 @@ LOOSE, ORDER, GLUED = np.array([0, 1, 2]), [1, 2, 0], [3]  # those nearest to th
 def moment(time):
     """Three grains that fall faster and faster beside a glued one; a floor, a slope, and a wall that faces the eye."""
     velocity = np.outer([1.0, 2.0, 3.0, 99.0], [0.6, -0.8, 0.0]) * time / 8
-    grains = Made(position=PLACE - [0, 0.01 * time, 0], velocity=velocity, radius=RADIUS)
-    cell = Made(vectors=np.diag([LENGTH, 20.0, 2.0]), periodic=np.array([True, False, False]))
+    grains = ss.spheres(PLACE - [0, 0.01 * time, 0], RADIUS, velocity=velocity)
+    cell = ss.box([LENGTH, 20.0, 2.0], periodic=(True, False, False))
     normal = np.array([[0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-    walls = Made(point=np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]]), normal=normal)
-    return Made(time=time, grains=grains, cell=cell, walls=walls)
+    walls = ss.flat_walls([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]], normal)
+    return ss.State(grains, walls, cell, empty_contacts(7, 0, 0.1), ss.control.loads(4, 3), time)
 
 
 @pytest.fixture
