@@ -61,7 +61,7 @@ def ran(tmp_path_factory):
     [
         ({"protocol": [{"kind": "slide", "velocity": 1e-6, "slip": 1.0}]}, "more than most_steps = 5e\\+07"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "time": 1e6}]}, "raise velocities, shorten holds"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends after a slip or a time"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends after a given slip or a given time"),
         ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
         ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs a maximum slip"),
         ({"protocol": []}, "at least 1 item"),

@@ -142,7 +142,7 @@ def test_rolling_is_resisted_up_to_the_cap_and_common_rotation_is_free():
 def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
     law = example("cohesive")
     narrow = with_neighbor_list(make_packing(2))
-    with pytest.raises(ValueError, match="the list of contacts does not belong to these positions"):
+    with pytest.raises(ValueError, match="the list of contacts does not match these positions"):
         ss.modes.contact_blocks(narrow, law, memory=FREE)
     wide = with_neighbor_list(narrow, law)
     assert wide.contacts.skin.tolist() == [narrow.contacts.skin[0], 0.05]

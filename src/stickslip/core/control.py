@@ -136,7 +136,7 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     Raises
     ------
     ValueError
-        if a component is not made of two letters out of x, y, z.
+        if a component does not consist of two of the letters x, y, z.
     """
     free, wanted = control.cell_free.copy(), control.stress.copy()
     for name, value in stress.items():

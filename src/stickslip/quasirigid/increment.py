@@ -333,7 +333,7 @@ class Increment:
 
 
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:
-    """Statuses, as in `cone_apex`, of contacts with a force, from sgn D_t of sliding contacts, 0 elsewhere."""
+    """Statuses, as in `cone_apex`, of contacts that carry a force: sgn D_t for sliding contacts, 0 for others."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 

@@ -155,7 +155,7 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     check_memory(memory)
     if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > listed_gap(state.contacts):
         raise ValueError(
-            "the list of contacts does not belong to these positions: equilibrate, or accept(state, trial) first"
+            "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
         )
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip")

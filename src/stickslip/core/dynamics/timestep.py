@@ -178,6 +178,6 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     longest = stable_time_step(state, law)
     if dt > longest:
         raise ValueError(
-            f"dt = {dt:g} was given, but contacts as stiff as these are stable up to {longest:.4g} only: "
+            f"dt = {dt:g} was given, but with contacts this stiff steps are stable only up to {longest:.4g}: "
             f"use at most that, or a tenth of it for accuracy"
         )

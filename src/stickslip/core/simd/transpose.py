@@ -111,7 +111,7 @@ class _PairRows:
         self.pairs = [[builder.zext(builder.load(builder.gep(n, [s])), _INT64) for n in (i, j)] for s in slots]
 
     def of_both(self, data, width, offset):
-        """Four numbers of both bodies of each pair."""
+        """Four values for each of the two bodies of every pair."""
         one = self.builder
         starts = [[one.add(one.mul(n, _INT64(width)), _INT64(offset)) for n in pair] for pair in self.pairs]
         return [[_load_vector(one, data, n) for n in pair] for pair in starts]

@@ -101,7 +101,7 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
     if damping_model(law) and sliding:
         words.append(
-            f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored only up to the force carried by "
+            f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored without the force carried by "
             f"dashpots"
         )
     return [*words, f"LAMMPS cannot import the memory of contacts: it is in {path.name}, for --contacts"]

@@ -71,7 +71,7 @@ def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: floa
 
 
 def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times and values of a velocity course, which is linear in between and constant after the last.
+    """Return the times and values of a velocity profile in time: linear in between, then constant.
 
     Examples
     --------

@@ -209,7 +209,10 @@ class Slide(ScenarioTable):
     def _check_end(self):
         ends = (self.slip is not None) + (self.time is not None)
         if ends != 1:
-            raise ValueError("a slide ends after a slip or a time: give only one of them, and slip if steady = true")
+            raise ValueError(
+                "a slide ends after a given slip or a given time: give only one of them, "
+                "which must be slip if steady = true"
+            )
         if self.velocity == 0 and self.time is None:
             raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")
         if self.steady and self.slip is None:
