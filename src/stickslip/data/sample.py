@@ -70,7 +70,9 @@ def from_arrays(
 
     Examples
     --------
-    >>> from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin()
+    >>> ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law).contacts.mode[:1]
     array([1], dtype=int8)
     """
     if dim not in (2, 3):

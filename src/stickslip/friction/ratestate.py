@@ -124,9 +124,10 @@ def spring_slider(
 
     Examples
     --------
-    >>> from stickslip.friction.loads import LoadStep
-    >>> rs = RateState(0.010, 0.015, 1e-5, law="slip")
-    >>> h = spring_slider(rs, Spring(1e5), (LoadStep(10.0, 1e-6), LoadStep(100.0, 1e-5)))
+    >>> from stickslip import friction
+    >>> rs = friction.RateState(0.010, 0.015, 1e-5, law="slip")
+    >>> legs = (friction.LoadStep(10.0, 1e-6), friction.LoadStep(100.0, 1e-5))
+    >>> h = friction.spring_slider(rs, friction.Spring(1e5), legs)
     >>> print(round(h.friction[-1] - h.friction[0], 6))  # (a − b) ln 10
     -0.011513
     """

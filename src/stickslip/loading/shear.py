@@ -88,11 +88,10 @@ def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = 
 
     Examples
     --------
-    >>> from stickslip.loading.packing import jammed
-    >>> from stickslip.loading.protocols import ramp
-    >>> from stickslip.core.laws.builtin import hertz_mindlin
-    >>> state, _ = jammed(30, packing_fraction=0.7)
-    >>> [len(point.spectrum.pairs) for point in ramp(state, [0.0, 1e-5], aqs(hertz_mindlin(mu=10, coulomb="smooth")))]
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(30, packing_fraction=0.7)
+    >>> protocol = ss.protocols.aqs(ss.laws.hertz_mindlin(mu=10, coulomb="smooth"))
+    >>> [len(point.spectrum.pairs) for point in ss.protocols.ramp(state, [0.0, 1e-5], protocol)]
     [0, 0]
     """
     keep = Factorisation()

@@ -129,7 +129,13 @@ def translations(matrix, free: Freedom) -> np.ndarray:
 
 @checked
 def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndarray:
-    """(n,) generalised unbalanced force Pᵀf [force]."""
+    """(n,) generalised unbalanced force Pᵀf [force].
+
+    Parameters
+    ----------
+    loads : first value that `forces` returns
+    free : coordinates, from `freedom`
+    """
     force = unbalanced_forces(state, loads).ravel()
     if free.length:
         cell = (loads.virial - volume(state) * state.control.stress) / free.length

@@ -391,7 +391,12 @@ def check_materials(state: State, law: Law) -> None:
 
 @checked
 def unbalanced_forces(state: State, loads: ContactLoads):
-    """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free."""
+    """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free.
+
+    Parameters
+    ----------
+    loads : first value that `forces` returns
+    """
     grains, control = state.grains, state.control
     n = len(grains.radius)
     total = np.zeros((state.n_bodies, 6))

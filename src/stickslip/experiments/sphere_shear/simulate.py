@@ -228,9 +228,9 @@ def simulate_shear(
 
     Examples
     --------
-    >>> from stickslip.experiments.registry import scenario
-    >>> short = scenario(experiment="sphere-shear", packings=1, packing={"grains": 30},
-    ...                  shear={"strain": (0.0, 1e-4), "step": 5e-5}, release={"duration": 100.0})
+    >>> import stickslip as ss
+    >>> short = ss.scenario(experiment="sphere-shear", packings=1, packing={"grains": 30},
+    ...                     shear={"strain": (0.0, 1e-4), "step": 5e-5}, release={"duration": 100.0})
     >>> simulate_shear(short, workers=1).paths[0].pairs.shape
     (3,)
     """
