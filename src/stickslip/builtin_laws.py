@@ -1,4 +1,6 @@
-"""Table of built-in contact laws, in the order of their kinds; everything that lists or describes them reads it.
+"""Table of built-in contact laws, in the order of their kinds.
+
+All code that lists or describes the laws reads this table.
 
 A new law needs one entry here, its scalar functions and its constructor in `core/laws/builtin.py`, and tests.
 """

@@ -54,8 +54,8 @@ def require(module: str, extra: str) -> ModuleType:
     Raises
     ------
     MissingExtraError
-        if it is not installed, or is installed but cannot be loaded. The message is one sentence that names the extra
-        and the command that installs it.
+        if the library is not installed, or is installed but cannot be loaded. The message is one sentence that names
+        the extra and the command that installs it.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def is_installed(module: str) -> bool:
 
 
 def install_command(extra: str, *, again: bool = False) -> str:
-    """Shell command that installs an extra, in quotes that every shell understands."""
+    """Shell command that installs an extra, quoted so that every shell understands it."""
     if extra not in EXTRAS:
         raise KeyError(f"no extra {extra!r}: use {', '.join(EXTRAS)}")
     return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'

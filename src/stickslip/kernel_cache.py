@@ -6,10 +6,10 @@ syntax trees (without docstrings and comments) of the module and of every module
 Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that
 uses it.
 
-A kernel that is not in the user's cache may be a prebuilt one; see `prebuilt`.
+If a kernel is not in the user's cache, a prebuilt one may be used; see `prebuilt`.
 
-Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A file that does not match
-its checksum, or cannot be unpickled, is compiled again with one warning.
+Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A kernel whose file does not
+match its checksum, or cannot be unpickled, is compiled again, with one warning.
 """
 
 import ast
@@ -54,7 +54,7 @@ _LOOKED_UP = {"stickslip.core.laws.dispatch": ("stickslip.core.laws.user",)}
 
 @functools.cache
 def folder() -> Path:
-    """Folder of all compiled kernels: NUMBA_CACHE_DIR or the user's cache, or one for this process if not writable."""
+    """Folder of all compiled kernels: NUMBA_CACHE_DIR or the user's cache; if it is not writable, a temporary one."""
     if _CONFIG.CACHE_DIR:
         chosen = Path(_CONFIG.CACHE_DIR)
         return chosen if _is_usable(str(chosen)) else _temporary()
@@ -328,8 +328,8 @@ def _is_ours(path: str) -> bool:
 def _save(self, key, data):
     """Save a kernel in a file named after its contents, before the index refers to it.
 
-    Numba numbers its files and writes the index first. A disk that fills up in between, or another process that
-    meanwhile compiles the same function for other types, would leave an index that names a different kernel.
+    Numba numbers its files and writes the index first. A disk that fills up between the two writes, or another process
+    that meanwhile compiles the same function for other types, would leave an index that names a different kernel.
     """
     body = self._dump(data)
     checksum = hashlib.sha256(body).digest()
@@ -376,7 +376,7 @@ class _CompileListener(event.Listener):
 
 
 def install() -> None:
-    """Let Numba find kernels of this package here, announce those that it compiles, and repair damaged files."""
+    """Let Numba find this package's kernels in its cache, announce those that it compiles, and repair damaged files."""
     if _Locator not in CacheImpl._locator_classes:
         CacheImpl._locator_classes.insert(0, _Locator)
         event.register("numba:compile", _CompileListener())

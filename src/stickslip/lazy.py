@@ -66,7 +66,7 @@ def unknown(package: str):
 
 
 def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:
-    """Error message for a missing attribute, with the places that have it or the closest name."""
+    """Error message for a missing attribute, with the places where it exists, or the closest name."""
     if name.startswith("_"):
         return f"module {package!r} has no attribute {name!r}"
     root = package.partition(".")[0]
@@ -89,6 +89,6 @@ def _namespaces(root: str) -> dict[str, list[str]]:
 
 
 def _closest(name: str, known: Iterable[str]) -> list[str]:
-    """Name that contains the given one, or that it contains, or else the one spelled most alike; at most one."""
+    """Name that contains the given one, or is contained in it, or else is spelled most like it; at most one."""
     inside = [one for one in known if len(name) > 3 and name.lower() in one.lower()]
     return sorted(inside, key=len)[:1] or difflib.get_close_matches(name, known, n=1, cutoff=0.6)

@@ -1,7 +1,7 @@
 """Kernels compiled beforehand, from the optional package `stickslip_kernels`.
 
 `release/kernels.py` builds this package for one operating system, one version each of Python, Numba and llvmlite, and
-one or two levels of processors. Its stamp records all of these. If anything differs, the prebuilt kernels are ignored,
+one or two processor levels. Its stamp records all of these. If anything differs, the prebuilt kernels are ignored,
 and kernels are compiled as usual. The package holds only data: `stamp.json` and, for each level, a cache folder as
 `kernel_cache` writes it.
 """
@@ -28,7 +28,7 @@ LEVELS = {"x86-64-v4": f"{_V3} avx512f avx512bw avx512cd avx512dq avx512vl".spli
 
 
 class Prebuilt(NamedTuple):
-    """What is installed: a level and its folder if its kernels can be used, else the reason why not."""
+    """What is installed: a level and its folder if its kernels can be used, otherwise the reason why they cannot."""
 
     level: str | None
     folder: Path | None
@@ -52,7 +52,7 @@ def environment(release: str) -> dict[str, str]:
 
 
 def usable_levels() -> list[str]:
-    """Levels of LEVELS whose features this processor has, best first."""
+    """Entries of LEVELS whose features this processor has, best first."""
     try:
         present = {name for name, on in llvmlite.binding.get_host_cpu_features().items() if on}
     except RuntimeError:  # LLVM does not know the processor

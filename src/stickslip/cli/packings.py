@@ -62,7 +62,9 @@ def _packing_options(
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None,
     contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None,
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
-    boundary: Annotated[str | None, typer.Option(help="As in LAMMPS, e.g. ppf, if the file does not say.")] = None,
+    boundary: Annotated[
+        str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
+    ] = None,
 ):
     """Options of all commands that read a packing; see `read_packing`."""
 

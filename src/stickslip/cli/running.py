@@ -212,7 +212,7 @@ def resume(
 
 
 def _report_finished(folder: Path, how: dict) -> None:
-    """Report that a run has finished, and its files."""
+    """Report that a run has finished, and list its files."""
     from ..data.checkpoint import SCENARIO
     from ..experiments import json_output, run_folder, terminal
     from ..experiments.registry import read_scenario
@@ -259,7 +259,7 @@ def _run_sweep_in(
 
 
 def _sweep_tables(tables: dict, engine: str | None) -> dict:
-    """Tables of a sweep, with `engine` in place of their own if given."""
+    """Tables of a sweep, with `engine`, if given, in place of their own engine."""
     if engine is None:
         return tables
     check_choice("engine", engine, ENGINES)

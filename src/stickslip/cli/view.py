@@ -81,7 +81,7 @@ def movie(
             "--mode",
             min=0,
             metavar="N",
-            help="Number of the mode, fastest 0; default: the run, or mode 0 of a packing.",
+            help="Number of the mode, 0 for the fastest; default: the run, or mode 0 of a packing.",
         ),
     ] = None,
     settle: Settle = False,
@@ -92,7 +92,9 @@ def movie(
     fps: Annotated[
         int | None,
         typer.Option(
-            "--fps", metavar="N", help="Frames per second; default: 15 for a mode; a run is made to last 8 s."
+            "--fps",
+            metavar="N",
+            help="Frames per second; default: 15 for a mode; for a run, as many as make it last 8 s.",
         ),
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,

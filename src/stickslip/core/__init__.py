@@ -1,4 +1,4 @@
-"""Compiled kernels and the values that they work on, using only NumPy and Numba."""
+"""Compiled kernels and the data that they operate on; the only dependencies are NumPy and Numba."""
 
 from .. import kernel_cache
 

@@ -1,7 +1,7 @@
-"""Check of what users pass to public functions, once at the door.
+"""Checks of the arguments that users pass to public functions, made once per call.
 
-`checked` compares arguments with annotations such as `State`, `Law`, `int` or `float | None`. It does so in the call
-that enters the package, not in calls that public functions make to each other. Other annotations are not looked at.
+`checked` compares arguments with annotations such as `State`, `Law`, `int` or `float | None`. It does so only when a
+user calls the package, not when public functions call each other. Other annotations are ignored.
 """
 
 import inspect
@@ -52,7 +52,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _checkable(function) -> list[tuple[int, str, tuple[type, ...]]]:
-    """Place, name and allowed classes of the parameters whose annotations can be checked."""
+    """Index, name and allowed classes of the parameters whose annotations can be checked."""
     found = []
     for place, one in enumerate(inspect.signature(function).parameters.values()):
         classes = get_args(one.annotation) if isinstance(one.annotation, types.UnionType) else (one.annotation,)

@@ -7,7 +7,7 @@ from .state import Control, as_rows
 
 
 def body_numbers(control: Control, bodies) -> np.ndarray:
-    """Numbers of bodies, (k,) integers, given as numbers, a range or slice, or a mask of all bodies."""
+    """Body numbers, (k,) integers, from numbers, a range, a slice, or a mask over all bodies."""
     count = len(control.force)
     if isinstance(bodies, slice):
         return np.arange(count)[bodies]
@@ -17,7 +17,7 @@ def body_numbers(control: Control, bodies) -> np.ndarray:
     if found.size and (found.dtype.kind not in "iu" or found.ndim != 1):
         raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or a mask of all {count}")
     for worst in found[(found < 0) | (found >= count)]:
-        raise ValueError(f"body {worst} was given: bodies have numbers 0 to {count - 1}, first grains, then walls")
+        raise ValueError(f"body {worst} was given: bodies have numbers 0 to {count - 1}, grains first, then walls")
     return found.astype(int)
 
 
@@ -42,8 +42,8 @@ def driven(control: Control, bodies, rate) -> Control:
 def rigid(control: Control, bodies) -> Control:
     """Control in which the given bodies form one rigid body without rotation, such as a plate or a glued layer.
 
-    Along each direction it is free, frozen, driven or force-controlled like its members, which must all be alike.
-    Forces on members add up. The velocity at the start of a run is that of the centre of mass.
+    Along each direction, the rigid body is free, frozen, driven or force-controlled like its members, which must all be
+    alike. Forces on members add up. The velocity at the start of a run is that of the centre of mass.
 
     Examples
     --------
@@ -70,8 +70,8 @@ def force_controlled(control: Control, bodies, force) -> Control:
     Parameters
     ----------
     bodies : numbers of walls, or of grains of a rigid group
-    force : (3,) or (2,) on each of them; nonzero components are controlled. A pressure times the area on which it acts,
-        or for a rigid group the total force divided by the number of its members [force]
+    force : (3,) or (2,) on each of them; nonzero components are controlled. This is a pressure times the area on which
+        it acts or, for a rigid group, the total force divided by the number of its members [force]
 
     Examples
     --------
@@ -123,8 +123,8 @@ def strained_at(control: Control, rate) -> Control:
 def stress_controlled(control: Control, stress: dict[str, float], *, mass: float = 0.0) -> Control:
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
-    σ includes contacts and fluctuating velocities, compression positive. Such a component is a degree of freedom in
-    dynamics, in J, and in Newton's method.
+    σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Such a component is
+    a degree of freedom in dynamics, in J, and in Newton's method.
 
     Parameters
     ----------
@@ -136,12 +136,12 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     Raises
     ------
     ValueError
-        if a component does not consist of two of the letters x, y, z.
+        if a component does not consist of two letters, each of them x, y or z.
     """
     free, wanted = control.cell_free.copy(), control.stress.copy()
     for name, value in stress.items():
         if len(name) != 2 or not set(name) <= set("xyz"):
-            raise ValueError(f"a stress component {name!r} was given: use two letters out of x, y, z, such as 'yy'")
+            raise ValueError(f"a stress component {name!r} was given: use two letters, each x, y or z, such as 'yy'")
         where = tuple("xyz".index(letter) for letter in name)
         free[where], wanted[where] = True, value
     rate = np.where(free, 0.0, control.cell_rate)
@@ -155,7 +155,7 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
     Parameters
     ----------
     bodies : numbers of grains and walls, or "cell" for the cell's velocity gradient
-    times : (K,) increasing [time]; factors : (K,) dimensionless, linear in between, constant before and after
+    times : (K,) increasing [time]; factors : (K,) dimensionless, interpolated linearly, else constant
     axes : indices of x, y, z, and rotations about them; default: all
 
     Examples
@@ -186,7 +186,7 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
 def spring_loaded(
     control: Control, bodies, position, stiffness: float, *, axis: int = 0, times=(0.0,), displacement=(0.0,)
 ) -> Control:
-    """Control in which a spring pulls the given bodies along an axis: F = k (x₀ + d(t) − x), x₀ + d the load point.
+    """Control in which a spring pulls bodies along an axis: F = k (x₀ + d(t) − x), where x₀ + d is the load point.
 
     The bodies are free along that axis, and move as one if they are a rigid group. A second call replaces the motion of
     the load point.
@@ -197,7 +197,7 @@ def spring_loaded(
     position : (n, 3) x₀ of each body, where a spring with d = 0 has no force [length]
     stiffness : k of the single spring that pulls all bodies, divided equally among them [force/length]
     axis : 0, 1, 2 for x, y, z
-    times : (K,) increasing [time]; displacement : (K,) d, linear in between, constant before and after [length]
+    times : (K,) increasing [time]; displacement : (K,) d, interpolated linearly, else constant [length]
 
     Examples
     --------

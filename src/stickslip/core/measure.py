@@ -189,7 +189,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
 @checked
 def coordination(state: State, least: int = 2) -> float:
-    """Mean number of contacts of grains that are not rattlers; zero if all are."""
+    """Mean number of contacts of grains that are not rattlers; zero if all grains are rattlers."""
     held = ~rattlers(state, least)
     n, rows = len(held), touching(state)
     ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)

@@ -59,8 +59,8 @@ class Contacts(NamedTuple):
     """Neighbour list: pairs within range, sorted by key, each with its memory. The first `count[0]` rows are valid.
 
     The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` tells which of them
-    touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` are r_ij and R_i angle_i + R_j angle_j when `slip` was last
-    committed. `origin` holds the positions of the bodies when the list was built.
+    touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` hold r_ij and R_i angle_i + R_j angle_j as they were when
+    `slip` was last committed. `origin` holds the positions of the bodies when the list was built.
     """
 
     i: np.ndarray  # (C,) int32
@@ -134,7 +134,7 @@ class State(NamedTuple):
         return len(self.grains.radius) + len(self.walls.mass)
 
     def check_lengths(self) -> None:
-        """Raise ValueError with a one-sentence message if arrays have different lengths or name missing bodies."""
+        """Raise ValueError with a one-sentence message if arrays differ in length or name bodies that do not exist."""
         n, bodies, contacts = len(self.grains.radius), self.n_bodies, self.contacts
         wanted = [
             (("grains", self.grains, self.grains._fields), n), (("walls", self.walls, self.walls._fields), bodies - n),
@@ -287,7 +287,7 @@ def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=
 def reset_reached(contacts: Contacts) -> Contacts:
     """Contacts of an equilibrium: only those that slide now count as having reached the Coulomb limit.
 
-    Contacts that slide without slip do so because there is no friction, and have not reached a limit.
+    Sliding contacts whose slip is zero have no friction and have not reached a limit.
     """
     return contacts._replace(reached=(contacts.mode == SLIDE) & contacts.slip.any(axis=1))
 
@@ -365,8 +365,8 @@ def assembly(
     Raises
     ------
     ValueError
-        with a one-sentence message, if the parts do not fit together or hold invalid values, or a centre is behind a
-        wall.
+        with a one-sentence message, if the parts do not fit together or hold invalid values, or if the centre of a
+        grain is behind a wall.
     """
     walls = flat_walls() if walls is None else walls
     cell = box(dim=2 if _are_disks(grains) else 3) if cell is None else cell
@@ -548,7 +548,7 @@ def _describe_state(state: State) -> str:
 
 
 def _draw_svg(state: State) -> str:
-    """SVG of the 3000 nearest grains, viewed along z."""
+    """SVG of the 3000 grains with the largest z, viewed along z."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():
         return ""

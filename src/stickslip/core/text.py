@@ -1,4 +1,4 @@
-"""Reading of text files written by users: UTF-8, with or without a byte order mark."""
+"""Reading text files written by users: UTF-8, with or without a byte order mark."""
 
 import codecs
 from pathlib import Path
@@ -11,8 +11,10 @@ _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
 def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
     r"""Read a text file, with line endings converted to \n.
 
-    Parameters ---------- remedy : what to do if the file is not text, for the error message fallback : encoding of
-    files that are not UTF-8, such as "cp1252"; by default they are rejected
+    Parameters
+    ----------
+    remedy : what to do if the file is not text, for the error message
+    fallback : encoding of files that are not UTF-8, such as "cp1252"; by default they are rejected
 
     Raises
     ------
@@ -36,7 +38,7 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
 
 
 def _has_wide_letters(content: bytes) -> bool:
-    """Return True if characters take two or four bytes: there is a byte order mark, or every other byte is zero."""
+    """Return True if characters take two or four bytes, judging by a byte order mark or by zeros in between."""
     halves = [set(content[:_SAMPLE_BYTES][k::2]) == {0} for k in (0, 1)]
     return content.startswith(_MARKS) or halves[0] != halves[1]
 

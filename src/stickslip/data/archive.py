@@ -3,8 +3,8 @@
 Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that stores a NamedTuple has
 its class name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of the
 software that computed the data) and `scenario` (canonical text), but no time stamps or host names. Entries are written
-in the order of their names, so that the bytes do not depend on whether a part was computed or read. Contact lists are
-stored up to their count, with all of their memory. Datasets have the attribute `units` if the unit is known.
+in order of name, so that the bytes do not depend on whether a part was computed or read. Contact lists are
+stored without unused capacity, but with all of their memory. Datasets have the attribute `units` if the unit is known.
 
 A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
 leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
@@ -78,7 +78,10 @@ def _with_checksum(image: bytes) -> bytes:
 
 @cache
 def versions() -> str:
-    """Versions of the software that numbers may depend on; cached, because looking them up takes as long as a write."""
+    """Versions of the software on which numbers may depend.
+
+    Cached, because looking them up takes as long as a write.
+    """
     from importlib.metadata import version
 
     return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS)])
@@ -102,7 +105,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
 
 
 def units(path: str | Path) -> dict[str, str]:
-    """Units of the datasets of an archive, by their path; errors as in `read`."""
+    """Units of the datasets of an archive, keyed by path; errors as in `read`."""
     found = {}
     with _open(path) as file:
         file.visititems(lambda name, item: found.update({name: item.attrs["units"]} if "units" in item.attrs else {}))

@@ -1,7 +1,7 @@
 """Checkpoints of an unfinished run: a folder of archives ("pieces"), from which a run that was killed can be resumed.
 
-Every piece contains the scenario that it belongs to and is used for no other. The pieces are removed when the run has
-written its results.
+Every piece contains the scenario that it belongs to, and is never used for another one. The pieces are removed when the
+run has written its results.
 """
 
 import hashlib
@@ -99,7 +99,7 @@ class Checkpoint(NamedTuple):
         Raises
         ------
         ArchiveError
-            if it is damaged, belongs to another scenario or version, or is another piece.
+            if the piece is damaged, belongs to another scenario or version, or is not the one requested.
         """
         path = self._path(name)
         self._check(path)

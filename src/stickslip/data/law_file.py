@@ -19,7 +19,7 @@ class LawFile(ScenarioTable):
     """A law in a user's Python file, instead of a kind and its parameters."""
 
     file: str | None = Field(
-        None, description="Python file with a contact law, its path relative to the scenario; the file is run"
+        None, description="Python file with a contact law; the path is relative to the scenario, and the file is run"
     )
     parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
     checksum: str | None = Field(None, description="of the file's text; added automatically")
@@ -88,7 +88,7 @@ def load_law(choice: LawFile) -> Law:
 
 
 def split_law_options(path: str, given: dict) -> tuple[Law, dict]:
-    """Load a law from a file named on the command line, and return it with the options that are not its parameters."""
+    """Load a law from a file named on the command line; return it with the options that are not its parameters."""
     law = from_file(path)
     values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}
     return with_values(law, **values), {name: value for name, value in given.items() if name not in values}

@@ -33,7 +33,7 @@ class LawChoice(LawFile):
 
 
 def make_law(choice: LawChoice) -> Law:
-    """Contact law selected by a scenario, with disk–wall parameters if they differ."""
+    """Contact law selected by a scenario, with separate disk–wall parameters if these differ."""
     if choice.file is not None:
         law = load_law(choice)
     else:

@@ -1,4 +1,4 @@
-"""Folder lock: one process at a time works in a folder. The operating system releases it when the process ends."""
+"""Folder lock: only one process at a time works in a folder. The operating system releases it when the process ends."""
 
 import json
 import os
@@ -23,8 +23,8 @@ LOCK, HOLDER = ".lock", ".lock.json"  # both are removed when the work is done
 def lock_folder(folder: Path) -> Iterator[None]:
     """Hold an exclusive lock on a folder, which is created if it does not exist.
 
-    Locking a member of a sweep locks the whole sweep. The lock is only as strong as those of the operating system: on
-    some network file systems they do not work between machines.
+    Locking a member of a sweep locks the whole sweep. The lock is only as reliable as the operating system's own locks:
+    on some network file systems, these do not work between machines.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _describe_holder(place: Path) -> str:
 
 
 def _find_foreign_file(place: Path) -> str | None:
-    """Name of a foreign file or link in place of the lock (which is empty) or of the note about its holder."""
+    """Name of a foreign file or link found in place of the (empty) lock file or the note about its holder."""
     for name in (LOCK, HOLDER):
         path = place / name
         with suppress(OSError):  # gone meanwhile

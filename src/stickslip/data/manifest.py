@@ -64,12 +64,12 @@ def digest(path: Path) -> str:
 def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     """Names of files that no run has written, or that have been changed since.
 
-    If there is no trace of a run, names of all files.
+    If there is no trace of a run, all files are named.
 
     Parameters
     ----------
-    ours : returns True if a run may write, replace or remove a file of this name; where a run has left files, others
-        are ignored, and hidden files always are
+    ours : returns True if a run may write, replace or remove a file of this name; in a folder where a run has
+        left files, other files are ignored; hidden files are always ignored
     """
     if not folder.is_dir():
         return []

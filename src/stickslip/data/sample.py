@@ -45,17 +45,17 @@ def from_arrays(
     ----------
     position : (N, 3) [length]; radius : (N,) [length]; mass : float or (N,) [mass]
     law : Law, which limits the slip
-    cell : (3, 3) box vectors as rows, sheared or not [length]; without it nothing is periodic
+    cell : (3, 3) box vectors as rows, sheared or not [length]; without it, nothing is periodic
     periodic : (3,) bool, default all (in two dimensions all but z)
     pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips the signs of image and slip. By
         default, contacts are found from positions, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
     mode : (M,) 1 for sticking contacts, 2 for sliding ones. The slip of a sliding contact is set to the Coulomb limit
-        if it is beyond the limit or within 0.1 % of it (otherwise the contact slid under another law). By default the
-        slip decides, which for a contact at its limit is a matter of round-off
+        if it is beyond the limit or within 0.1 % of it (a contact further below it slid under another law). By default,
+        the slip determines the mode; for a contact at its limit, this is a matter of round-off
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
-    dim : 2 or 3; with 2 all vectors may have two components
+    dim : 2 or 3; with 2, all vectors may have two components
     i0 : float or (N,), moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
 
     Raises
@@ -129,7 +129,7 @@ def law_by_name(
     Raises
     ------
     PackingError
-        if a name is not known or parameters do not fit together; the message is one sentence.
+        if a name is not known or parameters are inconsistent; the message is one sentence.
     """
     for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
         if value not in known and not (name == "damping" and value is None):
@@ -287,8 +287,8 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     Parameters
     ----------
     memory : as in `forces`; FROZEN leaves contacts unchanged where nothing has moved
-    modes : if True, keep the given modes: slip of sliding contacts near the limit is set to it, and slip of
-        sticking contacts is truncated at it
+    modes : if True, keep the given modes: slip of sliding contacts near the Coulomb limit is set to the limit, and
+        slip of sticking contacts is truncated there
     within : relative distance to the limit that counts as near
 
     Raises
@@ -322,10 +322,10 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
 
 
 def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
-    """Copy the modes of a state, and the limiting slip of sliding contacts, to trial memory, except where slip was cut.
+    """Copy the modes of a state and the limiting slip of its sliding contacts to trial memory, except where it was cut.
 
-    A contact marked as sliding far below the limit slid under another law, or one without friction: there, the slip
-    decides.
+    A contact marked as sliding far below the limit slid under another law, or one without friction: its mode is
+    determined by its slip.
     """
     count, given = int(state.contacts.count[0]), state.contacts.mode
     _, held = forces(state, law, memory=HELD)

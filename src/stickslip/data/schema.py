@@ -66,7 +66,7 @@ class ScenarioBase(ScenarioTable):
 
 
 def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
-    """Message about an unknown key, else about the first error: the value that was given, and what is allowed."""
+    """Message about an unknown key or, if there is none, the first error: the given value, and what is allowed."""
     errors = problem.errors()
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
@@ -123,7 +123,7 @@ def unknown_key(where, kind: type[BaseModel]) -> str:
 
 
 def validate_scenario(kind: type[ScenarioBase], /, **tables):
-    """Create a scenario of a class from nested dictionaries, as in its TOML file.
+    """Create a scenario of a given class from nested dictionaries, as in its TOML file.
 
     Raises
     ------

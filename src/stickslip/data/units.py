@@ -1,4 +1,4 @@
-"""Units of archive datasets, by the last part of their path: dimensions, or SI units if the scenario is in SI."""
+"""Units of archive datasets, looked up by the last part of their path: dimensions, or SI units for scenarios in SI."""
 
 _NAMES = {
     "length": "position point vectors slip pair roll radius center low high edges wall_point plate_position load_point "
@@ -36,7 +36,7 @@ _SI = {
 
 
 def unit_of(name: str, *, noun: str | None = None, si: bool = False) -> str | None:
-    """Unit of a dataset, in a group that stores a NamedTuple called `noun`; None if there is no unit, or two.
+    """Unit of a dataset, in a group that stores a NamedTuple called `noun`; None if it has no unit, or has two.
 
     Examples
     --------

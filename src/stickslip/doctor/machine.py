@@ -25,7 +25,7 @@ MPI = "`pip install mpich` installs the library"
 
 
 class Fault(NamedTuple):
-    """Defect in an installed part, and the remedy unless it is to reinstall the part."""
+    """Defect in an installed part, and the remedy if it is anything other than reinstalling the part."""
 
     words: str
     remedy: str = ""
@@ -141,7 +141,7 @@ def _check_yade() -> OptionalPart:
 
 
 def _describe_numba() -> str:
-    """Threads, and the first layer of Numba's list that can be loaded, which is the one it will use."""
+    """Threads, and the first layer in Numba's list that can be loaded, which is the one that Numba will use."""
     if numba.config.THREADING_LAYER not in ("default", "safe", "threadsafe", "forksafe"):
         return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (requested)"
     for layer in numba.config.THREADING_LAYER_PRIORITY:

@@ -62,7 +62,7 @@ class Selfcheck(NamedTuple):
 
 
 def measure_forces(law: Law) -> dict[str, float]:
-    """Contact forces of displaced disks: no solver and no time step, so round-off only."""
+    """Contact forces of displaced disks: they involve no solver and no time step, so only round-off can differ."""
     state = disk_array(10, press=5e-5)
     _, trial = forces(state, law)
     state = accept(state, trial)

@@ -1,4 +1,4 @@
-"""Compilation of kernels before their first use, using the smallest runs of the experiments, in separate processes."""
+"""Compilation of kernels before their first use, by running the smallest experiments in separate processes."""
 
 from collections.abc import Callable, Iterable
 

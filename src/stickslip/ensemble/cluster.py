@@ -32,7 +32,7 @@ _idle: list[WorkerProcess] = []  # idle processes of this process, if it is a wo
 
 @contextmanager
 def connect(address):
-    """Yield a client of the scheduler at an address or in a JSON file; a client is yielded unchanged.
+    """Yield a client of the scheduler at an address or in a JSON file; an existing client is yielded unchanged.
 
     Raises
     ------

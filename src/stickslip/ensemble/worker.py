@@ -1,8 +1,8 @@
 """A worker process that runs tasks one after another: it receives them on stdin and sends results on stdout.
 
-It is a plain child process rather than one of `multiprocessing`, because Dask workers are daemons, which may not have
-such children. Dask workers need a child process because compiled kernels hold the interpreter's lock while they run,
-and a worker that is silent for minutes is considered dead. A worker process ends when its parent is gone.
+It is a plain child process rather than a `multiprocessing` process, because Dask workers are daemons, which may not
+have such children. Dask workers need a child process because compiled kernels hold the interpreter's lock while they
+run, and a worker that is silent for minutes is considered dead. A worker process ends when its parent is gone.
 """
 
 import math
@@ -190,7 +190,7 @@ def _run_task(packed: bytes, more: tuple) -> tuple:
 def _make_reporter(out, pause: float):
     """Return tell(share, words), which sends the first message at once and later ones only after a pause.
 
-    With None, the share is the last one reported.
+    If the share is None, the last reported share is repeated.
     """
     last, known = -math.inf, 0.0
 

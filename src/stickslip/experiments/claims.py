@@ -45,7 +45,9 @@ def claim(
     id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", *,
     error: float | None = None, reference: Value = None, reference_source: str = "", quantifier: str = IS,
 ) -> Claim:  # fmt: skip
-    """Evaluate a measurement; the note states the reason if it is undecided, and the comparison with the reference.
+    """Evaluate a measurement.
+
+    The note gives the reason if the verdict is undecided, and the comparison with the reference.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
         The standard error exceeds the tolerance (the distance to the nearer edge of its band) or is unknown, as for a
         single realization; nothing was measured; something possible was not observed.
     no reference
-        The paper prints nothing to compare with, regardless of any reference from elsewhere.
+        The paper prints nothing to compare with, even if another reference is given.
 
     A tolerance below 0.5 is a fraction of the paper's number. From 0.5 upwards, it is a factor of 1 + tolerance in both
     directions. If the paper prints zero, the tolerance is absolute. Twice the tolerance is twice the fraction, or a
@@ -101,7 +103,7 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     ------
     ValueError
         If tolerance or error is negative, the tolerance is not finite, the quantifier is unknown, or a statement is
-        compared with a number, or a window with anything else.
+        compared with a number, or a window with something that is not a window.
     """
     paper, measured = to_builtin(paper), to_builtin(measured)
     if not 0 <= tolerance < math.inf:

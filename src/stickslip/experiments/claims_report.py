@@ -127,7 +127,7 @@ def _main_reason(judged: list[Claim], shows: Shows) -> str:
 
 
 def _most_missed(missed: list[Claim], shows: Shows) -> str:
-    """Describe the figure with the most rows that disagree, and one of these: the one to quote, if it disagrees."""
+    """Describe the figure with the most rows that disagree, and one of these rows, if possible the one to quote."""
     (most, number), *_ = Counter(map(place, missed)).most_common(1)
     share = f"{number} of {len(missed)}"
     verb = "is" if number == 1 else "are"
@@ -183,7 +183,7 @@ def show_claims(claims: list[Claim], shows: Shows) -> None:
 
 
 def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
-    """Build the table of figures; on a narrow terminal the key number is folded."""
+    """Build the table of figures; on a narrow terminal, the key number is folded."""
     table = Table(box=None, pad_edge=False, header_style="bold", expand=True)
     names = ("paper", "shows", "reproduced", "key number")
     for k, name in enumerate(names):

@@ -151,7 +151,7 @@ def _rename_clashing(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
-    """Build the node of states, along `time` if it increases, or along `load` if their names are increasing loads."""
+    """Build the node of states, along `time` if it increases, or along `load` if the names are increasing loads."""
     names = list(states)
     if len({name.rpartition("/")[0] for name in names}) == 1:
         names = [name.rpartition("/")[2] for name in names]
@@ -179,7 +179,7 @@ def _usual_grain_number(states: dict[str, State]) -> int:
 
 
 def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
-    """Collect the states of a tree with their laws, and its arrays and numbers by the path of their group."""
+    """Collect the states of a tree with their laws, and the tree's arrays and numbers, keyed by path of group."""
     law = tree.get("law", law) if isinstance(tree, dict) else law
     if _is_table(tree):
         tables[above] = {"": tree}
@@ -270,7 +270,8 @@ def _contact_variables(states: dict[str, State], laws: dict, unit, walls: dict[s
 def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
     """Build the dataset of a group.
 
-    Arrays of the most common length share a dimension: the first coordinate that increases, or the group's name.
+    Arrays of the most common length share a dimension: the first coordinate that increases or, if none does, the
+    group's name.
     """
     label = group.strip("/").rpartition("/")[2]
     if "" in entries:

@@ -19,7 +19,7 @@ def _failures(result) -> tuple[str, ...]:
 class Paper(NamedTuple):
     """Reproduction of a published experiment.
 
-    `reproduce` returns an object with `main`, the result that the run folder holds, and `claims`.
+    `reproduce` returns an object with the attributes `main` (the result stored in the run folder) and `claims`.
     """
 
     title: str  # of the claims table

@@ -23,7 +23,7 @@ class UnfinishedRun(NamedTuple):
 
 
 def mark_reproduction(folder: Path, scenario, **arguments) -> None:
-    """Save the arguments with which a reproduction starts in a folder, for `find_unfinished`."""
+    """Save the arguments of a reproduction in its folder when it starts, for `find_unfinished`."""
     checkpoint_in(folder, scenario).announce()
     write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 

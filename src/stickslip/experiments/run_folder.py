@@ -96,7 +96,7 @@ def join_names(names: list[str]) -> str:
 
 
 def is_run_file(name: str) -> bool:
-    """Return True if runs write files of this name."""
+    """Return True if runs write files with this name."""
     return _RUN_FILE.fullmatch(name) is not None
 
 

@@ -19,7 +19,7 @@ UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
 
 
 def _width() -> int | None:
-    """Columns of the output if it is no terminal and COLUMNS does not say."""
+    """Columns of the output if it is not a terminal and COLUMNS is not set."""
     terminal = sys.stdout is not None and sys.stdout.isatty()
     return None if terminal or "COLUMNS" in os.environ else UNBROKEN
 
@@ -35,7 +35,7 @@ STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "p
 
 @contextmanager
 def console_output(*, quiet: bool = False, as_json: bool = False):
-    """Route console output to standard output, nowhere if `quiet`, or to standard error if standard output is JSON.
+    """Route console output to standard output, to standard error if standard output is JSON, or nowhere if `quiet`.
 
     With `as_json`, output is printed only if standard error is a terminal.
     """
@@ -80,11 +80,11 @@ def _columns():
 
 @contextmanager
 def progress(*, transient: bool = False):
-    """Show the time and the main quantities of each stage: live, or as plain lines without a terminal.
+    """Show the time and the main quantities of each stage: live, or as plain lines if there is no terminal.
 
     Parameters
     ----------
-    transient : whether the lines are removed at the end (without a terminal, stages are then not printed)
+    transient : whether the lines are removed at the end (if so, stages are not printed without a terminal)
     """
     stages: dict[str, int] = {}
     plain_line = None if can_redraw() else _plain_progress(transient)

@@ -67,7 +67,7 @@ COLUMNS = (1.03, 1.48, 1.81)  # left edges of the texts, in widths of the axes
 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
-    """Label of a claim, preceded, in the first row of a group, by the number of the figure in the paper."""
+    """Label of a claim; in the first row of a group, the number of the figure in the paper comes first."""
     words = row.label if len(row.label) <= SHORT else row.label[: SHORT - 1] + "…"
     return words if k and groups[k] == groups[k - 1] else f"{row.group}:  {words}"
 

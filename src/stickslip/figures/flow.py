@@ -50,7 +50,7 @@ def snapshots(result):
 def _select_frames(result) -> list:
     """Frames at nearly equal intervals, including the first and the last.
 
-    Only from the last stage if there are several.
+    If there are several stages, only the last is shown.
     """
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)

@@ -31,7 +31,7 @@ def steady_sliding(realizations, diameter: float):
 def velocity_steps(curves, *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
-    The reference is a copy without the step (`twins`) or the later mean.
+    The reference is a copy without the step (`twins`) or the mean in steady sliding at the old velocity.
     """
     figure, axes = column_axes(1, 2.4)
     for number, curve in enumerate(curves):
@@ -90,7 +90,7 @@ def energies_in_holds(ratios, creep, sliding: float):
 
 @styled
 def reslides(curves, ratios, peaks, slope, offset: float):
-    """Friction after holds for each velocity: with two standard errors, divided by C + ln(V_r/V_i), and its peak.
+    """Friction after holds for each velocity, with two standard errors; the same divided by C + ln(V_r/V_i); its peak.
 
     Parameters
     ----------

@@ -45,13 +45,13 @@ def packing(
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
     A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
-    ellipses are enlarged by the same factor, which brings the largest to the mean radius. In three dimensions, balls
+    ellipses are enlarged by the same factor, so that the largest reaches one mean radius. In three dimensions, balls
     are drawn at 0.6 times their size.
 
     Parameters
     ----------
     state : accepted state
-    law : contact law; without it there are no forces, and all contacts have the same width
+    law : contact law; without it, forces are not known, and all contacts have the same width
     mode : translation, rotation and exponent, as returned by `read_mode`
     colour : one of `quantities`; without it, rattlers are white and other grains grey
     width : width of the figure [inches]

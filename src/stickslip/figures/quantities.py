@@ -15,7 +15,7 @@ def quantities(
     """Quantities by which the grains of a frame can be coloured, as {name: (values per grain, unit)}.
 
     The pressure of a grain is p = (1/(d V)) Σ_c f·l, with l from its centre to the contact, V its own volume (area in
-    two dimensions) and compression positive. It is absent if the law and therefore the forces are not known.
+    two dimensions) and compression positive. It is absent if the law, and therefore the forces, are unknown.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def _oscillation(time, growth):
 
 @styled
 def trajectories(run, dim: int, grains: int = 4):
-    """Displacements as the instability grows, over a few of many turns: grains in space, one against time (Fig 4)."""
+    """Displacements during a few of the many turns of growth: grains in space, and one grain against time (Fig 4)."""
     figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")

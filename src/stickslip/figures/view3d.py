@@ -120,12 +120,12 @@ def view_data(
 
 
 def _first_shown(frames: list[Frame], count: int) -> int:
-    """Frame shown initially: the first of a motion, otherwise the last, as at the end of a load path."""
+    """Frame shown initially: the first of a motion, otherwise the last, such as the end of a load path."""
     return 0 if frames[0].state.time < frames[-1].state.time else count - 1
 
 
 def _select_frames(frames: list[Frame]) -> list[int]:
-    """Numbers of the frames that fit on a page, evenly spaced and including the first and the last."""
+    """Indices of as many evenly spaced frames as fit on a page, including the first and the last."""
     size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
     count = min(len(frames), max(2, int(MOST / size)))
     return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})

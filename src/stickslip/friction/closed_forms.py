@@ -22,10 +22,10 @@ def steady_friction(rs: RateState, velocity):
 
 
 def stiff_step(rs: RateState, old: float, new: float, slip):
-    """Friction at slip x ≥ 0 after a step of the slip velocity from V1 to V2, as with an infinitely stiff spring.
+    """Friction at slip x ≥ 0 after a step in slip velocity from V1 to V2, as with an infinitely stiff spring.
 
     Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging law: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}].
-    Both start a ln(V2/V1) above μ_ss(V1).
+    Both start at μ_ss(V1) + a ln(V2/V1).
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def stiff_step(rs: RateState, old: float, new: float, slip):
 
 
 def stiff_healing(rs: RateState, velocity: float, hold):
-    """Peak above steady friction after a hold of duration t without slip, followed by sliding at the same V.
+    """Peak above steady friction after a hold of duration t without slip, with sliding at V before and after it.
 
     Aging law: b ln(1 + V t/D_c). Slip law: 0, because its state evolves only with slip.
     """
@@ -53,7 +53,7 @@ def stiff_healing(rs: RateState, velocity: float, hold):
 def frozen_hold(a: float, stiffness: float, velocity: float, time):
     """Slip velocity during a hold of the load point while the state is constant, V = V_i/(1 + k V_i t/a).
 
-    This follows from a V'/V = −k V. Valid for slip well below D_c a/(k D_c + b), and for all times if b = 0.
+    This follows from a V'/V = −k V. This is valid for slip well below D_c a/(k D_c + b), and for all times if b = 0.
     Friction decreases by a ln(1 + k V_i t/a).
 
     Parameters

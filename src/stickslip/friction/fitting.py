@@ -89,9 +89,9 @@ def fit(
 ) -> Fit:
     """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
-    Least squares of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over complete records: slider and state are
-    integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting values come from a
-    coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
+    Least-squares fit of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over complete records: slider and state
+    are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting values come
+    from a coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
 
     Parameters
     ----------

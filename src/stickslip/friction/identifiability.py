@@ -47,8 +47,12 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
     A parameter is not determined if it is involved in a direction that does not change the model, if the 95 % interval
     of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
 
-    Parameters ---------- inner, blind : from `covariance` x : (m,) logarithms where `logs`, else values reach : Student
-    t quantile open_sides : name → (limit, "above" or "below") of parameters whose values fit equally well without bound
+    Parameters
+    ----------
+    inner, blind : from `covariance`
+    x : (m,) logarithms where `logs`, else values
+    reach : Student t quantile
+    open_sides : name → (limit, "above" or "below") of parameters whose values fit equally well without bound
     """
     half = reach * np.sqrt(np.diag(inner))
     unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])
@@ -70,7 +74,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 
 
 def without_intervals(estimates: Estimates, reason: str) -> Estimates:
-    """Return the same values without errors and intervals, which are not known if the noise is not."""
+    """Return the same values without errors and intervals, which are not known unless the noise is."""
     nothing = dict.fromkeys(estimates.errors, np.nan)
     sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence}"
     return estimates._replace(

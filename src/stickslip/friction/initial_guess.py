@@ -59,7 +59,7 @@ def _grid(name: str, cases) -> tuple[float, ...]:
 
 
 def _direct_effect(cases) -> float:
-    """Range of friction over the range of ln V, which is about 5 if the load point stops."""
+    """Range of friction divided by that of ln V, which is about 5 if the load point stops."""
     sizes = []
     for case in cases:
         speed = np.abs(case.velocity if case.legs is None else np.r_[case.before, case.legs[1]])

@@ -113,7 +113,7 @@ def after_normal_jump(w, f, p, alpha, old, new):
 def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
     """Integrate w and f to `times` (ascending, from the start of the legs); also return a code and the time reached.
 
-    At the end of a leg the values are those before the next leg begins.
+    At the end of a leg, the values are those before the next leg begins.
     """
     out = np.full((len(times), 2), np.nan)
     table = np.empty((ORDERS, 2))

@@ -116,12 +116,12 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
 
 @checked
 def record_data(record: LabRecord, *, before: float | None = None, normal: bool = False) -> Data:
-    """Data for `fit`: legs from the load-point displacement, or the measured slip velocity if there is none.
+    """Data for `fit`: legs from the load-point displacement, or, if it was not recorded, the slip velocity.
 
     Parameters
     ----------
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
-    normal : True to include changes in normal stress, relative to its initial value (with alpha: Linker and Dieterich)
+    normal : True to include changes in normal stress, relative to its initial value (alpha, after Linker and Dieterich)
     """
     time = record.time - record.time[0]
     if record.load_point is None:
@@ -175,7 +175,7 @@ def _read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], 
 
 
 def _match_columns(path: Path, header: list[str], *, si: bool) -> dict[str, tuple[int, float]]:
-    """Positions of known columns, and their factors to metres, seconds and pascals."""
+    """Positions of known columns, and factors that convert them to metres, seconds and pascals."""
     found = {}
     for k, field in enumerate(header):
         word, _, rest = field.replace("(", "[").partition("[")

@@ -97,7 +97,7 @@ def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tup
 
 
 def _end_of_line(time, place, factor, first: int, slack: float) -> int:
-    """Last sample that a straight line from sample `first` can reach, passing within `slack` of all those between."""
+    """Last sample that a straight line from sample `first` can reach within `slack` of every sample between them."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
         span, rise = time[k] - time[first], place[k] - place[first]

@@ -120,7 +120,7 @@ def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
     ----------
     time, friction : (N,), from the start of the legs
     legs : legs of the load point; a hold is a leg of velocity 0 between two others
-    before : fraction, at the end of the leg before a hold, over which steady friction is averaged
+    before : final fraction of the leg before a hold, over which steady friction is averaged
     """
     time, friction = np.asarray(time, float), np.asarray(friction, float)
     ends = np.cumsum([leg.duration for leg in legs])

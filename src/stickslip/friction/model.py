@@ -89,7 +89,7 @@ def prepare(data: Data, windows=None) -> Prepared:
         )
     before = float(speed[0]) if data.before is None else data.before
     if not before > 0:
-        raise ValueError("the record starts with a load point at rest: give `before`, the slip velocity before it")
+        raise ValueError("the record starts with the load point at rest: give `before`, the slip velocity before it")
     place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * speed)])
     return Prepared(np.minimum(time, ends[-1]), friction, place, (duration, speed, normal), None, sigma, used, before)
 

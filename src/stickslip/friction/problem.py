@@ -135,8 +135,8 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
     """Find unbounded sides of wide intervals, where distant values fit equally well after refitting other parameters.
 
-    Intervals follow from derivatives at the best point. As k → ∞, for example, these vanish while the sum of squares
-    stays finite.
+    Intervals follow from derivatives at the best point. As k → ∞, for example, the derivatives vanish while the sum of
+    squares stays finite.
     """
     out, runs = {}, pieces(task)
     cost = float(np.sum(whitened(residual(task, x), filters, runs) ** 2))

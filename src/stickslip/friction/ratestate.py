@@ -106,8 +106,8 @@ def spring_slider(
     """History of a slider pulled by a spring.
 
     (n a + η V) d ln V/dt = k (V_lp − V) − n b d ln θ/dt, with θ' given by the law. ln V and ln θ are integrated with a
-    stiff method that restarts at every leg. With η = 0 the motion is quasi-static, and below the critical stiffness
-    slip may run away.
+    stiff method that restarts at every leg. With η = 0, the motion is quasi-static, and slip may run away
+    below the critical stiffness.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ def jammed(
 
     Parameters
     ----------
-    packing_fraction : float, volume of all grains, overlaps counted twice, over that of the box (area in 2D)
+    packing_fraction : float, volume of all grains (overlaps counted twice) over that of the box (area in 2D)
     pressure : float [force/length^(dim−1)], reached to a relative accuracy of 1e-6; give this or the packing fraction
     dim : 2 (disks) or 3 (spheres)
     radius : float; or a few sizes with equal numbers of grains, such as (0.5, 0.7) for half and half; or (n,) radii

@@ -140,7 +140,7 @@ def bisect_change(
     """Load at which `present` changes, by bisection between `start` and `target`.
 
     Every trial is one load step from the fixed state `start`, so that the path does not depend on the search. The state
-    at `start` itself depends on the load steps that led there; report these together with the result.
+    at `start` itself depends on the load steps that led to it; report them together with the result.
     """
     before, low, high = present(start.spectrum), start.load, target
     while abs(high - low) > relative * max(abs(low), abs(high)):
@@ -155,7 +155,7 @@ def bisect_change(
 def follow_pair(
     path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6
 ) -> Family:
-    """Follow one pair, given as point of the path -> eigenvalue, to its birth and death.
+    """Follow one pair, given as a mapping from point of the path to eigenvalue, to its birth and death.
 
     Each is located to within `relative` in the load.
     """
@@ -296,7 +296,7 @@ def fit_growth(
 
 @checked
 def free_run(state: State, law: Law, *, duration: float, dt: float, sample: float, drag=0.0, spin_drag=None):
-    """Run Newtonian dynamics, recording contact events, and all grains every `sample` [time]."""
+    """Run Newtonian dynamics, recording contact events, and all grains at intervals of `sample` [time]."""
     require_positive(duration=duration, dt=dt, sample=sample)
     probes = np.arange(len(state.grains.radius))
     return run(

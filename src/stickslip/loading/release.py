@@ -123,13 +123,13 @@ def release(
 ) -> Released:
     """Run undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times.
 
-    The run lasts from `least` to `duration`. It is divided into chunks; between them, the spectrum of the current state
-    is computed, `snapshots` times during the growth and as often afterwards.
+    The run lasts at least `least` and at most `duration`. It is divided into chunks; between them, the spectrum of the
+    current state is computed, `snapshots` times during the growth and the same number of times afterwards.
 
     Parameters
     ----------
     strain : strain of the state, for the record
-    seed, velocity : of the initial perturbation: random velocities in all resisted modes, of this standard deviation
+    seed, velocity : of the initial perturbation: random velocities in all resisted modes, with this standard deviation
     report : called as report(share done, words)
 
     Raises

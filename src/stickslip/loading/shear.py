@@ -17,7 +17,7 @@ from .protocols import Protocol
 
 @checked
 def sheared(state: State, strain: float, *, slip: bool = True) -> State:
-    """Simple shear along x with gradient along y, by `strain`; see `strained`.
+    """Simple shear by `strain` along x, with the gradient along y; see `strained`.
 
     Examples
     --------

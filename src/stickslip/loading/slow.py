@@ -18,7 +18,7 @@ SHARE = 0.1  # time step over the stable one
 
 @readable
 class SlowRun(NamedTuple):
-    """Slow run with T steps of the load."""
+    """Slow run over T load steps."""
 
     time: float  # duration of a whole leg [time]
     load: np.ndarray  # (T,) in legs, at the end of each step

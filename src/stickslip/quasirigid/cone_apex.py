@@ -7,7 +7,7 @@ disjoint and cover the plane, and the force rate −K S V is continuous across t
     slides with s    V_n < 0,  m V_n + s V_t > 0          S = ((1, 0), (−m s, 0)),  s = ±1
     sticks           V_n < 0,  m V_n ± V_t ≤ 0            S = 1
 
-A contact at the limit that carries a force has the two statuses of the principle of minimum sliding. With V₀ the
+A contact that carries a force at the limit has only the two statuses of the principle of minimum sliding. With V₀ the
 velocities if all these contacts stick, Z = Cᵀ k₀⁻¹ C their compliance and Δ(σ) = K (S(σ) − 1), the statuses obey
 
     g(V) = V + Z Δ(σ(V)) V = V₀,        det(1 + Z Δ(σ)) = det k(σ) / det k₀.
@@ -86,7 +86,7 @@ def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np
 
 
 def status_of_velocity(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
-    """(E,) status that belongs to V; within `slack` of a boundary, the present status of the contact."""
+    """(E,) status whose cell contains V; within `slack` of a boundary, the present status of the contact."""
     normal, along = velocity.T
     forward, back = apex.slope * normal + along, apex.slope * normal - along
     touches = apex.sign == 0
@@ -298,7 +298,7 @@ def _all_velocities(apex: Apex, status: np.ndarray):
 
 
 def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
-    """Return True if the equation of a singular piece has a solution, to half the digits."""
+    """Return True if the equation of a singular piece has a solution to half the significant digits."""
     rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
     return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
 
@@ -323,5 +323,5 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
 
 
 def _same_velocities(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if two velocities are the same, as for statuses on both sides of a cell boundary."""
+    """Return True if two velocities are the same, as for statuses on either side of a cell boundary."""
     return np.abs(one - other).max(initial=0.0) <= SAME * np.abs(one).max(initial=0.0)

@@ -108,8 +108,8 @@ def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
     """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of several statuses with the same rates (a contact is then on a boundary), only one is returned, with det A_SS > 0
-    if possible.
+    Of several statuses with the same rates (a contact is then on a boundary), only one is returned, preferably one with
+    det A_SS > 0.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def next_event(
     ----------
     increment : Increment
     force, rate : (M, 2) forces and their rates over the whole increment [force]
-    known : (M,) bool, contacts that were on the cone with a consistent status; sticking ones leave it
+    known : (M,) bool, contacts that were on the cone with a consistent status; those that stick leave the cone
     left : remaining fraction of the increment
     """
     first = NextEvent(left, np.zeros(0, int), INCREMENT)

@@ -258,8 +258,8 @@ class Increment:
     def _finish(self, force, moved, slides, sign, contacts, done: float) -> PathState:
         """State after the increment, with balance restored using the statuses of its last piece.
 
-        The rotation of contacts leaves unbalanced forces of second order. Left to the next increment, they would mix
-        with its load and determine statuses where that load is small.
+        The rotation of contacts leaves unbalanced forces of second order. If left to the next increment, they would
+        add to its load and determine the statuses where that load is small.
         """
         place = self._advance(force, moved, slides, sign, contacts, done)
         if self.last is None:

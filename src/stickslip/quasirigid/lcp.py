@@ -133,7 +133,7 @@ def scale_problem(problem: Complementarity) -> ScaledProblem:
 
 
 def sign_slack(rate: np.ndarray, slack=0.0):
-    """Magnitude below which a rate may have either sign: a fraction of the largest rate, or at least `slack`."""
+    """Magnitude below which a rate may have either sign: a fraction of the largest rate, but at least `slack`."""
     return np.maximum(slack, SLACK * np.abs(rate).max(initial=0.0))
 
 
@@ -149,7 +149,8 @@ def principal_pivoting(problem: Complementarity) -> tuple[np.ndarray | None, int
     Returns
     -------
     (Mc,) bool or None, int
-        sliding contacts, and the number of pivots. For a P-matrix no status occurs twice; None if one does.
+        sliding contacts, and the number of pivots. For a P-matrix, no status occurs twice; if one does, None is
+        returned.
     """
     size, seen = len(problem.vector), set()
     slides = np.zeros(size, bool)

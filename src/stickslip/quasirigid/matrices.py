@@ -79,7 +79,7 @@ def linear_system(
     if state.cell.dim != 2:
         raise ValueError(
             "a packing in three dimensions was given: contacts there can slide in a continuum of directions, and this "
-            "theory with two statuses applies to disks in two dimensions only"
+            "theory, with its two statuses, applies only to disks in two dimensions"
         )
     if law.coulomb == SMOOTH:
         raise ValueError(

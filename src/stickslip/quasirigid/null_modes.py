@@ -113,7 +113,7 @@ def _rigid_motions(matrix: LinearSystem) -> np.ndarray:
 
 
 def _rigid_rotation(state: State, matrix: LinearSystem, arm: float) -> np.ndarray:
-    """(n, 1) unit vector of the rotation of the whole packing, or (n, 0) if more than the overlaps resists it."""
+    """(n, 1) unit vector of the rotation of the whole packing, or (n, 0) if anything but the overlaps resists it."""
     move = rigid_rotation(state, matrix.free, arm)
     if resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
         return np.zeros((len(move), 0))

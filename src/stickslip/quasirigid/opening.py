@@ -59,7 +59,7 @@ def reduce_to_contacts(
     ----------
     load : (n,) rate of the external load on the free coordinates [force/time]
     contacts : (E,) indices of the contacts that may change their status; all others stick
-    sign : (E,) sgn D_t of those at the Coulomb limit with a force, 0 for those at the apex
+    sign : (E,) sgn D_t of those that carry a force at the Coulomb limit, 0 for those at the apex
     without : coordinates that are held fixed
     alone : (M,) bool, contacts of disks whose contacts are all at the apex
 
@@ -123,10 +123,10 @@ def decide_statuses(
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
     Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations
-    of released and load-carrying ones are tried. For more, all are released first; those that are dragged along then
-    carry load. Stable combinations come first, and of these the one that releases the most bodies, or the fewest if
-    some have just been `wedged`. If there is none, bodies that would be dragged along are released if they can escape
-    at all, unless they have just been `wedged` and so cannot escape.
+    of released and load-carrying ones are tried. For more than three, all are released first; those that are dragged
+    along then carry load. Stable combinations come first, led by the one that releases the most bodies, or the fewest
+    if some have just been `wedged`. If no combination is found, bodies that would be dragged along are released if they
+    can escape at all, unless they have just been `wedged` and so cannot escape.
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
@@ -172,8 +172,8 @@ def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
     """Consistent (statuses, stable) with some bodies released, bodies that stay caught, and whether all were found.
 
-    A body may be dragged along in its least motion although another motion would release it; in that case not all were
-    found.
+    A body may be dragged along in its least motion although another motion would release it; in that case, not all
+    combinations were found.
     """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)

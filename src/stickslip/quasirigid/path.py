@@ -1,6 +1,6 @@
 """Piecewise-linear path of a packing under a slowly changing load, from event to event.
 
-Between events, velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes
+Between events, velocities are proportional to the load rate (k(S) dq = df_ext) and every contact force changes
 linearly, so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the
 statuses are determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an
 increment of load and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to
@@ -98,7 +98,7 @@ def load_path(
     ----------
     state : State in equilibrium under its own control, in two dimensions
     law : Law with sharp friction, linear in the overlap (`linear`)
-    legs : Control at the end of each leg; forces, torques, gravity and stress change linearly in between
+    legs : Control at the end of each leg; forces, torques, gravity and stress change linearly within each leg
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg
     geometric : whether k includes the geometric stiffness
     report : called as report(share done, words) after every increment
@@ -197,7 +197,7 @@ def _follow_leg(
 def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
     """State in which wedged rattlers are ordinary grains again, and the corresponding events.
 
-    Rattlers that these wedge in turn are reinstated, too, until all remaining rattlers can be moved aside.
+    Rattlers wedged in turn by these grains are reinstated as well, until all remaining rattlers can be moved aside.
     """
     events = []
     while len(wedge):
@@ -299,7 +299,7 @@ def _check_leg(begin: Control, end: Control) -> None:
     for name in ("free", "group", "cell_free"):
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError(
-                "the controls of the legs do not free the same components as that of the state: only loads may change"
+                "the controls of the legs do not free the same components as the state's control: only loads may change"
             )
     for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress"}:
         if not np.array_equal(getattr(end, name), getattr(begin, name)):

@@ -50,7 +50,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
     Returns
     -------
     State, (K,) rows
-        if K > 0, some rattlers are wedged by these contacts of the returned state, and no others were moved
+        if K > 0, some rattlers are wedged by these contacts of the returned state, and no other rattlers were moved
     """
     whole = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     nothing, material = np.zeros(0, int), np.concatenate([state.grains.material, state.walls.material])
@@ -83,7 +83,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
 
 
 def _nearby_pairs(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, normals and gaps of pairs with rattlers that overlap, or may do so when rattlers are moved."""
+    """Rows, normals and gaps of pairs that involve rattlers and overlap, or may do so when rattlers are moved."""
     contacts, count = state.contacts, int(state.contacts.count[0])
     rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
     normal, gap = gaps(state, rows)
@@ -173,7 +173,7 @@ def release_rattlers(state: State, loose: np.ndarray) -> State:
 
 
 def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
-    """State with the mode of some contacts set, without slip, and with their memory reset to the current positions."""
+    """State with the mode of some contacts set, their slip removed and their memory reset to the current positions."""
     contacts = state.contacts
     modes, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
     modes[rows], slip[rows] = mode, 0.0

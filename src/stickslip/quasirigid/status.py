@@ -6,7 +6,7 @@ slip rate λ = Ṽ. The status is consistent if, with w = (dF̃/dt)/K_t,
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 
-The status is unique for every load if and only if A is a P-matrix, det A_SS = det k(S)/det k₀ > 0 for all S.
+The status is unique for every load if and only if A is a P-matrix, that is, det A_SS = det k(S)/det k₀ > 0 for all S.
 
 A status with det k(S)/det k₀ < 0 is unstable for any masses and dashpots: det(m z² + γ z + k) has a root z > 0.
 
@@ -53,11 +53,11 @@ class Verdict(Enum):
     )
     UNIQUE = "this status is the only consistent one under this load"
     NOT_UNIQUE = (
-        "several statuses are consistent under this load, so it does not determine the response; `others` has the rest"
+        "several statuses are consistent under this load, so the response is not determined; `others` lists the rest"
     )
     SINGULAR = (
         "several slip rates give the same forces: the forces are determined, but the motion of a grain that slides at "
-        "all of its contacts is not; `others` has the rest"
+        "all of its contacts is not; `others` lists the rest"
     )
     NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here; use another load"
     UNSTABLE = (
@@ -226,7 +226,7 @@ def _expand_status(matrix: LinearSystem, system: StatusSolver, slides: np.ndarra
 
 
 def _verify(system: StatusSolver, slides: np.ndarray | None, method: str) -> VerifiedStatus | None:
-    """Status with its velocities, from its own factor, if it is consistent and balances the load; otherwise None."""
+    """Status with velocities from its own factor, if it is consistent and balances the load; otherwise None."""
     if slides is None:
         return None
     try:
@@ -331,7 +331,7 @@ def _stability_rank(answer: VerifiedStatus) -> int:
 
 
 def _same_rates(answer: VerifiedStatus, found: VerifiedStatus | None) -> bool:
-    """Return True if both have the same rates; a contact on a boundary may have either status."""
+    """Return True if both statuses have the same rates; a contact on a boundary may have either status."""
     if found is None:
         return False
     return bool(np.abs(answer.rate - found.rate).max(initial=0.0) <= ALIKE * np.abs(found.rate).max(initial=0.0))
@@ -380,7 +380,7 @@ def _search_many(
 def _try_algorithms(
     system: StatusSolver, problem: Complementarity, found: VerifiedStatus | None
 ) -> list[VerifiedStatus]:
-    """Statuses found by flipping, pivoting and Lemke's algorithm until one is stable; the best one first."""
+    """Statuses found by flipping, pivoting and Lemke's algorithm, up to the first stable one; the best one first."""
     here, answers = scale_problem(problem), []
     for way in (lambda: found, lambda: _try_pivoting(system, problem), lambda: _try_lemke(system, problem)):
         answer = way()

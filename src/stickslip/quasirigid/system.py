@@ -103,7 +103,7 @@ class StatusSolver:
         return self._expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
-        """(Mc,) round-off of Ṽ, a difference of velocities of touching bodies: a fraction of each velocity."""
+        """(Mc,) round-off in Ṽ, a difference between velocities of touching bodies: a fraction of each velocity."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
     def _expand(self, v: np.ndarray) -> np.ndarray:

@@ -72,13 +72,13 @@ def certificate(problem: Complementarity) -> Uniqueness:
 
 
 def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
-    """Sufficient condition for a P-matrix that needs no minors; None if it does not hold."""
+    """Sufficient condition for a P-matrix, tested without minors; None if it does not hold."""
     a, everything = here.matrix, np.arange(len(here.vector))
     # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
     margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.error))
     if margin > 0:
         return Uniqueness(
-            UniquenessVerdict.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin
+            UniquenessVerdict.UNIQUE, "the symmetric part of the scaled A is positive definite", everything, margin
         )
     compared = np.diag(2 * np.diag(a)) - np.abs(a)
     weight = np.linalg.lstsq(compared, np.ones(len(a)), rcond=None)[0]
@@ -122,7 +122,7 @@ def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
 
 
 def _check_small_minors(here: ScaledProblem) -> Uniqueness:
-    """Singular if a minor of one or two contacts or of all is zero; otherwise undecided."""
+    """Singular if a minor of one, two or all contacts is zero; otherwise undecided."""
     diagonal, pair, blur = minors_of_one_and_two(here)
     everything = np.arange(len(diagonal))
     zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]

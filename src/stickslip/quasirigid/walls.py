@@ -3,7 +3,7 @@
 A disk at x_i and a wall with point p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i
 − p)·t. This point is at R − δ from the centre of the disk, while the disk itself has the lever arm R. If the wall
 rotates at the rate Ω, its surface at this point moves with velocity Ω a n. The torque of (F_n, F_t) on the wall is
-therefore −a F_n, without a contribution of F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i −
+therefore −a F_n, without a contribution from F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i −
 v_w)·t + (R − δ) Ω; this is the contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but
 does not rotate them.
 
@@ -37,7 +37,7 @@ def append_wall_rotations(state: State, rows, force, c, geometric, free: Freedom
     ----------
     rows : (M,) rows of the contact list
     force : (M, 2) F_n, F_t on body i [force]
-    c, geometric, free : those with walls that only translate
+    c, geometric, free : those of the packing with walls that only translate
     arm : factor on the angle of a wall [length]
     """
     _check_walls(state, arm)

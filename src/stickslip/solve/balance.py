@@ -27,7 +27,7 @@ def imbalance(state: State, law: Law) -> float:
     """Largest unbalanced force or torque/R over the mean normal contact force.
 
     The mean is taken over the contacts of a connected group of grains, without rattlers, so that strong forces
-    elsewhere do not hide an imbalance in a weak part. The result is zero if no force acts at all, and infinite if
+    in one group do not hide an imbalance in a weaker one. The result is zero if no force acts at all, and infinite if
     forces act but no contact bears them. If the cell is free, the largest difference between its stress and the
     imposed stress, over the larger of the two, is also taken into account.
 
@@ -53,7 +53,7 @@ def imbalance(state: State, law: Law) -> float:
 
 
 def _local_force_scales(state: State, law: Law) -> np.ndarray:
-    """(N + W,) mean |F_n| of the connected part that each body belongs to, or of all contacts if it has none."""
+    """(N + W,) mean |F_n| of the connected part that each body belongs to; of all contacts if that part has none."""
     rows, n = touching(state), len(state.grains.radius)
     if not len(rows):
         return np.zeros(state.n_bodies)
@@ -135,14 +135,14 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
         found.append(
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
         )
-    return (*found, "another law or other parameters than those under which the packing came to rest")
+    return (*found, "a law or parameters other than those under which the packing came to rest")
 
 
 def _precision_loss(state: State) -> tuple[str, float]:
     """Description of how positions were truncated, and the resulting error [length]; zero if they were not.
 
-    Positions that have all the digits that numbers of their size can have, or that are all whole numbers, do not count
-    as truncated.
+    Positions do not count as truncated if they have as many digits as numbers of their size can have, or if they
+    are all whole numbers.
     """
     place = state.grains.position
     largest = max(float(np.abs(place).max()), 1e-30)

@@ -12,7 +12,7 @@ CONVERGED = 1e-8  # a pass with W leaves W², which is then below round-off
 
 
 class Certificate(NamedTuple):
-    """Classification of all eigenvalues by Gershgorin discs, in floating point and not in interval arithmetic."""
+    """Classification of all eigenvalues by Gershgorin discs, in floating-point rather than interval arithmetic."""
 
     size: int  # eigenvalues examined
     real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis

@@ -95,7 +95,7 @@ class DampedStability(NamedTuple):
 
     @property
     def motion(self) -> str:
-        """Spectrum in words: the verdict at an equilibrium, and the initial motion elsewhere."""
+        """Spectrum in words: the verdict if the forces balance, otherwise the initial motion."""
         found, swings = [], self.exponents.imag > 0
         if swings.any():
             s, count = self.exponents[swings][0], int(swings.sum())

@@ -97,8 +97,8 @@ def density_of_states(
     bins : number of bins between 0 and the largest frequency, or their edges [1/time]
     method : "dense" computes all eigenvalues (at most 10,000 coordinates); "polynomials" estimates the counts by the
         kernel polynomial method: (1/n) tr T_k(A) with random probes, the Jackson kernel and bins integrated in closed
-        form. It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts zero modes other than translations,
-        and negative λ, in the lowest bin. "auto": dense up to 2500 coordinates
+        form. It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts negative λ and zero modes
+        other than translations in the lowest bin. "auto": dense up to 2500 coordinates
     probes, seed : number of random vectors of ±1, and their seed; the error falls as 1/√(probes n)
     report : called as report(stage, share done, words)
 

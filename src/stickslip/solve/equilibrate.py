@@ -50,11 +50,12 @@ def equilibrate(
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
-    keep : Factorisation, reused from step to step of a path
+    keep : Factorisation, reused from one step of a path to the next
     check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
-        directions below 700 coordinates and among the 12 softest above that, whenever a new factorisation was needed
-        (as long as one factor leads from equilibrium to equilibrium, the Jacobian is nearly the one already checked).
-        "spectrum" also looks for complex pairs every time, by a dense eigenvalue computation. "nothing" skips the check
+        directions if there are fewer than 700 coordinates and otherwise among the 12 softest, whenever a new
+        factorisation was needed (as long as one factor leads from equilibrium to equilibrium, the Jacobian is nearly
+        the one already checked). "spectrum" also looks for complex pairs every time, by a dense eigenvalue
+        computation. "nothing" skips the check
     steps : int, largest number of steps of damped dynamics in each stage
 
     Returns

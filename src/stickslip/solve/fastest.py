@@ -106,7 +106,7 @@ def fastest_pair(
 
     Notes
     -----
-    The result is not a proof; see `FastestPair.__str__`. Single precision limits `rate` to above about 1e-6 of the
+    The result is not a proof; see `FastestPair.__str__`. In single precision, `rate` must be above about 1e-6 of the
     largest frequency. The windows are in double precision.
 
     Source
@@ -284,7 +284,7 @@ class _ShiftWindows:
         return any(abs(value - w.shift) < 0.8 * w.radius for w in self.done)
 
     def search(self, shift: float, expected: float, reach: float):
-        """Compute the eigenvalues nearest to a real shift, as far as `reach` [1/time²] unless there are too many."""
+        """Compute the eigenvalues nearest to a real shift, within `reach` [1/time²] unless there are too many."""
         n, identity = len(self.start), sparse.eye_array(len(self.start), format="csr")
         try:
             solve = factorised(sparse.csr_array(self.matrix - shift * identity))

@@ -50,7 +50,7 @@ class Freedom(NamedTuple):
         return (len(self.place) - 9) // 6
 
     def check_belongs(self, others) -> None:
-        """Raise ValueError if a state among other values has another number of bodies."""
+        """Raise ValueError if any state among the given values has a different number of bodies."""
         for state in others:
             if isinstance(state, State) and state.n_bodies != self.bodies:
                 raise ValueError(

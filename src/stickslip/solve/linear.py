@@ -1,4 +1,4 @@
-"""Linear solvers for −J: dense LAPACK if small, PARDISO where installed, otherwise SuperLU."""
+"""Linear solvers for −J: dense LAPACK for small systems, PARDISO where installed, otherwise SuperLU."""
 
 import os
 import weakref
@@ -32,7 +32,7 @@ def one_thread():
 
 
 def suitable_threads(size: int):
-    """Context manager for dense linear algebra with `size` coordinates: one thread of BLAS below DENSE_BELOW."""
+    """Context manager for dense linear algebra with `size` coordinates: one BLAS thread below DENSE_BELOW."""
     return one_thread() if size < DENSE_BELOW else nullcontext()
 
 

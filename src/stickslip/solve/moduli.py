@@ -25,7 +25,8 @@ VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2)
 class ElasticModuli(NamedTuple):
     """C_abcd = −∂σ_ab/∂G_cd for a displacement gradient G, and its affine part [force/length^(dim−1)].
 
-    `shear`, `bulk` and so on are those of the isotropic tensor nearest to C. In two dimensions they are plane moduli.
+    `shear`, `bulk` and so on are the moduli of the isotropic tensor nearest to C. In two dimensions they are plane
+    moduli.
     """
 
     tensor: np.ndarray  # (dim,) * 4, C_abcd

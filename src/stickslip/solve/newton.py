@@ -24,7 +24,7 @@ KRYLOV = 40  # iterations above which a preconditioner is too old
 
 
 class Factorisation:
-    """Factorisation of −J that is reused by the next steps of a path as long as it helps."""
+    """Factorisation of −J that is reused by later steps of a path as long as this helps."""
 
     solve: Solve | None = None
     factorisations = 0
@@ -73,7 +73,7 @@ def newton(
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     iterations : int, largest number of linear solves
-    keep : Factorisation, used as a first guess and updated, for the steps of a path
+    keep : Factorisation, used as a first guess and updated, for reuse along a path
 
     Returns
     -------

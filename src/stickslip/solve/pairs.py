@@ -64,9 +64,9 @@ def complex_pairs(
 
     M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is about 1e-3 of S in size. A pair is born where K couples two
     nearly degenerate modes of S by more than their separation. S is diagonalised in single precision. Windows of its
-    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues that are
-    too close to being a pair to be decided, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9
-    of the largest |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
+    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
+    close to forming a pair for a decision, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of
+    the largest |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------

@@ -97,9 +97,9 @@ def contact_sensitivity(
     ----------
     pair : index of the complex pair whose derivative is computed, the fastest growing first
     most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
-        those with the least predicted growth); default: as many as fit into about ten seconds, which is all of them in
-        small packings. The prediction rests on first-order shifts of all modes and the coupling of neighbours, and may
-        miss some changes
+        those with the least predicted growth); default: as many as can be computed in about ten seconds, which means
+        all of them in small packings. The prediction rests on first-order shifts of all modes and the coupling of
+        neighbours, and may miss some changes
     report : called as report(stage, share done, words)
 
     Raises
@@ -258,7 +258,7 @@ def _mobilisation(state: State, law: Law) -> np.ndarray:
 
 
 def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
-    """Predicted growth rate after a change: first-order shifts of all λ, then coupling of neighbours in pairs."""
+    """Predicted growth rate after a change: first-order shifts of all λ, then pairwise coupling of neighbours."""
     columns = modes.columns_of(row)
     where = np.unique(columns.indices)
     q = columns[where].toarray()

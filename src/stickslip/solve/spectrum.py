@@ -25,8 +25,8 @@ REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: 
 class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
-    A stable mode has λ > 0 and frequency √λ; λ < 0 is buckling. A complex pair λ_r ± iλ_i oscillates at ω_r and grows
-    as exp(ω_i t), ω_r + iω_i = √(λ_r + iλ_i).
+    A stable mode has λ > 0 and frequency √λ; λ < 0 means buckling. A complex pair λ_r ± iλ_i oscillates at ω_r and
+    grows as exp(ω_i t), ω_r + iω_i = √(λ_r + iλ_i).
     """
 
     eigenvalues: np.ndarray  # (n,) complex [1/time²]
@@ -79,12 +79,12 @@ class Spectrum(NamedTuple):
 def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     """Compute all eigenvalues and modes of −M⁻¹J at an accepted state, with each contact held in its mode.
 
-    The eigenvalue problem is solved with dense matrices. Velocity-dependent parts of the law and drag are not included;
+    The eigenvalue problem is solved with dense matrices. Drag and velocity-dependent parts of the law are not included;
     see `damped_growth`.
 
     Parameters
     ----------
-    modes : if False, modes are not computed and have the shape (n, 0); this takes a third of the time
+    modes : if False, modes are not computed and have the shape (n, 0); this reduces the run time to a third
 
     Raises
     ------
@@ -178,7 +178,7 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
 
 
 def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
-    """Overlap of the planes of two complex modes, 0 to 1, in the mass-weighted metric.
+    """Overlap, from 0 to 1, of the planes of two complex modes in the mass-weighted metric.
 
     A plane is spanned by the real and imaginary parts of a mode. The result is the smaller of the cosines of
     the two principal angles.
@@ -198,7 +198,7 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     Parameters
     ----------
     spectra : sequence of Spectrum, at neighbouring loads
-    at_least : float, smallest overlap that counts as the same pair
+    at_least : float, smallest overlap at which two pairs count as the same
 
     Returns
     -------

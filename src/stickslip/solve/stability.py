@@ -145,13 +145,13 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     None, `verdict` says so, and `causes` lists possible reasons. The mode of each contact is determined by its slip
     under this law, which may differ from the law under which the state was accepted. With sharp friction, a contact at
     the Coulomb limit slides or sticks depending on the direction in which it is pushed. The spectrum assumes that all
-    such contacts slide, `if_stuck` that all of them stick, and the verdict states both if they differ. Under a law with
-    `rescaled=True` the spectrum assumes that no contact is being unloaded, and `scope` says so.
+    such contacts slide, and `if_stuck` assumes that all of them stick; the verdict states both results if they differ.
+    Under a law with `rescaled=True`, the spectrum assumes that no contact is being unloaded, and `scope` says so.
 
     Parameters
     ----------
-    method : "dense" (everything, up to 2500 coordinates within seconds, at most 10,000), "pairs" (all complex pairs, up
-        to 12,000), "fastest" (the fastest pair that can be excited); "auto" takes the first that is feasible
+    method : "dense" (everything, for at most 10,000 coordinates; takes seconds for up to 2500), "pairs" (all complex
+        pairs, up to 12,000), "fastest" (the fastest pair that can be excited); "auto" takes the first that is feasible
     report : called as report(stage, share done, words)
 
     Raises

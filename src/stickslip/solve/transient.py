@@ -74,7 +74,7 @@ def transient_growth(
         starts at rest. (Without dashpots, initial velocities at the equilibrium positions grow by the same
         factor.)
     duration : window that is searched [time]; default: 20 periods of the slowest mode, or a whole beat of the two most
-        nearly coinciding modes if that is longer. Without dashpots the motion is quasi-periodic and approaches its
+        nearly coinciding modes if that is longer. Without dashpots, the motion is quasi-periodic and approaches its
         supremum again and again, possibly only beyond this window: `amplitude` is the largest value found, `bound` an
         upper bound
     samples : number of evenly spaced times, in addition to a third as many early times and the times at which nearly
@@ -153,7 +153,7 @@ def _from_energy_norm(root: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def _reduced_matrices(state: State, law: Law, free: Freedom):
-    """Orthonormal basis (n, r) of resisted motions without translations, and −A and the dashpots in it."""
+    """Orthonormal basis (n, r) of resisted motions without translations, and −A and the dashpots in this basis."""
     if not len(free):
         raise ValueError("the packing has only rattlers: transient growth needs grains that support each other")
     matrix = dynamical_matrix(state, law, free)
@@ -268,7 +268,7 @@ def _find_beats(motion: _ModalMotion, undamped: bool) -> list[tuple[float, float
 
 
 def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: int, report):
-    """Times evaluated, sorted, and the amplitude at each."""
+    """Sorted times at which the amplitude was evaluated, and the amplitude at each."""
     slowest = np.abs(motion.exponents).min()
     if duration is None:
         duration = max([PERIODS * 2 * np.pi / slowest, *(2 * time for _, time, *_ in pairs[:1])])
@@ -333,7 +333,7 @@ def _propagator_operator(motion: _ModalMotion, t: float) -> LinearOperator:
 
 
 def _optimal_start(motion: _ModalMotion, t: float) -> tuple[float, np.ndarray]:
-    """Largest amplitude at t, and the unit start (m,) that reaches it."""
+    """Largest amplitude at t, and the unit initial vector (m,) that reaches it."""
     if motion.norms.shape[0] <= SMALL:
         _, values, starts = np.linalg.svd(_propagator(motion, t))
     else:

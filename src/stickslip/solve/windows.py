@@ -32,7 +32,7 @@ class Basis(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Reduced problem of the modes `inside`, others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
+    """Reduced problem of the modes `inside`, with others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
 
     inside: slice
     centre: float

@@ -286,7 +286,7 @@ def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
 def evaluate(
     kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
 ):  # fmt: skip
-    """Evaluate all contacts at rest. A single kernel serves all built-in laws, unlike in the time loop."""
+    """Evaluate all contacts with zero velocities. A single kernel serves all built-in laws, unlike in the time loop."""
     still = (bodies.velocity, bodies.spin, 0.0)
     sweep_contacts(
         kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events, event_count,
@@ -357,7 +357,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
 
 
 def check_memory(memory: int) -> None:
-    """Raise ValueError if a number is none of the treatments of contact memory."""
+    """Raise ValueError if a number does not denote a treatment of contact memory."""
     if memory not in (FROZEN, HELD, FREE):
         raise ValueError(f"memory = {memory} was given: FREE, HELD and FROZEN are allowed")
 
@@ -385,7 +385,7 @@ def check_materials(state: State, law: Law) -> None:
     worst = int(used.min()) if used.min() < 0 else int(used.max())
     if not 0 <= worst < len(law.table):
         raise ValueError(
-            f"material {worst} is used, but the law has {len(law.table)} of them: add it with laws.for_pair(law, a, b)"
+            f"material {worst} is used, but the law has {len(law.table)} materials: add it by laws.for_pair(law, a, b)"
         )
 
 

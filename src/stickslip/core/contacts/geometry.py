@@ -50,7 +50,7 @@ def surface_rotation(dim, angle, radius, i, j):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def at_contact(nx, ny, nz, dx, dy, dz, ax, ay, az):
-    """Displacement of the surface of i relative to that of j, dr + n × d(roll). The same holds for velocities.
+    """Displacement of the surface of i relative to that of j, dr + n × d(roll). The same formula holds for velocities.
 
     Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7.
     """
@@ -73,7 +73,8 @@ def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
     """Project w along the mid-step normal m onto the plane of contact: w − (n·w) m.
 
     The projection rotates a slip from the plane of contact before the step to that after it, to third order in the
-    angle, and removes the component along which the grains approach or separate. With m = n it is orthogonal.
+    angle, and removes the component along which the grains approach or separate. With m = n, the projection is
+    orthogonal.
     """
     along = wx * nx + wy * ny + wz * nz
     return wx - along * mx, wy - along * my, wz - along * mz
@@ -100,7 +101,7 @@ def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
 def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
     """Fraction of a step during which a closing contact touched, as a numerator and a denominator.
 
-    `depth` is the overlap at the end. It grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
+    `depth` is the overlap at the end. During the step, the overlap grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
     """
     along = nx * dx + ny * dy + nz * dz
     gained = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - along * along) - along

@@ -1,4 +1,4 @@
-"""Requirements of user-defined laws for the neighbour list: pairs across gaps, and rows for the memory of rolling."""
+"""What user-defined laws require of the neighbour list: pairs across gaps, and rows for the rolling memory."""
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
 
 
 def copy_rolling_memory(old: Contacts, new: Contacts) -> Contacts:
-    """New list with the rolling memory of pairs that are also in an old list, if it has any."""
+    """New list with the rolling memory of pairs that are also in an old list, if that list has such a memory."""
     if not len(old.rolling):
         return new
     here, there = int(old.count[0]), max(int(new.count[0]), 0)

@@ -2,12 +2,12 @@
 
 Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends only on r = r_i − r_j
 and ρ = R_i angle_i + R_j angle_j. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
-hand; those of the law come from its source. With the slip u, see `tangent`, and the tangential force φ(δ, |u|):
+hand; those of the law come from its source. With the slip u (see `tangent`) and the tangential force φ(δ, |u|):
 
     dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
 
-At an accepted state du = P dr − n (u·dn) + n × dρ, P = I − n nᵀ. The papers' supplements omit the term −n (u·dn), the
-rotation of the memory with the contact.
+At an accepted state, du = P dr − n (u·dn) + n × dρ, P = I − n nᵀ. The papers' supplements omit the term −n (u·dn),
+which describes the rotation of the memory with the contact.
 """
 
 from typing import NamedTuple

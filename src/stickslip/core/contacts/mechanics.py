@@ -1,7 +1,7 @@
 """Mechanics of one contact; functions take and return scalars.
 
-Sweeps over a few contacts and vectorised blocks of many both call these functions, so that the physics is written
-only once.
+Both the sweeps over a few contacts and the vectorised blocks of many contacts call these functions, so that the physics
+is written only once.
 """
 
 import numpy as np
@@ -92,7 +92,7 @@ def contact_radius_ratio(overlap, gained):
 
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
-    """Factor f of the slip s for laws that rescale it, after a displacement dr of the pair that ends at n, and f s."""
+    """Factor f by which a law rescales the slip s after a displacement dr that ends at n, and the rescaled slip f s."""
     fade = contact_radius_ratio(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
@@ -113,8 +113,8 @@ def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order. The last term uses the mean of R before and after. Returns κ
     as a numerator and a denominator.
 
-    A slip that was shortened by a factor f, `fade`, turns as if it had not been. With d shortened by (1 + f)/2, κ is
-    2f/(1 + f) times that of a/f.
+    A slip that was shortened by a factor f, `fade`, turns as if it had not been shortened. With d shortened by (1 +
+    f)/2, κ is 2f/(1 + f) times that of a/f.
 
     Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact rotation.
     """
@@ -134,8 +134,8 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
 
     `a` is the previous slip, rotated with the contact and shortened by `fade`, d the increment, and part/whole the
     fraction of it that counts. In three dimensions the slip of a contact that keeps sliding turns; see
-    `turning_weight`. The slip of one that starts to slide is truncated along a + d part/whole. One division serves all
-    cases, because a vector division takes as long as ten multiplications.
+    `turning_weight`. The slip of a contact that starts to slide is truncated along a + d part/whole. One division
+    serves all cases, because a vector division takes as long as ten multiplications.
     """
     bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
     scale, bound = stiffness * stiffness, whole * limit
@@ -179,7 +179,8 @@ def with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz):
 def truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
     """Tangential force and slip if spring and dashpot together are truncated at the Coulomb limit, as in LAMMPS.
 
-    s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns force, slip, and whether it slides.
+    s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns the force, the slip, and whether the
+    contact slides.
     """
     tx, ty, tz = -stiffness * sx - damping * vx, -stiffness * sy - damping * vy, -stiffness * sz - damping * vz
     square = tx * tx + ty * ty + tz * tz

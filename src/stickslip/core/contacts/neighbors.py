@@ -1,7 +1,8 @@
 """Neighbour list: pairs within range, sorted by key. The memory of contacts survives rebuilds.
 
-Pairs are found with a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared cells and
-boxes narrower than the range of a grain therefore need no special case: every image is a bin some number of boxes away.
+Pairs are found with a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared cells and boxes
+narrower than the range of a grain therefore need no special case: an image is simply a bin that lies some number of
+boxes away.
 """
 
 from typing import NamedTuple
@@ -48,7 +49,7 @@ def grid_of(cell: Cell) -> Grid:
 
 
 class Bins(NamedTuple):
-    """Grains sorted into bins, with those of a column of bins contiguous in memory.
+    """Grains sorted into bins, with the grains of each column of bins contiguous in memory.
 
     Columns run along the second axis, because in two dimensions there is only one bin along the third. Bins are shorter
     along columns. A search therefore reads a few contiguous stretches of memory that are only slightly longer than the
@@ -69,7 +70,7 @@ _BINS_PER_REACH = 3  # along columns
 
 
 def _lay_out_bins(span, n, periodic, reach):
-    """Number of bins along each axis, bins to search on either side, strides, and the bins reached by steps beyond."""
+    """Bins along each axis, bins to search on either side, strides, and the bins that steps beyond the grid reach."""
     number, most = np.ones(3, np.int64), int(np.ceil((4.0 * n) ** (1 / 3))) + 1
     for k in range(3):
         number[k] = min(max(span[k] / reach * (_BINS_PER_REACH if k == 1 else 1), 1.0), 1e6)
@@ -182,7 +183,7 @@ def _sort(key, first, last):
 
 
 class Search(NamedTuple):
-    """Arrays for a search: allocated outside of kernels, which then compile faster."""
+    """Arrays for a search: allocated outside the kernels, which therefore compile faster."""
 
     bound: np.ndarray  # (bins of a column + 1,)
     window: np.ndarray  # (W, 3) see `_fill_windows`
@@ -209,8 +210,8 @@ _FULL, _TOO_FAR, _MANY = -1, -2, -3
 def _find_pairs(bins, search, x, radius, wall_normal, vectors, skin, key, first, many):
     """Write the keys of all pairs to `key`, sorted for each grain.
 
-    Returns the end of the keys, or _FULL if `key` is too short, _MANY if `search.hit` is, or _TOO_FAR if a pair is more
-    boxes apart than a key can hold.
+    Returns the end of the keys, or _FULL if `key` is too short, _MANY if `search.hit` is too short, or _TOO_FAR if a
+    pair is more boxes apart than a key can hold.
     """
     n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
     bound, window, base, boxes, push, hit = search
@@ -322,7 +323,10 @@ def pack_keys(contacts):
 
 
 def rebuild_list(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
-    """Build a list at positions x with the memory of the old one and the same optional arrays; count −1 on failure."""
+    """Build a list at positions x with the memory of the old one and the same optional arrays.
+
+    Its count is −1 on failure.
+    """
     n, skin = len(radius) - len(wall_normal), float(old.skin.sum())
     bins = _sort_into_bins(x, n, radius, grid, 2 * radius[:n].max() + skin)
     first, many = np.empty(n, np.int64), np.empty(n, np.int32)
@@ -351,7 +355,7 @@ def body_positions(state: State) -> np.ndarray:
 
 
 def body_radii(state: State) -> np.ndarray:
-    """Radii, (N + W,), zero for walls [length]. Do not write to them: without walls they are the grains' own array."""
+    """Radii, (N + W,), zero for walls [length]. Do not write to this array: without walls, it is the grains' own."""
     return join_bodies(state.grains.radius, np.zeros(len(state.walls.mass)))
 
 

@@ -7,8 +7,8 @@ so that
     dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
     d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
 
-For laws that rescale, the previous memory is multiplied by f = √(δ/δ_old) where δ < δ_old, and its increment by
-(1 + f)/2; df = −f/(2δ) n·dr. At δ = δ_old this has a kink. There f = 1 and df = 0 are used, the tangent for a growing
+For laws that rescale, the previous memory is multiplied by f = √(δ/δ_old) where δ < δ_old, and its increment by (1 +
+f)/2; df = −f/(2δ) n·dr. At δ = δ_old, this factor has a kink. There, f = 1 and df = 0 are used, as for a growing
 overlap.
 """
 

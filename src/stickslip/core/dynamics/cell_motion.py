@@ -182,7 +182,10 @@ def _one_plus(factor, m, out):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def begin_cell_step(frame, flow, pace):
-    """Begin a step: rates, matrices and the cell at its end. Returns the square of the allowed displacement, or −1."""
+    """Begin a step: rates, matrices and the cell at its end.
+
+    Returns the square of the allowed displacement, or −1 if there is none left.
+    """
     dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
     frame.clock[0] = time + dt
     for c in range(frame.course.shape[1]):
@@ -263,7 +266,7 @@ def unbalanced_cell(frame: Frame, flow: Flow, dim: int, drag: float) -> float:
 
 
 def remaining_skin(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:
-    """Skin that remains after the deformation F of the cell since a list was built, and F."""
+    """Skin that remains after the deformation F of the cell since a list was built, and F itself."""
     deformation = np.linalg.solve(made_at, vectors).T
     strain = float(np.sqrt(((deformation - np.eye(3)) ** 2).sum()))
     return skin - strain * (widest + skin), deformation

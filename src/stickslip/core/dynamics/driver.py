@@ -205,7 +205,7 @@ class _BlockRun:
         return code
 
     def find_broken(self) -> tuple[int, int]:
-        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 if there is none."""
+        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 if there is no such body."""
         body, found = self.moving.body, -1
         for code, found in (
             (NOT_FINITE, find_not_finite(body[:, :3], self.moving.angle)),
@@ -288,11 +288,11 @@ class _BlockRun:
         return self._limits(skin)[0], skin
 
     def _limits(self, skin: float) -> tuple[np.ndarray, float]:
-        """Displacement limit of each body, (B,), and the displacement of the fastest one per step.
+        """Displacement limit of each body, (B,), and the displacement of the fastest body per step.
 
         With larger limits, blocks are chosen less often but contain more pairs that do not touch. The total cost is
-        minimal if the limit is proportional to the square root of the speed; the factors are measured. Fast bodies have
-        larger limits.
+        minimal if the limit is proportional to the square root of the speed; the factors were found by measurement.
+        Fast bodies have larger limits.
         """
         dt, size = self.plan.dt, 2 * float(self.state.grains.radius.mean()) * self.few
         fastest, usual = (speed * dt for speed in speeds(self.moving))
@@ -344,7 +344,10 @@ def run_blocks(
 
 
 def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
-    """Copy of the list that a run writes to. Pair vectors, angles and unused keys are left out until the run ends."""
+    """Copy of the contact list, to which a run can write.
+
+    Pair vectors, angles and unused keys are left out until the run ends.
+    """
     contacts = state.contacts
     if store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, _EMPTY, _EMPTY):
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}

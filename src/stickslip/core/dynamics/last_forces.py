@@ -31,7 +31,7 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
 
 
 def with_mark(state: State, law: Law, memory: str) -> State:
-    """State at the end of a run with a marked instant, or without one where a new run reproduces it bit for bit.
+    """State at the end of a run, with its instant marked, or with none if a new run would reproduce it bit for bit.
 
     Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
     """

@@ -1,14 +1,14 @@
 """Energy ledger, updated after every step. It does not affect the trajectory.
 
-Over a step from 0 to 1, velocity Verlet changes the kinetic energy by ½(F₀ + F₁)·Δx up to a difference of states, so
-that trapezoidal sums balance to second order in the time step. With the energy U(|s|, k_t, L) of a tangential spring
-and the Coulomb limit L,
+Over a step from 0 to 1, velocity Verlet changes the kinetic energy by ½(F₀ + F₁)·Δx up to the change of a function of
+state, so that trapezoidal sums balance to second order in the time step. With the energy U(|s|, k_t, L) of a tangential
+spring and the Coulomb limit L,
 
     −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):
 
 F_t has no potential, and the terms in ∂U are the energy that a contact creates or destroys when it is sheared at one
-overlap and released at another. They have a separate column. It also contains the energy destroyed by laws that
-shorten the slip as the overlap decreases, −|F_t| |s| d ln f with f the factor applied to the slip.
+overlap and released at another. These terms have a separate column. That column also contains the energy destroyed by
+laws that shorten the slip as the overlap decreases, −|F_t| |s| d ln f with f the factor applied to the slip.
 """
 
 from typing import NamedTuple

@@ -287,7 +287,7 @@ def _begin_step(dim, predict, first, last, moving, pace, flow):
 
 @njit(cache=True, **INNER)
 def _record_events(blocks, before, contacts, moving, time, events, event_count):
-    """Record contacts that, according to their modes, closed, opened or first reached the Coulomb limit."""
+    """Record the contacts whose modes show that they closed, opened or first reached the Coulomb limit."""
     for s in range(len(before)):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:

@@ -40,8 +40,8 @@ OBSERVABLES: dict[str, tuple[Callable, tuple[int, ...]]] = {}  # by field of `Re
 
 
 def observable(*shape: int):
-    """Decorate f(sample, out), which accumulates a value of this shape in the zero-initialised `out` and has the name
-    of its field."""
+    """Decorate f(sample, out), which accumulates a value of this shape in the zero-initialised `out` and is named after
+    its field."""
 
     def register(function):
         OBSERVABLES[function.__name__.strip("_")] = njit(**INNER)(function), shape

@@ -59,7 +59,7 @@ def second_kick(v, force, kick, slow):
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def any_moved(x, origin, limit):
-    """Return True if a coordinate is further than `limit` from its origin, or NaN in fast math hides it."""
+    """Return True if a coordinate is further than `limit` from its origin, unless a NaN hides this under fast math."""
     far = 0.0
     for q in range(len(x)):
         far = max(far, abs(x[q] - origin[q]))
@@ -75,9 +75,9 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     def advance(
         bodies, contacts, shift, vectors, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
     ):  # fmt: skip
-        """Run steps `start` … `steps`. `drifted`: positions are already those of step `start`, velocities are not.
+        """Run steps `start` … `steps`. `drifted`: positions are already those of step `start`, but velocities are not.
 
-        `ended`: velocities are, too, and forces are known.
+        `ended`: velocities are also those of this step, and forces are known.
         """
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
         events, event_count, every, dt, motion = (
@@ -198,8 +198,8 @@ def run(
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; or, immediately, NOT_A_NUMBER or BLOWN_UP,
-        with the grain, the step, the time and the largest stable time step
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops
+        at once with NOT_A_NUMBER or BLOWN_UP, with the grain, the step, the time and the largest stable time step
 
     Raises
     ------

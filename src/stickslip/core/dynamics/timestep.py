@@ -133,7 +133,8 @@ def stable_time_step(state: State, law: Law) -> float:
 
     Springs to load points and rolling springs are included through upper bounds on their ω².
 
-    Velocity Verlet is unstable beyond this time step. A tenth of it gives a contact's force to four digits.
+    Velocity Verlet is unstable beyond this time step. A tenth of this limit gives the force of a contact to four
+    digits.
 
     Examples
     --------

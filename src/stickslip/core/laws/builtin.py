@@ -198,7 +198,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     names = parameter_names(law)
     for number in (a, b):
         if not 0 <= number < MOST_MATERIALS:
-            raise ValueError(f"material {number} was given: materials have numbers from 0 to {MOST_MATERIALS - 1}")
+            raise ValueError(f"material {number} was given: materials are numbered from 0 to {MOST_MATERIALS - 1}")
     size = max(len(law.table), a + 1, b + 1)
     table = np.empty((size, size, len(names)))
     table[:] = law.table[0, 0]
@@ -352,7 +352,7 @@ def damping_factor(viscous, r_eff, m_eff, overlap):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def mobilisation(coulomb, x):
-    """Factor of the tangential stiffness of a spring whose force k_t |s| is the fraction x of the Coulomb limit."""
+    """Factor on the tangential stiffness of a spring whose force k_t |s| is a fraction x of the Coulomb limit."""
     if coulomb == SMOOTH:
         return 1.0 + x - x * x
     return 1.0 + 0.0 * x

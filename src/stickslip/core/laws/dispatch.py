@@ -91,9 +91,9 @@ def check_kind(kind: int) -> None:
 def as_numpy_integers(kind: int, *numbers: int) -> tuple:
     """Convert a law's kind and other numbers to NumPy integers, for use in the closure of a kernel.
 
-    Functions that take a literal are compiled for that value alone, starting in Python. This is mostly wasted, because
-    constants of both sorts are folded once callees have become part of the kernel. The dimension and the damping model
-    stay literals where vectors are made from loops, or where rounding would change.
+    Functions that take a literal are compiled for that value alone, beginning with the call from Python. This effort is
+    mostly wasted, because literals and other constants alike are folded once callees have become part of the kernel.
+    The dimension and the damping model stay literals where vectors are made from loops, or where rounding would change.
 
     Raises
     ------

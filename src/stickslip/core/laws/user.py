@@ -223,7 +223,7 @@ def _kernel_functions(functions: dict, arguments: dict, names: tuple[str, ...]) 
 
 @njit(**FAST)
 def _clip_cap(mu, value):
-    """Value of a cap, or zero without friction or where the cap is negative."""
+    """Value of a cap, or zero if there is no friction or the cap is negative."""
     return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
 
 
@@ -344,7 +344,7 @@ def _source_text(given: dict) -> str:
 def from_file(path: str | Path, **parameters: float) -> Law:
     """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
 
-    The file is executed. It may also set `coulomb`, `damping`, `tension` and `size`.
+    The file is executed. The file may also set `coulomb`, `damping`, `tension` and `size`.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     Raises
     ------
     ValueError
-        with a one-sentence message that gives the line, if the file does not compile or run, or as for `custom`.
+        with a one-sentence message that gives the line, if the file does not compile or run, or if `custom` raises it.
     """
     path = Path(path)
     if not path.is_file():

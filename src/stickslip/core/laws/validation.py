@@ -216,7 +216,7 @@ def _summarize_numba_error(message: str, own: UserLaw) -> str:
 def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:
     """Largest stiffness of a user-defined law between the end of its range and an overlap [force/length].
 
-    The rolling stiffness is converted as for spheres: k_r m/I.
+    The rolling stiffness is converted to k_r m/I, with the I of spheres.
     """
     functions, most = find_user_law(law.kind).functions, 0.0
     end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0

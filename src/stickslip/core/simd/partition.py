@@ -97,12 +97,12 @@ def _pick_pairs(
     begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
     picked, start, held,
 ):  # fmt: skip
-    """Pick all pairs that touch or may soon touch, in the memory order of their first bodies, `begin` to `end`.
+    """Pick all pairs that touch or may soon touch, for first bodies `begin` to `end` in memory order.
 
     Returns their number. A row of `picked` holds all the data that blocks need about a pair, except its slip, so that
     the list is read only once. Stores the number of pairs of each body in `start` and of each bucket in `held`. Buckets
-    hold pairs between a tile and later ones of the same thread, pairs between threads and within the last tile, then
-    pairs within each of the other tiles; each pair of materials has separate buckets.
+    hold pairs between a tile and later ones of the same thread, then pairs between threads or within the last tile,
+    and finally pairs within each of the other tiles; each pair of materials has separate buckets.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
     number, n = np.uint64(0), np.uint64(len(order) - len(normal))
@@ -147,8 +147,8 @@ def _pick_pairs(
 def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
     """Assign each block its first row of loads. Returns the number of rows.
 
-    Blocks between threads have separate rows. Tiles of a thread share rows for pairs within a tile. Rows for pairs
-    between tiles are reused by another block as soon as the last of the tiles has summed them.
+    Blocks of pairs between threads have separate rows. Tiles of a thread share rows for pairs within a tile. Rows for
+    pairs between tiles are reused by another block as soon as the last of the tiles has summed them.
     """
     rows, following, due = 0, np.empty(bound[top], np.int32), np.full(top, -1, np.int32)
     for b in range(bound[top - 1], bound[top]):
@@ -261,7 +261,7 @@ def _write_summation_order(contacts, slot, place, internal, start, code, nothing
 
 @njit(cache=True, _nrt=False, **INNER)
 def _rank(picked, p, tile_of, crossing):
-    """Rank of a pair by its last tile, if it is between tiles of a thread, then by its class."""
+    """Rank of a pair: by its last tile if it connects tiles of one thread, and then by its class."""
     g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
     last = max(tile_of[g], tile_of[h]) if picked[p, _BUCKET_AND_MODE] < crossing * _BUCKET else 0
     return np.uint64(_CLASSES * last + picked[p, _CLASS])
@@ -394,7 +394,10 @@ def _assemble_blocks(
 
 @cache
 def block_chooser(parallel: bool):
-    """Compiled choice of blocks, on one thread or several. Results are bitwise independent of the number of threads."""
+    """Compiled function that chooses blocks, on one thread or several.
+
+    Results are bitwise independent of the number of threads.
+    """
 
     @njit(cache=True, error_model="numpy", parallel=parallel)
     def choose_blocks(

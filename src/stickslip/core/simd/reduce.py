@@ -59,7 +59,7 @@ class _Stream:
         return builder.zext(builder.load(builder.gep(self.code, [entry])), _INT64)
 
     def add(self, builder, entry, loaded: bool, far: bool):
-        """Add one entry. There is no branch, because the first row of a body is unpredictable."""
+        """Add one entry. There is no branch, because it is unpredictable which row is the first of a body."""
         word = self._entry(builder, entry)
         if far:
             prefetch(builder, self._row(builder, self._entry(builder, builder.add(entry, _INT64(PREFETCH_DISTANCE)))))

@@ -1,6 +1,6 @@
 """Transposition between rows of bodies and planes of lanes, four at a time, with vector instructions.
 
-Compilers move one number at a time instead, which takes longer than the contact law.
+Compilers move one number at a time instead, which takes longer than evaluating the contact law.
 """
 
 import numpy as np
@@ -56,7 +56,10 @@ def _data_pointer(context, builder, signature, args, k):
 
 @njit(cache=True)
 def empty_aligned(rows, width):
-    """Uninitialised array (rows, width) aligned to cache lines. A vector that spans two lines costs twice as much."""
+    """Uninitialised array (rows, width) aligned to cache lines.
+
+    Access to a vector that spans two lines costs twice as much.
+    """
     line = 64 // 8
     flat = np.empty(rows * width + line)
     first = (line - flat.ctypes.data // 8 % line) % line

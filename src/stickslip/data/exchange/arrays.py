@@ -1,4 +1,4 @@
-"""Files of this package: .npz files with the arrays of `from_arrays`, and HDF5 archives."""
+"""This package's own formats: .npz files with the arrays of `from_arrays`, and HDF5 archives."""
 
 import difflib
 from pathlib import Path
@@ -21,7 +21,7 @@ LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t") 
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
-    """Write the arrays of `from_arrays`, and the law if it has one material; return notes on what is lost."""
+    """Write the arrays of `from_arrays`, and the law if it has only one material; return notes on what is lost."""
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
     pairs, words = without_walls(frame)

@@ -1,4 +1,4 @@
-"""Reading and writing of packings; the file extension selects the format."""
+"""Reading and writing packings; the file extension selects the format."""
 
 import difflib
 import warnings
@@ -37,12 +37,12 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     Parameters
     ----------
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
-        take precedence over the law in the file. LAMMPS files contain no law; contacts from a dump need all of it
-    i0 : float, moment of inertia I0 m R²
+        take precedence over the law in the file. LAMMPS files contain no law; to read contacts from a dump, give all
+    of its parameters i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, or a
         time step in a dump; for GSD and dumps, the last one by default
     contacts : path of the `dump local` that belongs to the grains and provides their memory
-    columns : names of its columns, if the file has none: i j dist dx dy dz fx fy fz tx ty tz
+    columns : names of its columns, if the file does not name them: i j dist dx dy dz fx fy fz tx ty tz
     boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
 
     Raises
@@ -100,7 +100,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
 
 
 def _law_from_file(given: dict) -> tuple[dict, Law | None]:
-    """Split options into those that do not concern the law, and the law from a Python file that the user named."""
+    """Return the options that do not concern the law, and the law if the user named a Python file for it."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
     try:
@@ -144,7 +144,10 @@ def _with_inertia(state: State, i0: float | None) -> State:
 def _with_options(
     name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own
 ):
-    """Apply options to a state: unchanged memory if its law stays the same, else the slip that the new law allows."""
+    """Apply options to a state: its memory is unchanged if its law stays the same.
+
+    Otherwise its slip is limited to what the new law allows.
+    """
     if not given and its_law is None and not own:
         words = [*words, "the file has no contact law: the defaults are assumed"]
     law = own or (law_from_options(given) if given or its_law is None else its_law)
@@ -208,8 +211,8 @@ def convert(
     Parameters
     ----------
     modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
-    overwrite : True if existing files may be replaced; input files never are
-    options : of `read_packing`
+    overwrite : True if existing files may be replaced; input files are never
+    replaced options : of `read_packing`
 
     Returns
     -------

@@ -32,7 +32,7 @@ class Frame(NamedTuple):
 
 @checked
 def frame_of(state: State, law: Law) -> Frame:
-    """Columns of an accepted state: resultants per grain, elastic forces on i per contact [force].
+    """Columns of an accepted state: resultants for each grain, and the elastic force on i for each contact [force].
 
     Examples
     --------
@@ -99,7 +99,7 @@ def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
 
 
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors and corner of a box that contains all grains: the cell's where periodic, an enclosing box's elsewhere.
+    """Vectors and corner of a box that contains all grains: the cell along periodic directions, enclosing along others.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.ndarray, np.ndarray]:
-    """Positions wrapped into a box with a given corner, and the periods: x = wrapped + image @ vectors."""
+    """Positions wrapped into a box with a given corner, and their periodic images: x = wrapped + image @ vectors."""
     share = (position - corner) @ np.linalg.inv(vectors)
     image = np.where(periodic, np.floor(share), 0.0)
     inside = position - image @ vectors

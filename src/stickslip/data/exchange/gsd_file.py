@@ -2,7 +2,7 @@
 
 Other programs display the standard chunks, which are in single precision and in a box around the origin. Columns per
 grain and per contact are under `log/particles/` and `log/bonds/`. All arrays of the state are under `stickslip/`, which
-other programs ignore: files written by this package are read back exactly, to the last bit. From other files only the
+other programs ignore: files written by this package are read back exactly, to the last bit. From other files, only the
 standard chunks are read.
 """
 
@@ -118,7 +118,7 @@ def _json_chunk(words: dict) -> np.ndarray:
 
 
 def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, State | dict, Law | None, list[str]]]:
-    """Read frames of a GSD file: name, state (or arrays for `from_arrays`, from foreign files), law, notes.
+    """Read frames of a GSD file: name, state (for foreign files, arrays for `from_arrays`), law and notes.
 
     Parameters
     ----------

@@ -153,7 +153,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     ------
     PackingError
         if the law is not LAMMPS's, if velocities needed by the dashpots are missing, or if contacts and grains do not
-        belong together.
+        match.
 
     Warns
     -----
@@ -213,7 +213,10 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
 
 
 def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Match pairs to rows of the contact list: rows, numbers of the pairs, and −1 for pairs with swapped grains."""
+    """Match pairs to rows of the contact list.
+
+    Return the rows, the numbers of the pairs, and their signs (−1 if the grains are swapped).
+    """
     rows, n = touching(state), len(state.grains.radius)
     key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
     low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
@@ -233,7 +236,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
         chosen[k] = _nearest_image(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
-        raise PackingError("a contact is listed twice: give each contact of one time step once, with dx dy dz")
+        raise PackingError("a contact is listed twice: give each contact once, from a single time step, with dx dy dz")
     if len(matched) < len(rows):
         words = f"{pluralize(len(rows) - len(matched), 'touching pair')} not in the dump: slip set to zero"
         warnings.warn(words, PackingWarning, stacklevel=3)
@@ -241,7 +244,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
-    """Row of the image of a pair whose branch vector, or its length, is closest to that of an entry."""
+    """Row of that image of a pair whose branch vector, or branch length, is closest to that of an entry."""
     own = branch_vectors(state)[rows[first:last]]
     if pairs.branch is not None:
         miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)

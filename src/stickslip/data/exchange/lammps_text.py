@@ -110,7 +110,7 @@ def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
 
 
 def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids, arrays for `from_arrays` and notes from a dump of grains, in the order of the ids."""
+    """Ids, arrays for `from_arrays` and notes from a dump of grains, sorted by id."""
     words, arrays = [], {"position": _position(table, path)}
     if table.has("radius") or table.has("diameter"):
         arrays["radius"] = table.numbers("radius") if table.has("radius") else table.numbers("diameter") / 2
@@ -184,7 +184,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
 
 
 def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
-    """Split a data file into its header and its sections by name, each with the comment after its #."""
+    """Split a data file into its header and its sections, keyed by name, each with the comment in its heading."""
     found, name, hint, start = {}, "", None, 0
     for mark in HEADER.finditer(text):
         found[name] = hint, text[start : mark.start()]

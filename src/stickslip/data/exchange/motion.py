@@ -53,11 +53,11 @@ def mode_frames(
 ) -> list[Frame]:  # fmt: skip
     """Frames of Re(mode exp(st)) over one period 2π/|Im s|.
 
-    A non-oscillating mode swings once in 2π/|s|, or in 2π if s = 0.
+    A non-oscillating mode is animated with the period 2π/|s|, or 2π if s = 0.
 
     Parameters
     ----------
-    frame : of the packing; its contacts and forces are not changed
+    frame : frame of the packing; its contacts and forces are not changed
     translation, rotation : (N, 3) complex displacements, and R·angle
     exponent : s [1/time]
     count : number of frames per period

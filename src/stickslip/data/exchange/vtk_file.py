@@ -1,7 +1,7 @@
 """VTK files, which ParaView reads: grains as points with radii, contacts as lines with their forces, one file each.
 
-NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), NAME-contacts.vtu the lines. Several frames become
-NAME_0000.vtu and so on, which ParaView opens as a series.
+NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines. Several
+frames become NAME_0000.vtu and so on, which ParaView opens as a series.
 """
 
 from pathlib import Path
@@ -46,7 +46,7 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
 
 
 def _positions(frame: Frame) -> np.ndarray:
-    """Positions wrapped into the box; unwrapped for animations, so that no grain jumps across."""
+    """Positions wrapped into the box; unwrapped for animations, so that no grain jumps across the box."""
     state = frame.state
     if frame.moving or not state.cell.periodic.any():
         return state.grains.position

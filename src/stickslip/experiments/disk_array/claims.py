@@ -91,7 +91,7 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report) 
         f"stable-window{suffix}", "Fig 2: range without pairs; its ends are not printed", None, windows[step] or [],
         "F_x", TOLERANCE["window"], f"for each load step of the ramp: {_format_by_step(windows)}",
         error=_sensitivity(windows[step], windows[COARSER[-1]]), reference=[STABLE_LOAD, 0.082],
-        reference_source="a push that the text calls stable, and the one above which the supplement finds instability",
+        reference_source="a push that the text calls stable, and the push above which the supplement finds instability",
     ))  # fmt: skip
     out.append(claim(
         f"late-pair-birth{suffix}",
@@ -238,7 +238,7 @@ def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
     """Claims about V_1/Im λ at the paper's loads, and about p in V_1 ∝ (Im λ)^p over all sliding loads."""
     printed = float(np.polyfit(np.log(list(IM_LAMBDA.values())), np.log(list(V1.values())), 1)[0])
     strongest = {load: float(point_at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
-    said = '"an approximate constant value 4.3 ± 1.5" of velocities over Im λ'
+    said = '"an approximate constant value 4.3 ± 1.5" for velocities divided by Im λ'
     out = []
     for free, end in ((False, ""), (True, "-free")):
         three = speed_proportion(main, {load: strongest[load] for load in FRONT_LOADS}, free=free)

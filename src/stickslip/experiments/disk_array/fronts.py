@@ -40,8 +40,8 @@ class Front(NamedTuple):
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:
     """Return the first time at which each grain's contact with a wall reached the Coulomb limit, shape (N,).
 
-    It is the time of `start`, the state before the run, where the contact was already at the limit, and NaN where the
-    contact never reached the limit.
+    It is the time of `start`, the state before the run, if the contact was already at the limit then, and NaN if
+    it never reached the limit.
     """
     n, contacts = len(start.grains.radius), start.contacts
     times = np.full(n, np.nan)
@@ -54,7 +54,10 @@ def breach_times(events: np.ndarray, start: State) -> np.ndarray:
 
 
 def crossing_times(time: np.ndarray, displacement: np.ndarray, thresholds) -> np.ndarray:
-    """Return the first time at which |displacement| (T, N) exceeds each threshold, shape (H, N); NaN for never."""
+    """Return the first time at which |displacement| (T, N) exceeds each threshold, shape (H, N).
+
+    NaN if it never does.
+    """
     beyond = np.abs(displacement)[None] > np.asarray(thresholds, float)[:, None, None]
     first = np.argmax(beyond, axis=1)
     return np.where(beyond.any(axis=1), time[first], np.nan)

@@ -24,13 +24,13 @@ def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083)
 
 
 def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
-    """Fit the front of substrate contacts reaching the Coulomb limit, from the pushed disk along the row."""
+    """Fit the front at which substrate contacts reach the Coulomb limit, running from the pushed disk along the row."""
     order, distance = fronts.row_order(result.pressed, result.scenario.load.disk - 1)
     return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
 
 
 def backward_front(result: DiskArrayResult, threshold: float, loads=None) -> fronts.Front | None:
-    """Fit the front of sliding by more than a threshold, from the last disk backward, using all runs at `loads`."""
+    """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`."""
     n, how = result.scenario.array.disks, result.scenario.sliding
     order, distance = fronts.row_order(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
     times = [result.sliding[load].slide[:, how.thresholds.index(threshold)] for load in loads or result.sliding]

@@ -63,7 +63,7 @@ def paper_failures(found: Reproduction) -> tuple[str, ...]:
 
 
 def _loads_to_show(result: DiskArrayResult) -> list[float]:
-    """Loads whose free runs are shown, the load with a trajectory first."""
+    """Loads whose free runs are shown, starting with the load that has a trajectory."""
     if result.trajectory:
         return [result.trajectory.load]
     return [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)

@@ -115,7 +115,7 @@ class Dynamics(ScenarioTable):
 class Sliding(ScenarioTable):
     """Many realizations of the transition at loads where the array slides, for fronts and the sliding velocity."""
 
-    loads: Loads = Field((), description="pushes; none by default, that is, no realizations [`load.unit`]")
+    loads: Loads = Field((), description="pushes; by default there are none, and hence no realizations [`load.unit`]")
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         25, description="realizations at each load, which differ in their random velocities"
     )

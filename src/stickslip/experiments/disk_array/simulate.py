@@ -134,7 +134,7 @@ def push_disk_array(
 
     Parameters
     ----------
-    step : load step, if it differs from the scenario's, to see how much the path depends on it
+    step : load step, if it differs from the scenario's; used to see how much the path depends on it
     kept : storage for the points of the path
     """
     state, law = press(scenario)
@@ -394,7 +394,7 @@ def simulate_disk_array(
 
 
 def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """Build the array of a scenario before equilibration, with its normal load but no push, and its law."""
+    """Build the array of a scenario before equilibration (with its normal load but no push), and its law."""
     array, load = scenario.array, scenario.load
     state = disk_array(
         array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
@@ -403,5 +403,5 @@ def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
-    """Run a scenario, and its path again with twice the load step, to show how much the births depend on it."""
+    """Run a scenario, then repeat its path with twice the load step to show how much the births depend on the step."""
     return simulate_disk_array(scenario, sensitivity=True, **options)

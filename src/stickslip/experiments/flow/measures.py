@@ -15,7 +15,7 @@ from .simulate import FlowResult
 
 @readable
 class Deposit(NamedTuple):
-    """The largest cluster of grains with gaps below a radius, excluding grains that fly or roll away."""
+    """The largest cluster of grains separated by gaps smaller than a radius, excluding grains that fly or roll away."""
 
     grains: np.ndarray  # indices
     low: np.ndarray  # (3,) lower corner of the bounding box, including radii [length]
@@ -111,7 +111,7 @@ def velocity_profile(result: FlowResult) -> np.ndarray:
 
 
 def profile_deviation(result: FlowResult) -> np.ndarray:
-    """Standard deviation in time (BINS, 3) of the velocities averaged by `velocity_profile`.
+    """Standard deviation over time (BINS, 3) of the velocities averaged by `velocity_profile`.
 
     NaN where there are no grains.
     """

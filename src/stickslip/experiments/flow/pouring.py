@@ -55,7 +55,7 @@ def poured(scenario: FlowScenario) -> Poured:
     Raises
     ------
     ScenarioError
-        If the grains do not fit or lie behind a wall, or dt is too long; the message is one sentence.
+        If the grains do not fit, if they lie behind a wall, or if dt is too long; the message is one sentence.
     """
     chosen, dim = scenario.grains, scenario.grains.dim
     rng = np.random.default_rng(scenario.seed)
@@ -198,7 +198,7 @@ def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
 
 
 def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
-    """Return lattice sites, from the bottom up, at least `reach` away from walls and from the grains of plates."""
+    """Return lattice sites, from the bottom up, that are at least `reach` away from walls and the grains of plates."""
     walls, most = _make_walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
     found, total = [np.zeros((0, 3))], 0
     for start in range(0, len(lines[1]), rows):
@@ -266,7 +266,7 @@ def inward_sign(plate: Plate, scenario: FlowScenario) -> float:
 
 
 def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
-    """Return dt from the stiffness of the law at the overlap of the hardest expected collision.
+    """Return dt, based on the stiffness of the law at the overlap reached in the hardest expected collision.
 
     There are no contacts at the start, and the Hertz stiffness increases with overlap. The speed of the collision is
     that of a fall through the region, plus the largest prescribed velocity. A force on a plate or wall may cause a
@@ -282,7 +282,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     unit = float(np.sqrt(lightest / stiffness))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but the lightest grain with six contacts is stable only up to "
+            f"dt = {scenario.dt:g} was given, but with six contacts on the lightest grain, the largest stable value is "
             f"{LIMIT * unit:.3g}: give a smaller value, or leave dt out to use {SAFETY * unit:.3g}"
         )
     dt = scenario.dt or SAFETY * unit

@@ -52,7 +52,10 @@ def numbers(result: FlowResult) -> dict:
 
 
 def _write_series(result: FlowResult, path: Path) -> None:
-    """Write a header and a row per sample; vectors have columns _x, _y, _z; names of walls and plates are prefixes."""
+    """Write a header and a row per sample.
+
+    Vectors have columns _x, _y, _z; columns of walls and plates are prefixed with their names.
+    """
     series, columns = result.series, {}
     bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
     for name in FlowSeries._fields:

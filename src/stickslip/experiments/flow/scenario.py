@@ -33,7 +33,7 @@ class Shaking(ScenarioTable):
 
 
 def _check_course(value):
-    """Check a velocity course, giving one message instead of pydantic's message for each member of the union."""
+    """Check a prescribed velocity; give one message instead of pydantic's message for each member of the union."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     table = isinstance(value, list | tuple) and len(value) > 1
     if not (number or table or isinstance(value, dict | Shaking)):
@@ -52,7 +52,7 @@ class Motion(ScenarioTable):
 
     x: Course | None = Field(None, description="a number, [[time, velocity], …] or shaking [length/time]")
     y: Course | None = Field(None, description="as `x` [length/time]")
-    z: Course | None = Field(None, description="as `x`, in three dimensions only [length/time]")
+    z: Course | None = Field(None, description="like `x`; only in three dimensions [length/time]")
 
     @model_validator(mode="after")
     def _check_times(self):
@@ -66,7 +66,7 @@ class Motion(ScenarioTable):
 
     @property
     def prescribed(self) -> dict[str, float | tuple | Shaking]:
-        """The prescribed velocity courses, by axis."""
+        """The prescribed velocities as functions of time, by axis."""
         return {axis: getattr(self, axis) for axis in AXES if getattr(self, axis) is not None}
 
 
@@ -77,7 +77,7 @@ class Pour(ScenarioTable):
     low: Vector = Field(description="corner of the region [length]")
     high: Vector = Field(description="opposite corner [length]")
     dim: Literal[2, 3] = Field(2, description="2: disks in the plane, 3: spheres")
-    radius: Several = Field(0.5, description="one radius, or several with equal numbers of grains [length]")
+    radius: Several = Field(0.5, description="one radius, or several, each for an equal number of grains [length]")
     polydispersity: Annotated[float, Field(ge=0, le=0.5)] = Field(
         0.0, description="largest relative deviation of the radii, uniformly distributed"
     )
@@ -365,7 +365,7 @@ def _has_force(body: FlatWall | Plate) -> bool:
 
 
 def force_axis(body: FlatWall | Plate) -> str | None:
-    """Return the axis along which a force can move a body: y for plates, that of a wall's normal, None if inclined."""
+    """Return the axis along which a force moves a body: y for plates, a wall's normal, or None if inclined."""
     if isinstance(body, Plate):
         return "y"
     along = [axis for axis, n in zip(AXES, body.normal, strict=False) if n]

@@ -22,7 +22,7 @@ class StageConditions(NamedTuple):
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
-    """Return the conditions of the last stage given the start times of all stages so far; if none, the initial ones."""
+    """From the start times of all stages so far, return the conditions of the last stage, or else the initial ones."""
     conditions = StageConditions(
         tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
         scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,
@@ -57,7 +57,7 @@ def _normal_sign(wall) -> float:
 
 
 def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
-    """Return the motion of each body from the start of a stage on."""
+    """Return the motion of each body from the start of a stage onwards."""
     bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
     plates = {plate.name for plate in scenario.plates}
     motion = {name: dict(axes) for name, axes in motion.items()}
@@ -87,7 +87,7 @@ def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray,
 
 
 def with_controls(state: State, start: Poured, conditions: StageConditions, until: float) -> State:
-    """Return the state with the control of walls and plates until the end of a stage."""
+    """Return the state with the control of walls and plates that applies until the end of a stage."""
     n, pull = len(state.grains.radius), np.zeros(3)
     pull[: len(conditions.gravity)] = conditions.gravity
     control = loads(n, len(conditions.walls), gravity=pull)._replace(group=state.control.group)

@@ -13,7 +13,7 @@ _here = partial(lazy_function, __name__)
 def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
     return {
-        "the experiment (paper 003 is the supplement of the first)": ("Ferdowsi2021", "Ferdowsi2020"),
+        "the experiment (paper 003 is the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
         "contact law": CONTACT["hertz_mindlin_reff"],
         "rate-and-state friction, for comparison": STATE["aging"],
     }
@@ -51,8 +51,8 @@ EXPERIMENT = Experiment(
     paper=Paper(
         title="Paper 003: fault gouge at a reduced scale",
         cuts=(
-            "2 samples of 300 grains and 2 states of each instead of 8 of 500 and 3; holds of 0.1 s instead of 1 "
-            "s, after less slip; no slides after them; two damping values instead of three"
+            "2 samples of 300 grains with 2 states each, instead of 8 of 500 with 3; holds of 0.1 s instead of 1 s, "
+            "after less slip and with no slides after them; two damping values instead of three"
         ),
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),

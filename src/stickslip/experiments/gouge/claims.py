@@ -1,7 +1,7 @@
-"""Evaluation of the claims of paper 003, the supplement of Ferdowsi and Rubin's slide-hold-slide study.
+"""Evaluation of the claims of paper 003, the supplement to Ferdowsi and Rubin's slide-hold-slide study.
 
 The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Statements from
-the study itself or from others serve as references. Tolerances were fixed before anything was measured.
+the study itself or from other sources serve as references. Tolerances were fixed before anything was measured.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ TOLERANCE = {
     "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation one could be mistaken for the other
     "healing": 1 / 3,  # the range from b/2 to b
 }
-STUDY = "the main study by Ferdowsi and Rubin, of which the paper is the supplement; its text was not available"
+STUDY = "the main study by Ferdowsi and Rubin, to which the paper is the supplement; its text was not available"
 LAW = "slip law for this hold, with the a, b and D_c printed in the paper"
 EARLIER = "Ferdowsi and Rubin 2020, doi:10.1029/2019JB019016, abstract"
 SHOWS = {
@@ -104,7 +104,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
         claim(
             "hold-relaxation-per-e-fold", "Fig S1: curves; no number is printed", None, rate.value, "1",
             TOLERANCE["rate and state"],
-            f"change in friction per e-fold of time held, from {min(measures.EARLIEST, last / 10):g} to {last:g} s "
+            f"change in friction per e-fold of hold time, from {min(measures.EARLIEST, last / 10):g} to {last:g} s "
             f"after {before:g} m/s: {_interval(rate)}, {_error_note(rate)}; aging law "
             f"{predict_per_efold(main, before, curve.x, 'aging'):.4f}; {_scale_note(main)}",
             error=rate.half / 2, reference=expected, reference_source=LAW,
@@ -126,7 +126,7 @@ def _compaction(main: GougeResult) -> Claim:
     rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
     return _statement(
         "compaction-in-holds", "Text: not in the supplement", _is_positive(rate),
-        f"thickness lost per e-fold of time held: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
+        f"thickness lost per e-fold of hold time: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
         f"{curve.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
     )  # fmt: skip
 
@@ -217,7 +217,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
 
 
 def _compare_dampings(one: GougeResult, other: GougeResult) -> dict[str, tuple[Number, Number]]:
-    """Relaxation at the end of the shorter hold and per e-fold, and steady friction, for two damping values."""
+    """Relaxation (at the end of the shorter hold, and per e-fold) and steady friction for two damping values."""
     before = measures.holds(one)[0]
     curves = [measures.hold_curve(result, before) for result in (one, other)]
     last = min(float(curve.x[-1]) for curve in curves)
@@ -333,7 +333,7 @@ def _energies(main: GougeResult) -> Claim:
     defect = max(float(np.abs(b["defect"]).max()) for b in books) / max(abs(coulomb + viscous), 1e-300)
     return _statement(
         "energy-balance", source, bool(defect < LEDGER),
-        f"the ledger closes to {defect:.0e} of the dissipated energy, of which friction accounts for "
+        f"the ledger closes to within {defect:.0e} of the dissipated energy, of which friction accounts for "
         f"{coulomb / (coulomb + viscous):.1%}; work of loads {work:.3g} J, energy created by tangential springs "
         f"{curl:.1e} J",
         study=study,

@@ -52,7 +52,7 @@ def _unit(scenario: GougeScenario, definition: str) -> float:
 
 
 def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> dict[str, float]:
-    """Return a hold time t after sliding at V in terms of every definition; paper 003 quotes 1650 without one.
+    """Return a hold time t after sliding at V in terms of every definition; paper 003 quotes 1650 without a definition.
 
     The definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
     frozen state; inertial, t/(D √(ρ/σ)).

@@ -89,18 +89,21 @@ def engine(processes: int = 1) -> Engine:
 
 
 def load_error() -> str:
-    """Return the error raised when the LAMMPS library is loaded, for example without MPI; empty if there is none."""
+    """Return the error raised when the LAMMPS library is loaded, for example if MPI is missing.
+
+    Empty if there is none.
+    """
     loaded = _run_lammps()
     return _error_line(loaded) if loaded.returncode else ""
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:
-    """Return a sample on its spring without any slip at contacts; the spring is attached if it has not been yet.
+    """Return a sample attached to its spring, without any slip at contacts; the spring is attached first if necessary.
 
     Raises
     ------
     ScenarioError
-        If its contact law is neither that of `pair_style gran/hertz/history` nor, rescaled, that of
+        If its contact law is neither that of `pair_style gran/hertz/history` nor, if rescaled, that of
         `pair_style granular`.
     """
     law = gouge.law
@@ -128,7 +131,7 @@ def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: i
     Parameters
     ----------
     velocity : velocity of the load point [m/s]
-    steps : number of steps, a multiple of the scenario's `sample_every`, the interval at which LAMMPS writes grains,
+    steps : number of steps, a multiple of the scenario's `sample_every`: the interval at which LAMMPS writes grains,
         contacts and plate
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -239,7 +242,7 @@ def _digits(*numbers: float) -> str:
 def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
     """Return the LAMMPS commands of a leg, except run and output.
 
-    `skin` is that of the neighbour lists, in diameters.
+    `skin` is the skin distance of the neighbour lists, in diameters.
     """
     gouge = place.gouge
     number = len(gouge.top)

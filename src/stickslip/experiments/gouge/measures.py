@@ -22,7 +22,7 @@ def steady_friction(found: Realization, velocity: float, window: float) -> Mean 
     """Mean steady friction of a realization at a velocity; None if it was never steady there.
 
     The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
-    halves of slides and steps that had just reached it. The error accounts for the correlation of friction along the
+    halves of slides and steps that changed to it. The error accounts for the correlation of friction along the
     slip; see `friction.measure.steady_mean`.
     """
     pieces = _steady_pieces(found, velocity, window, "friction")
@@ -51,7 +51,7 @@ def velocities(result: GougeResult) -> list[float]:
 def mean_friction(result: GougeResult, velocity: float) -> Number:
     """Mean over samples of the steady friction at a velocity.
 
-    The error is based on the scatter between samples. With one sample it is the error of its own mean.
+    The error is based on the scatter between samples. With only one sample, it is the error of that sample's mean.
     """
     means = _steady_levels(result, velocity)
     found = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
@@ -99,8 +99,8 @@ def step_curve(
 ) -> Curve | None:
     """Change in friction, or in another column, after a velocity step, against the slip of the load point [D].
 
-    With `twin`, the change is relative to the copy that continued at the old velocity, otherwise to the mean of the
-    sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
+    With `twin`, the change is relative to the copy that continued at the old velocity; otherwise, it is relative to the
+    mean of the sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
     """
     pairs = []
     for one in result.realizations:
@@ -121,7 +121,7 @@ def step_curve(
 
 
 def _grid(ends) -> np.ndarray:
-    """Make a grid of slips up to the smallest of `ends` [D], fine enough to average over the first `EARLY`."""
+    """Make a grid of slips up to the smallest of `ends` [D], fine enough for a mean over slips up to `EARLY`."""
     end = float(min(ends))
     return np.linspace(0, end, max(POINTS, int(20 * end / EARLY)))
 
@@ -137,7 +137,10 @@ def _find_twin(one: Realization, test: Test) -> Test | None:
 
 
 def _load_point_slip(result: GougeResult, test: Test) -> np.ndarray:
-    """Slip of the load point since the test began [D]; the first of the evenly spaced samples is one interval in."""
+    """Slip of the load point since the test began [D].
+
+    The first of the evenly spaced samples is one interval after the start.
+    """
     series = test.series
     begin = series.load_point[0] - (series.load_point[1] - series.load_point[0])
     return (series.load_point - begin) / result.scenario.grains.mean
@@ -170,9 +173,9 @@ def response(result: GougeResult) -> Response | None:
     """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
     The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. It
-    is fitted with a ln(V2/V1) + η (V2 − V1) by least squares. The plate and the layer radiate waves, whose resistance η
-    σ is proportional to the change in velocity, not in its logarithm. Returns None unless there are steps with
-    different ratios of ln(V2/V1) to V2 − V1.
+    is fitted with a ln(V2/V1) + η (V2 − V1) by least squares. The plate and the layer radiate waves; the resulting
+    resistance η σ is proportional to the change in velocity, not to the change in its logarithm. Returns None unless
+    there are steps with different ratios of ln(V2/V1) to V2 − V1.
     """
     curves = {pair: step_curve(result, *pair, twin=False) for pair in steps(result)}
     pairs = list(curves)
@@ -212,7 +215,7 @@ def hold_curve(result: GougeResult, before: float, column: str = "friction") -> 
 
 
 def _hold_time(result: GougeResult, test: Test) -> np.ndarray:
-    """Time since a test began [s]; the first sample is one interval in."""
+    """Time since a test began [s]; the first sample is one interval after the start."""
     return test.series.time - test.series.time[0] + result.scenario.interval
 
 
@@ -300,7 +303,7 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
     """Largest value of the smoothed mean curve, or the smallest for sign −1.
 
-    After a hold, this is the end of elastic reloading.
+    After a hold, this value marks the end of elastic reloading.
 
     Noise increases it; see `peak_bias`.
     """
@@ -310,7 +313,7 @@ def peak(curve: Curve, *, sign: float = 1.0) -> Number:
 def peak_bias(curve: Curve) -> float:
     """Upper bound on the bias of the peak due to noise.
 
-    It is the difference between the peak and the mean of the values that each sample has at the peak position of the
+    It is the difference between the peak and the mean of the samples' values, each taken at the peak position of the
     other samples. These values are not biased by the selection of a maximum, but lie below the true peak to the extent
     that the others misplace it. NaN for a single branch.
     """
@@ -353,7 +356,10 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
 
 def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
-    """Average velocity steps over all branches of all samples; return one record for each such part of the protocol."""
+    """Average velocity steps over all branches of all samples.
+
+    Return one record for each part of the protocol that has such steps.
+    """
     found, records = [], step_records(result, samples=samples)
     for part in dict.fromkeys(one.part for one in records):
         mine = [one.data for one in records if one.part == part and one.branch > 0] or [

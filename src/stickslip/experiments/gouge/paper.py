@@ -1,8 +1,8 @@
 """Reproduction of paper 003 at a reduced scale: slide-hold-slide and velocity steps of granular fault gouge.
 
-The paper, by Ferdowsi and Rubin, uses about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of
-20 ns, which would take months on one core. Here a tenth as many grains slide at centimetres per second. The scenario in
-`examples/gouge_paper.toml` has the scale of the paper.
+The paper, by Ferdowsi and Rubin, uses about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of 20
+ns, which would take months on one core. Here, only a tenth as many grains are used, and they slide at centimetres per
+second. The scenario in `examples/gouge_paper.toml` has the scale of the paper.
 """
 
 from collections.abc import Callable
@@ -48,7 +48,10 @@ class Reproduction(NamedTuple):
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -> GougeScenario:
-    """Return the scenario of holds after 0.03 m/s, followed by slides; holds with other damping values are shorter."""
+    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides.
+
+    Holds with other damping values are shorter.
+    """
     long = damping == MAIN and not quick
     hold = {
         "kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1, 1.0) if long else (1e-2, 1e-1),

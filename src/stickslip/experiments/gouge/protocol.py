@@ -98,7 +98,7 @@ class Realization(NamedTuple):
         return [test for test in self.tests if test.kind in kinds]
 
     def slide_to(self, test: Test) -> Test:
-        """Return the slide that led to the state from which a hold, a slide after it or a first step branched off."""
+        """Return the slide that led to the state from which a hold, a slide after a hold or a first step branches."""
         mine = (test.part, test.branch, test.before)
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
@@ -198,7 +198,7 @@ def _slide_to_steadiness(legs: "_LegRunner", place):
 
 
 def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, longest: float):
-    """Return place, series and elastic energy once steady, or None; slips in D."""
+    """Return the place, series and elastic energy once sliding is steady, or None; slips are in D."""
     chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
     parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
     while slid < longest:
@@ -339,7 +339,7 @@ def _run_leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int)
 
 
 def _run_ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
-    """Record energies while the spring moves at the velocity of the preparation, with this package's engine."""
+    """Record energies with this package's engine while the spring moves at the velocity of the preparation."""
     begin, velocity = gouge.state.time, scenario.preparation.velocity
     seconds, ahead = scenario.ledger_steps * scenario.dt, load_point_lead(gouge)
     here = attach_spring(

@@ -137,7 +137,7 @@ def numbers(result: GougeResult) -> dict:
     thickness = first.range.thickness * scenario.grains.mean
     return {
         "scenario": scenario.text,
-        "units": "SI; names of groups are velocities before holds, and hold times",
+        "units": "SI units; groups are named after the velocity before the hold and the hold time",
         "stiffness": normalised_stiffness(scenario),
         "hold": {
             f"{hold:g} after {before:g}": normalised_hold(scenario, hold, before)

@@ -176,7 +176,7 @@ def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps
     except ValueError as problem:
         longest = stable_time_step(state, law)
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but contacts under this stress are stable only up to {longest:.3g}: "
+            f"dt = {scenario.dt:g} was given, but the largest stable time step under this stress is {longest:.3g}: "
             f"use a dt of about {0.1 * longest:.1g}"
         ) from problem
     if not outcome.ok:

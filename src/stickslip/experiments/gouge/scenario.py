@@ -159,7 +159,7 @@ class Preparation(ScenarioTable):
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
     drag: NotNegative = Field(
-        1.0, description="drag on grains and plate while settling, in 1/√(m/(P D)) for a mean grain; none afterwards"
+        1.0, description="drag while settling on grains and plate, in 1/√(m/(P D)) for a mean grain; none afterwards"
     )
     unbalanced: Positive = Field(
         1e-2, description="mean unbalanced force over mean contact force below which the sample is settled"
@@ -172,9 +172,7 @@ class Preparation(ScenarioTable):
     window: Positive = Field(2.0, description="slip over which friction is averaged [D]")
     change: Positive = Field(
         0.02,
-        description=(
-            "sliding is steady if friction in two successive windows differs by no more than this or the standard error"
-        ),
+        description=("steady: friction in two successive windows differs by at most this value or the standard error"),
     )
     longest: Positive = Field(40.0, description="slip after which the preparation fails if sliding is not steady [D]")
 
@@ -273,7 +271,8 @@ class SlideHoldSlide(Branching):
     before: Many = Field(description="velocities before the hold [m/s]")
     holds: Many = Field(description="hold times [s]")
     after: Annotated[tuple[Positive, ...], Listed] | None = Field(
-        None, description="velocities after the hold; default: the one before; an empty list: no slides [m/s]"
+        None,
+        description="velocities after the hold; default: that before it; with an empty list, no slides follow [m/s]",
     )
     approach: Positive = Field(2.0, description="slip at each velocity before the first hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
@@ -321,11 +320,12 @@ class GougeScenario(ScenarioBase):
     preparation: Preparation = Preparation()
     protocol: Annotated[tuple[Protocol, ...], Listed, Field(min_length=1)]
     dt: Positive = Field(
-        1e-7, description="time step; paper 003: 2e-8, 1/100 of a collision of its smallest grains [s]"
+        1e-7,
+        description="time step; paper 003: 2e-8, 1/100 of the duration of a collision between its smallest grains [s]",
     )
     sample_every: Number = Field(500, description="number of steps between samples")
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
-        0, description="steps that record an energy ledger after the protocol; each takes as long as ten ordinary steps"
+        0, description="steps after the protocol with an energy ledger; each takes as long as ten ordinary steps"
     )
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
@@ -400,7 +400,7 @@ class GougeScenario(ScenarioBase):
         if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
             raise ValueError(
                 f"holds = {list(holds)} was given in {name}, but holds must differ by a sample of {self.interval:.2g} "
-                f"s, and last at least two samples, and the longest at least {LEAST}: lower sample_every"
+                f"s and last at least two samples, and the longest must last at least {LEAST}: lower sample_every"
             )
 
     @property
@@ -412,7 +412,8 @@ class GougeScenario(ScenarioBase):
     def longest_step(self) -> float:
         """Approximate largest stable time step [s].
 
-        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six equal ones with a force of σ d² each.
+        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six others of the same size, each with a
+        force of σ d².
         """
         d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
         root, force = (d / 4) ** 0.5, self.load.normal_stress * d * d
@@ -457,7 +458,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def longest_hold(self) -> float:
-        """Longest hold of the load point in one leg, 0 without a hold [s]."""
+        """Longest hold of the load point in one leg; 0 if there are no holds [s]."""
         holds = [max(part.holds) for part in self.protocol if part.kind == "slide-hold-slide"]
         return max([*holds, *(p.time for p in self.protocol if p.kind == "slide" and p.velocity == 0)], default=0.0)
 

@@ -128,7 +128,7 @@ def intraclass_correlation(groups: list[list[float]]) -> float:
 
 
 def combine(numbers: list[Number], function: Callable) -> Number:
-    """Return a function of several numbers of one result, with its error from the bootstrap draws that they share."""
+    """Return a function's value for several numbers of one result, with its error from their common bootstrap draws."""
     first = numbers[0]
     value = float(function(np.array([n.value for n in numbers])))
     if min(len(n.draws) for n in numbers) == 0:

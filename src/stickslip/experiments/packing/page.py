@@ -428,7 +428,7 @@ HELP = (
 
 def _describe_growth(s: complex) -> str:
     """Describe the growth rate and the period of a motion exp(s t)."""
-    growth = f"grows by e in {1 / s.real:.4g}" if s.real > 0 else f"growth rate {s.real:.3g}"
+    growth = f"grows by a factor of e in {1 / s.real:.4g}" if s.real > 0 else f"growth rate {s.real:.3g}"
     return f"period {2 * np.pi / abs(s.imag):.4g}, {growth}" if s.imag else growth
 
 
@@ -443,7 +443,7 @@ def write_movie(
     colour : one of `quantities`; by default the speed for a run and the displacement for a mode
     mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
     fps : frames per second; by default the movie of a run lasts about eight seconds, and that of a mode runs at 15
-    count, amplitude : frames and amplitude of a mode's period, see `mode_frames`
+    count, amplitude : number of frames in one period of a mode, and its amplitude; see `mode_frames`
     """
     if not shown.frames:
         raise ValueError(f"there are no frames for a movie: {shown.without}")

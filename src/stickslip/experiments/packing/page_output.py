@@ -1,4 +1,4 @@
-"""Output paths of pages and movies: in the folder of a run, where they are run files, or elsewhere."""
+"""Output paths of pages and movies: in the folder of a run, where they count as run files, or in another folder."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ MARK_RANGE = 4096  # bytes at the beginning and end of a file that may contain t
 
 
 def default_path(place: Path, name: str) -> Path:
-    """Default output path: inside a run folder, otherwise in the current directory."""
+    """Default output path: inside the run folder if there is one, otherwise in the current directory."""
     return place / name if place.is_dir() else Path(f"{place.stem}-{name}")
 
 
@@ -22,7 +22,7 @@ def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = Fals
 
     Parameters
     ----------
-    overwrite : whether any existing file may be replaced; pages and movies of this package may always be
+    overwrite : whether any existing file may be replaced; pages and movies of this package may always be replaced
     made_from : files that are never replaced
     """
     if path.suffix.lower() not in endings:

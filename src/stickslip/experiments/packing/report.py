@@ -95,7 +95,7 @@ def to_dict(
     found: Stability | DampedStability, more: stability_more.Details | None = None, *,
     calm: Settling | None = None, why=(),
 ) -> dict:  # fmt: skip
-    """Return the JSON object with the documented keys; `why` gives the likely causes; see `likely_causes`."""
+    """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
     static = found.undamped if isinstance(found, DampedStability) else found
     if isinstance(found, DampedStability):
         swings = found.exponents.imag > 0

@@ -122,7 +122,7 @@ def _slow_error(main: QuasiResult) -> Claim:
 def sign_test(yes: int, total: int) -> bool | None:
     """Decide by a sign test at the 5 % level whether `yes` outcomes prevail.
 
-    None if there are too few cases, such as four.
+    The result is None if there are too few cases, such as four.
     """
     if binomtest(yes, total, alternative="greater").pvalue <= 0.05:
         return True
@@ -133,8 +133,8 @@ def collapse_ratio(one: SampleResult, beyond: float) -> tuple[float, float]:
     """Bounds on the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
 
     The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the share
-    `beyond`, or reached the whole load, gives a lower bound only. A path that did not end with a loss of stability
-    gives an upper bound only.
+    `beyond`, or reached the whole load, gives only a lower bound. A path that did not end with a loss of stability
+    gives only an upper bound.
     """
     end = one.path.points[-1].load
     followed = min(1.0, (1 + beyond) * end)
@@ -163,7 +163,7 @@ def _collapse(main: QuasiResult) -> Claim:
     parts += [f"{unlost} whose path did not end with a loss of stability"] if unlost else []
     return claim(
         "collapse-load-ratio", f"Sec. V A: {YIELD}; no load is printed", None, censored_median(bounds), "1", COLLAPSE,
-        f"load at which slow dynamics collapses over the load at which the path ends, median over all {len(bounds)} "
+        f"load at which slow dynamics collapses, divided by that at which the path ends; median over all {len(bounds)} "
         f"samples: {'; '.join(parts)}",
         error=median_error(exact) if len(exact) == len(bounds) else None, reference=1.0,
         reference_source="the load at which the path of this package loses its stability",
@@ -252,7 +252,7 @@ def _apex(opened: ApexCases) -> Claim:
 
 
 def _mechanisms(main: QuasiResult) -> Claim:
-    """Claim about the null modes of a sample: walls translate; walls also turn; all contacts slide."""
+    """Claim about the null modes of a sample if its walls translate, if they also turn, and if all contacts slide."""
     one = main.tested[0]
     state, law, n = one.path.states[0], one.law, main.scenario.disks.number
     walls = state.control.free.copy()

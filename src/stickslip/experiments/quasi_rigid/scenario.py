@@ -49,7 +49,7 @@ class Loading(ScenarioTable):
         0.5, description="share of the last load of the path at which unloading begins, see `unload`"
     )
     increment: Size = Field(
-        0.005, description="load increment as a share of the whole load; the geometry is updated after each"
+        0.005, description="load increment as a share of the whole load; the geometry is updated after each increment"
     )
     geometric: bool = Field(True, description="whether to include the geometric stiffness")
 

@@ -43,7 +43,7 @@ BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
-    """Stress-strain curve of T points, as plotted in engineering."""
+    """Stress-strain curve of T points, as customarily plotted in engineering."""
 
     load: np.ndarray  # (T,) share of the load
     strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain
@@ -207,9 +207,9 @@ def strain_difference(path: Curve, dynamics: Curve) -> float:
 def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
     """Load at which the slowest run leaves the path and moves fast on its own; None if it does not.
 
-    In slow motion the kinetic energy scales as the square of the loading rate. A load step may begin a collapse
-    if the slowest run has more than half the energy of the next faster run near that load, and more than thirty times
-    its own median so far. It does begin one if from there on the strain departs from that of the path, or if the path
+    In slow motion, the kinetic energy scales as the square of the loading rate. A load step may begin a collapse if the
+    slowest run has more than half the energy of the next faster run near that load, and more than thirty times its own
+    median so far. It does begin a collapse if, from there on, the strain departs from that of the path, or if the path
     has ended. After soft stretches, where dynamics lags behind, the strain returns to that of the path.
     """
     if len(runs) < 2:

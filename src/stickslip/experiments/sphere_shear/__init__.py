@@ -35,7 +35,7 @@ EXPERIMENT = Experiment(
     paper=Paper(
         title="Paper 001: sheared packings of spheres",
         cuts=(
-            "2 packings instead of 5; strain steps of 5e-4 instead of 1e-4 beyond 1e-3 (2e-3); Newtonian runs of "
+            "2 packings instead of 5; strain steps of 5e-4 beyond 1e-3 instead of 1e-4 beyond 2e-3; Newtonian runs of "
             "25 growth times (at least 2e4 time units) instead of 45 (5e4), too short to reach failure; 12 spectra"
             " per run instead of 40"
         ),

@@ -84,7 +84,7 @@ def _path_claims(main: ShearResult) -> list[Claim]:
         _median_claim(
             "im-lambda-at-birth-exponent", "Fig 1: birth of a pair; no exponent is printed", None, exponents, "1",
             "exponent", _range(exponents, "{:.4f}"), reference=0.5,
-            reference_source="two real eigenvalues that meet leave the real axis as a square root",
+            reference_source="when two real eigenvalues meet, they leave the real axis as a square root",
         ),
         claim(
             "pairs-at-zero-slip", 'Fig 1: Sec. III, the frictionless start "has no complex eigenvalues"', 0,
@@ -120,7 +120,7 @@ def exponential_stretch(run: Released) -> Stretch | None:
     """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
 
     In this part, the running maximum of M lies within a factor of two of the line that meets it in the fit window.
-    Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
+    Before this part, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
     window.
     """
     if run.growth is None:
@@ -218,7 +218,7 @@ def _stress_drop(
 ) -> Claim:
     """Claim about the loss of shear stress relative to its initial value.
 
-    The note gives it relative to the pressure.
+    The note gives the loss relative to the pressure.
     """
     there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]

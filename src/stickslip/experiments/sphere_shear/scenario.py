@@ -15,7 +15,7 @@ class Packing(ScenarioTable):
     grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="number of grains")
     dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
     radius: Several = Field(
-        (0.5, 0.7), description="one radius, several for equal numbers of grains, or one for each grain [length]"
+        (0.5, 0.7), description="one radius, several shared by equal numbers of grains, or one for each grain [length]"
     )
     mass: Positive = Field(1.0, description="mass of every grain [mass]")
     i0: Positive | None = Field(
@@ -43,7 +43,7 @@ class Shear(ScenarioTable):
     """Quasi-static simple shear along x with gradient y."""
 
     strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the strain path")
-    step: Several = Field((2e-5, 1e-4), description="largest strain step, one value or one for each leg of the path")
+    step: Several = Field((2e-5, 1e-4), description="largest strain step: one value, or one for each leg of the path")
     slip: bool = Field(True, description="whether the affine displacement contributes to the slip of the contacts")
     tolerance: Positive = Field(5e-14, description="largest unbalanced force, or torque over R [force]")
 
@@ -69,7 +69,7 @@ class Release(ScenarioTable):
     """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
 
     e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
-    least: Duration = Field(5e4, description="minimum duration, to include what follows fast growth [time]")
+    least: Duration = Field(5e4, description="minimum duration, so that it includes what follows fast growth [time]")
     duration: Duration = Field(6e5, description="maximum duration [time]")
     dt: Positive = Field(0.1, description="time step [time]")
     seed_velocity: Positive = Field(

@@ -75,7 +75,7 @@ class ShearPath(NamedTuple):
 
 @readable
 class ShearResult(NamedTuple):
-    """Results of a shear scenario; one list entry per seed, None where a run failed or there was nothing to release."""
+    """Results of a shear scenario; one list entry per seed, or None if a run failed or had nothing to release."""
 
     scenario: ShearScenario
     law: Law
@@ -129,7 +129,7 @@ def shear_packing(
     kept: Checkpoint | None = None,
     report: Callable[[float, str], None] = lambda share, words: None,
 ) -> ShearPath:
-    """Pack one sample and shear it; where no equilibrium is found, the path ends early and the reason is given.
+    """Pack one sample and shear it; if no equilibrium is found, the path ends early and the reason is given.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def _path_columns(point: Equilibrium, law: Law) -> tuple:
 
 
 def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
-    """Locate the birth of the first pair by bisection between a state without pairs and a strain at which some exist.
+    """Locate the birth of the first pair by bisection between a state without pairs and a strain at which pairs exist.
 
     Every trial is one strain step from the saved state, so the path does not depend on the search.
     """
@@ -221,7 +221,7 @@ def simulate_shear(
 
     Parameters
     ----------
-    folder : run folder, in which points of the paths and runs are saved as soon as they finish; a run that was killed
+    folder : run folder, in which runs and points of paths are saved as soon as each is finished; a run that was killed
         resumes from them and agrees with an uninterrupted run to within the tolerance of the solver
     workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
     report : called as report(stage, share done, words with the relevant quantities)

@@ -27,9 +27,9 @@ def is_sweep(folder: str | Path) -> bool:
 def open_sweep(folder: str | Path) -> xr.Dataset:
     """Load the results of a sweep from its folder or file.
 
-    In a grid, variables have a dimension for every swept key; otherwise they have `point`, and `seed` if it is given as
-    a count. Values of unfinished members are NaN. `member` is the folder of each member, and `failure` its error
-    message.
+    In a grid, variables have a dimension for every swept key; otherwise their dimensions are `point`, and `seed` if it
+    is given as a count. Values of unfinished members are NaN. `member` is the folder of each member, and `failure` its
+    error message.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def _labels(axis: Axis) -> np.ndarray:
 
 
 def _attributes(description: str | None) -> dict:
-    """Return the attributes of a scenario key: its description, and the unit in its last brackets."""
+    """Return the attributes of a scenario key: its description, and the unit in the description's last brackets."""
     if not description:
         return {}
     words, bracket, unit = description.rpartition("[")

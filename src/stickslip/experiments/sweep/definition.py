@@ -1,4 +1,4 @@
-"""Definition of a sweep: many scenarios from one, using a [sweep] table of keys with lists of values or distributions.
+"""Definition of a sweep: many scenarios from one, where a [sweep] table lists values or distributions for some keys.
 
 A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
 `draw_seed` and their own key, so adding another key does not change them.

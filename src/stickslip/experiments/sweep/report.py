@@ -101,7 +101,7 @@ def _check_folder(out: Path, overwrite: bool) -> bool:
 
 
 def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
-    """Return True if a folder contains another sweep, which may be replaced; values of the same keys may differ."""
+    """Return True if a folder contains another sweep (not just other values of the same keys) that may be replaced."""
     if not (out / SWEEP).is_file():
         return False
     try:

@@ -206,7 +206,7 @@ def _parse_sweep(text: str) -> Sweep:
 
 
 def _run_member(text: str, k: int, folder: str, figures: bool, report) -> MemberOutput:
-    """Run one member in any process, in its folder if that is accessible there; otherwise return its files."""
+    """Run one member in any process, in its folder if the process can access it; otherwise return its files."""
     one, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
     words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
