@@ -218,7 +218,7 @@ def _write_known() -> None:
 
 
 class _Locator(_CacheLocator):
-    """Place and key of a kernel of this package."""
+    """Location and cache key of one of this package's kernels."""
 
     def __init__(self, function, module: str):
         self._function, self._module = function, module

@@ -112,7 +112,7 @@ def _error_message(problem: Exception) -> str:
 
 
 def _discard_stdout() -> None:
-    """Once standard output cannot be written to, redirect it to the null device and discard its buffer."""
+    """When standard output can no longer be written to, redirect it to the null device and discard its buffer."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -27,7 +27,7 @@ from ..laws.builtin import (
 )
 from ..laws.dispatch import check_kind
 from ..options import INNER
-from ..readable import readable
+from ..readable import pluralize, readable
 from ..state import OPEN, SLIDE, State, groups
 from .geometry import (
     at_contact,
@@ -385,7 +385,8 @@ def check_materials(state: State, law: Law) -> None:
     worst = int(used.min()) if used.min() < 0 else int(used.max())
     if not 0 <= worst < len(law.table):
         raise ValueError(
-            f"material {worst} is used, but the law has {len(law.table)} materials: add it by laws.for_pair(law, a, b)"
+            f"material {worst} is used, but the law has {pluralize(len(law.table), 'material')}: "
+            "add it with laws.for_pair(law, a, b)"
         )
 
 

@@ -113,8 +113,8 @@ def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order. The last term uses the mean of R before and after. Returns κ
     as a numerator and a denominator.
 
-    A slip that was shortened by a factor f, `fade`, turns as if it had not been shortened. With d shortened by (1 +
-    f)/2, κ is 2f/(1 + f) times that of a/f.
+    A slip that was shortened by a factor f, `fade`, turns as if it had not been shortened. With d
+    multiplied by (1 + f)/2, κ is 2f/(1 + f) times its value for a/f.
 
     Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact rotation.
     """

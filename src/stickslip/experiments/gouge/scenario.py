@@ -262,7 +262,7 @@ class VelocitySteps(Branching):
 
 
 class SlideHoldSlide(Branching):
-    """Slide at each velocity `before`, hold, and slide again at each velocity `after` from each of the hold times.
+    """Slide at each velocity in `before`, hold, and slide again at each velocity in `after` after each hold time.
 
     A single hold, as long as the longest time, is used for all times. Slides start from copies of its states.
     """

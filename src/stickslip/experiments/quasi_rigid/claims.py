@@ -92,8 +92,8 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
         claim(
             "non-unique-example", "Sec. V A: unstable states, not treated", None, bool(example), "", 0.0,
             f"without stability, uniqueness is not guaranteed either: of {drawn.total} constructed cases, "
-            f"{drawn.total - drawn.p_matrices} have no P-matrix, {drawn.none} have no consistent status under the load "
-            f"that was drawn, and {drawn.several} have two or more",
+            f"{drawn.total - drawn.p_matrices} do not yield a P-matrix, {drawn.none} have no consistent status "
+            f"under the load that was drawn, and {drawn.several} have two or more",
             reference=True,
             reference_source="linear complementarity problems are uniquely solvable for every load only for P-matrices",
         ),
@@ -244,7 +244,7 @@ def _apex(opened: ApexCases) -> Claim:
     return claim(
         "apex-counterexample", 'Sec. V B: "are these four states mutually exclusive?" is left open', None,
         bool(len(opened.example) > 1), "", 0.0,
-        f"the four statuses at the apex exclude each other where no choice has lost its stability (det k of one sign): "
+        f"the four statuses at the apex are mutually exclusive where no choice has lost stability (det k of one sign): "
         f"{opened.wrong} of {opened.coherent} such cases on real packings do not have exactly one consistent choice; "
         f"otherwise, {opened.several} of {opened.total - opened.coherent} have two or more and {opened.none} have "
         f"none; one contact in unstable surroundings has several at once: {', '.join(opened.example)}",
