@@ -13,7 +13,7 @@ test: $(STAMP)  ## run the tests, under ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 coverage: $(STAMP)  ## run the tests and print the share of Python lines that they execute; fails below a floor
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report= --cov-fail-under=80
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report= --cov-fail-under=90
 
 quick: $(STAMP)  ## run a fast subset of the tests during development: no slow fixtures, no other processes
 	$(BIN)/python -m pytest -n 2 --dist loadfile --quick

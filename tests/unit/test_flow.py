@@ -236,7 +236,7 @@ def test_grains_behind_a_wall_are_named_with_it():
     with pytest.raises(ScenarioError, match=r"grain 46 at \(7.071, 0.5\) lies behind wall 'gate': move the wall"):
         ss.packings.poured(scenario(**flow(grains=grains, cell=cell, plates=[{"name": "bed", "height": 0.5}])))
     row = ss.disks([[0.5, 0.5], [7.0, 0.5]], 0.5)
-    with pytest.raises(ValueError, match=r"grain 1 at \(7, 0.5, 0\) lies behind wall 1"):
+    with pytest.raises(ValueError, match=r"grain 1 at \(7, 0.5\) lies behind wall 1"):
         ss.assembly(row, ss.flat_walls([[0, 0], [6, 0]], [[0, 1], [-1, 0]]))
 
 
