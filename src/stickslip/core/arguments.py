@@ -55,18 +55,17 @@ def _checkable(function) -> list[tuple[int, str, tuple[type, ...]]]:
     """Index, name and allowed classes of the parameters whose annotations can be checked."""
     found = []
     for place, one in enumerate(inspect.signature(function).parameters.values()):
-        classes = get_args(one.annotation) if isinstance(one.annotation, types.UnionType) else (one.annotation,)
-        if get_origin(one.annotation) is list:
-            classes = (list, *get_args(one.annotation))
-        named = one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
-        if named and one.annotation is not one.empty and all(map(_is_checkable, classes)):
+        several = isinstance(one.annotation, types.UnionType) or get_origin(one.annotation) is list
+        classes = get_args(one.annotation) if several else (one.annotation,)
+        if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD) and all(map(_is_checkable, classes)):
+            classes = (list, *classes) if get_origin(one.annotation) is list else classes
             found.append((place if one.kind is not one.KEYWORD_ONLY else 10**6, one.name, classes))
     return found
 
 
 def _is_checkable(kind) -> bool:
     noun = isinstance(kind, type) and kind.__module__.startswith("stickslip.")
-    return kind in (int, float, list, type(None)) or noun
+    return kind in (int, float, type(None)) or noun
 
 
 def _check(name: str, value, classes: tuple[type, ...]) -> None:
