@@ -217,7 +217,7 @@ def test_a_bad_flow_is_one_sentence(changes, words):
     [
         ({"grains": pour(number=400)}, "grains.number = 400 was given, but the region .* has room for 52 grains"),
         ({"walls": [{**FLOOR, "point": [0.0, 30.0]}]}, "has room for 0 grains .* clear of walls"),
-        ({"dt": 0.01}, "dt = 0.01 was given, but the lightest grain"),
+        ({"dt": 0.01}, "dt = 0.01 was given, but with six contacts on the lightest grain"),
         ({"grains": pour(low=[-1.0, 0.0])}, None),
     ],
 )

@@ -24,7 +24,7 @@ from .claims import (
     write_json,
 )
 from .run_folder import CHART, CLAIMS, NOTES
-from .terminal import console
+from .terminal import UNBROKEN, console
 
 Shows = dict[str, tuple[str, str]]  # figure of the paper: its content, and the id of the claim to quote
 MEANING = {
@@ -184,12 +184,13 @@ def show_claims(claims: list[Claim], shows: Shows) -> None:
 
 def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
     """Build the table of figures; on a narrow terminal, the key number is folded."""
-    table = Table(box=None, pad_edge=False, header_style="bold", expand=True)
+    folded = console.width < UNBROKEN
+    table = Table(box=None, pad_edge=False, header_style="bold", expand=folded)
     names = ("paper", "shows", "reproduced", "key number")
     for k, name in enumerate(names):
         width = max(len(name), *(len(line[k]) for line in lines))
         if k == len(names) - 1:
-            table.add_column(name, overflow="fold", ratio=1)
+            table.add_column(name, overflow="fold", ratio=1 if folded else None)
         elif name != "shows" or console.width >= WIDE:
             table.add_column(name, no_wrap=True, min_width=width)
     for name, words, share, number in lines:

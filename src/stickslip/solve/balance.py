@@ -135,7 +135,7 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
         found.append(
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
         )
-    return (*found, "a law or parameters other than those under which the packing came to rest")
+    return (*found, "another law, or parameters other than those under which the packing came to rest")
 
 
 def _precision_loss(state: State) -> tuple[str, float]:
