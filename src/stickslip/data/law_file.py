@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
 
-from ..core.laws.builtin import Law, with_values
+from ..core.laws.builtin import Law
 from ..core.laws.user import from_file
 from .schema import Finite, ScenarioError, ScenarioTable
 
@@ -85,10 +85,3 @@ def load_law(choice: LawFile) -> Law:
     if _checksum(path) != choice.checksum:
         raise ScenarioError(f"law.file = {choice.file} has changed since the run began: restore it, or start a new run")
     return from_file(path, **choice.parameters)
-
-
-def split_law_options(path: str, given: dict) -> tuple[Law, dict]:
-    """Load a law from a file named on the command line; return it with the options that are not its parameters."""
-    law = from_file(path)
-    values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}
-    return with_values(law, **values), {name: value for name, value in given.items() if name not in values}

@@ -7,10 +7,10 @@ from pathlib import Path
 from ...core.arguments import checked
 from ...core.contacts.mechanics import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import SHARP, Law, laws_equal
+from ...core.laws.builtin import SHARP, Law, laws_equal, with_values
+from ...core.laws.user import from_file
 from ...core.state import State
 from ..atomic import check_free
-from ..law_file import split_law_options
 from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_by_name
 from .arrays import law_from_options, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
@@ -103,10 +103,12 @@ def _law_from_file(given: dict) -> tuple[dict, Law | None]:
     """Return the options that do not concern the law, and the law if the user named a Python file for it."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
+    values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}
     try:
-        law, rest = split_law_options(given["law"], given)
+        law = with_values(from_file(given["law"]), **values)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
+    rest = {name: value for name, value in given.items() if name not in values}
     lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
     if lost:
         raise PackingError(f"{lost[0]} was given with a law from a file: set it in {given['law']}")
