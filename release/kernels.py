@@ -72,27 +72,30 @@ def everything() -> list[list[str]]:
     ]  # fmt: skip
 
 
+def plain_environment() -> dict[str, str]:
+    """Environment without settings of Numba or stickslip, which could change kernels."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "STICKSLIP_"))}
+
+
 def compile_level(level: str, folder: Path, runs: list[list[str]]) -> None:
     """Fill a cache folder with kernels for a level of processors."""
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "STICKSLIP_"))}
     settings = {
         "NUMBA_CACHE_DIR": str(folder), "NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": "", prebuilt.OFF: "1",
         "PYTHONPATH": str(Path(prebuilt.__file__).parents[1]),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as empty:
         for words in runs:
-            subprocess.run([sys.executable, *words], cwd=empty, env=plain | settings, check=True)
+            subprocess.run([sys.executable, *words], cwd=empty, env=plain_environment() | settings, check=True)
     for path in (folder / "syntax.json", *folder.rglob("*.lock")):
         path.unlink(missing_ok=True)
 
 
 def missing(package: Path) -> int:
     """Number of files that all runs still add to an empty cache beside a package."""
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "STICKSLIP_"))}
     with tempfile.TemporaryDirectory() as cache:
         paths = os.pathsep.join([str(Path(prebuilt.__file__).parents[1]), str(package.parent)])
         for words in everything():
-            env = plain | {"XDG_CACHE_HOME": cache, "PYTHONPATH": paths}
+            env = plain_environment() | {"XDG_CACHE_HOME": cache, "PYTHONPATH": paths}
             subprocess.run([sys.executable, *words], cwd=cache, env=env, check=True, capture_output=True)
         return len(list(Path(cache).rglob("*.nbc")))
 

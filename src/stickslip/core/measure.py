@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .arguments import checked
+from .arguments import checked, require_positive
 from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
@@ -128,9 +128,7 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
     >>> round(inertial_number(0.1, 5e6, diameter=3e-3, density=2500.0), 10)
     6.7082e-06
     """
-    for name, value in (("pressure", pressure), ("diameter", diameter), ("density", density)):
-        if not value > 0:
-            raise ValueError(f"{name} = {value} was given: it must be positive")
+    require_positive(pressure=pressure, diameter=diameter, density=density)
     return abs(shear_rate) * diameter * float(np.sqrt(density / pressure))
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
@@ -144,9 +144,7 @@ def jammed(
         raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
     if packing_fraction is not None and packing_fraction > DENSEST:
         raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
-    for name, value in (("packing_fraction", packing_fraction), ("pressure", pressure)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value} was given: it must be positive")
+    require_positive(**({"pressure": pressure} if packing_fraction is None else {"packing_fraction": packing_fraction}))
     law = frictionless(hertz_mindlin() if law is None else law)
     rng = np.random.default_rng(seed)
     sizes = _check_radii(radius, n)

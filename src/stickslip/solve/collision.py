@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_positive
 from ..core.contacts.mechanics import with_dashpot
 from ..core.laws.builtin import (
     DAMPING_N,
@@ -52,9 +52,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     >>> round(found.duration, 6)  # half a period, π √(m_eff/k_n)
     3.141593
     """
-    for name, value in (("radius", radius), ("mass", mass), ("speed", speed)):
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value} was given: it must be positive")
+    require_positive(radius=radius, mass=mass, speed=speed)
     for number in pair:
         if number not in range(len(law.table)):
             raise ValueError(
