@@ -107,7 +107,7 @@ def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
         file.create_dataset("x", (10**9,), "f4", chunks=(10**6,), compression="gzip", fillvalue=1.0)
         file.flush()
         image = file.id.get_file_image()
-    (tmp_path / "a.h5").write_bytes(archive._with_checksum(image))
+    (tmp_path / "a.h5").write_bytes(archive._checksum_block(image) + image)
     with pytest.raises(archive.ArchiveError, match=r"but its /x claims 4 GB: no run writes such a file"):
         archive.read(tmp_path / "a.h5")
 

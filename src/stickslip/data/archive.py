@@ -5,6 +5,7 @@ its class name in the attribute `noun`. The root has the attributes `schema`, `s
 software that computed the data) and `scenario` (canonical text), but no time stamps or host names. Entries are written
 in order of name, so that the bytes do not depend on whether a part was computed or read. Contact lists are
 stored without unused capacity, but with all of their memory. Datasets have the attribute `units` if the unit is known.
+Large arrays are stored with the filters shuffle and gzip, which every HDF5 library has.
 
 A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
 leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
@@ -14,10 +15,12 @@ rest, because HDF5 itself may hang on a damaged file.
 import hashlib
 import platform
 import uuid
+import zlib
 from collections.abc import Iterable
 from contextlib import contextmanager
 from enum import Enum
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 
 import h5py
@@ -35,6 +38,9 @@ _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
 LARGE, EXPANDS = 2**26, 100  # size of an array that is always accepted [bytes], and largest multiple of the file size
+_FILTERS = {"compression": "gzip", "shuffle": True}  # of datasets with more than 1000 numbers
+_LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
+_SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [bytes], and largest ratio that counts
 _PER_CONTACT = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 # exceptions raised by HDF5, and when objects are rebuilt, for damaged files
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
@@ -68,12 +74,12 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
             _store(file, name, value, si)
         file.flush()
         image = file.id.get_file_image()
-    write_atomically(path, _with_checksum(image))
+    write_atomically(path, _checksum_block(image), image)
 
 
-def _with_checksum(image: bytes) -> bytes:
-    """Prepend the block with the checksum to a file image."""
-    return _HEADER + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_HEADER), b"\n") + image
+def _checksum_block(image: bytes) -> bytes:
+    """Block of text with the checksum of the file image that follows it."""
+    return _HEADER + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_HEADER), b"\n")
 
 
 @cache
@@ -191,12 +197,58 @@ def _store_array(group, name: str, value, si: bool, noun: str | None) -> None:
     array = np.asarray(value)
     if array.dtype.kind == "U":
         array = np.asarray(value, dtype=h5py.string_dtype())
-    options = {"compression": "gzip", "shuffle": True} if array.size > 1000 and array.dtype.kind != "O" else {}
-    made = group.create_dataset(name, data=array, **options)
+    if array.dtype.kind in "biufc" and array.ndim and len(array) * array.itemsize >= _LONG:
+        made = _store_columns(group, name, array)
+    else:
+        filters = _FILTERS if array.size > 1000 and array.dtype.kind != "O" else {}
+        made = group.create_dataset(name, data=array, **filters)
     if isinstance(value, tuple | list):
         made.attrs["sequence"] = type(value).__name__
     if array.dtype.kind in "fc" and (unit := unit_of(name, noun=noun, si=si)):
         made.attrs["units"] = unit
+
+
+def _store_columns(group, name: str, array: np.ndarray) -> h5py.Dataset:
+    """Store an array in chunks of one column each, such as one component of a vector; chunks of zeros take no space."""
+    pieces = -(-len(array) * array.itemsize // _CHUNK)
+    rows = -(-len(array) // pieces)
+    chunks = (rows, *(1,) * (array.ndim - 1))
+    made = group.create_dataset(name, array.shape, array.dtype, chunks=chunks, **_FILTERS)
+    for column in np.ndindex(array.shape[1:]):
+        for start in range(0, len(array), rows):
+            part = np.zeros(rows, array.dtype)  # the last chunk of a column is stored in full
+            some = array[(slice(start, start + rows), *column)]
+            part[: len(some)] = some
+            planes = np.ascontiguousarray(part.view(np.uint8).reshape(rows, -1).T)
+            if planes.any():
+                made.id.write_direct_chunk((start, *column), _compress_planes(planes))
+    return made
+
+
+def _compress_planes(planes: np.ndarray) -> bytes:
+    """Compress shuffled bytes as HDF5's filter gzip does, in a quarter of the time.
+
+    A plane holds the bytes of equal significance of all numbers. Planes that hardly shrink, such as those of the last
+    digits, are stored as they are: most of the time would be spent on them.
+    """
+    stream = [b"\x78\x01"]
+    for worth, alike in groupby(planes, _is_compressible):
+        packer = _packer(level=int(worth))
+        stream += [*map(packer.compress, alike), packer.flush(zlib.Z_FULL_FLUSH)]
+    end = b"\x03\x00"  # an empty last block
+    return b"".join([*stream, end, zlib.adler32(planes).to_bytes(4, "big")])
+
+
+def _is_compressible(plane: np.ndarray) -> bool:
+    """Return True if a sample of a plane, from its middle, shrinks enough."""
+    start = max(0, (len(plane) - _SAMPLE) // 2)
+    sample, packer = plane[start : start + _SAMPLE], _packer(level=1)
+    return len(packer.compress(sample) + packer.flush()) <= _WORTH * len(sample)
+
+
+def _packer(level: int):
+    """Compressor for a part of a zlib stream; level 0 stores. It looks for runs only, which is fast."""
+    return zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
 
 
 def _is_homogeneous(value) -> bool:

@@ -67,7 +67,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
             raise ValueError(f"{path} exists: give another name, or add --overwrite")
 
 
-def write_atomically(path: str | Path, content: bytes) -> None:
+def write_atomically(path: str | Path, *content: bytes) -> None:
     """Write or replace a file, all or nothing; errors as in `replace_atomically`."""
-    with replace_atomically(path) as part:
-        part.write_bytes(content)
+    with replace_atomically(path) as part, part.open("wb") as file:
+        file.writelines(content)
