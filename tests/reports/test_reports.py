@@ -21,6 +21,7 @@ from stickslip.data import archive
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.writer import write_numbers
 from stickslip.figures.grains import BALL
+from stickslip.figures.outlines import view_basis
 from stickslip.figures.quantities import quantities
 from stickslip.figures.style import BLUE, RED
 from tests.conftest import stickslip_here as run
@@ -246,19 +247,23 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
     state, law = make()
     figure = ss.figures.packing(state, law)
     axes, rows, dim = figure.axes[0], ss.measure.touching(state), state.cell.dim
-    balls = [c for c in axes.collections if isinstance(c, EllipseCollection)]
+    ellipses = [c for c in axes.collections if isinstance(c, EllipseCollection)]
+    balls, lines = ([c for c in ellipses if (np.ravel(c._heights) > 0).all() == solid] for solid in (True, False))
     sizes = np.sort(np.concatenate([2 * np.ravel(c._widths) for c in balls]))  # matplotlib keeps half of them
     np.testing.assert_allclose(sizes, np.sort(2 * BALL[dim] * state.grains.radius), rtol=1e-12)
     colours = {BLUE: [], RED: []}
-    for lines in (c for c in axes.collections if isinstance(c, LineCollection)):
-        count = len(lines.get_segments())
-        for color, width in zip(lines.get_colors(), np.resize(lines.get_linewidths(), count), strict=False):
+    for one in lines:
+        for color, width in zip(one.get_edgecolor(), one.get_linewidth(), strict=True):
             for name in colours:
                 if np.allclose(color, to_rgba(name)):
                     colours[name].append(width)
     slides = int((state.contacts.mode[rows] == SLIDE).sum())
     assert (len(colours[BLUE]), len(colours[RED])) == (len(rows) - slides, slides)
     force = np.sort(ss.io.frame_of(state, law).contacts["force_n"])
+    long = np.sort(np.concatenate([2 * np.ravel(one._widths) for one in lines]))
+    branch = ss.io.frame_of(state, law).contacts["branch"]
+    seen = np.linalg.norm((branch @ view_basis(ss.io.frame_of(state, law)).T)[:, :2], axis=1)
+    np.testing.assert_allclose(long, np.sort(seen), rtol=1e-9)
     width = np.sort(colours[BLUE] + colours[RED])
     share = np.clip(force / force.mean(), 0.12, 6.0)
     np.testing.assert_allclose(width / width.max(), share / share.max(), rtol=1e-9)

@@ -6,18 +6,21 @@ from pathlib import Path
 from shutil import which
 from subprocess import CalledProcessError
 
+import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
 
 from ..data.exchange.frame import Frame
 from ..extras import require
-from .grains import draw, draw_legend, layout_of
+from .grains import draw, draw_colour_bar, draw_legend, layout_of
 from .page import MARK
 from .quantities import Mode
 from .style import plt, styled
 
 ENDINGS = (".gif", ".mp4")
 PIXELS = 720  # width of the picture
+BITS = 6  # per channel of the colours from which the palette of a GIF is made
+WHITE = 252  # least value of colours shown as white: Pillow finds the entry of a palette to within 4
 
 
 @styled
@@ -57,7 +60,6 @@ def movie(
         figure = plt.figure(figsize=(inches, height), dpi=100)
         below, above = (0.85 if colour else 0.4) / height, 0.28 / height
         axes = figure.add_axes([0.01, below, 0.98, 1 - below - above])
-        bar = None
         writer = _make_writer(path, fps)
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
@@ -65,10 +67,9 @@ def movie(
                 drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
                 draw_legend(axes, frame, near=False)
                 axes.set_title(labels[k], fontsize=11, pad=4)
-                if colour and bar is None:
+                if colour and k == 0:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
-                    label = f"{colour} [{layout.unit}]" if layout.unit else colour
-                    bar = figure.colorbar(drawn, cax=place, orientation="horizontal", label=label)
+                    draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
                 writer.grab_frame()
                 if report:
                     report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
@@ -107,18 +108,36 @@ def _make_writer(path: Path, fps: int):
 
 
 class _GifWriter(PillowWriter):
-    """GIF writer whose palette keeps rare colours, such as those of sliding contacts."""
+    """GIF writer with one palette for all frames, which keeps rare colours, such as those of sliding contacts."""
 
     def finish(self):
         """Write the file."""
-        frames = [self._reduced(frame) for frame in self._frames]
+        frames = [frame.convert("RGB") for frame in self._frames]
+        palette = _palette_of(frames)
+        frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
         frames[0].save(
             self.outfile, save_all=True, append_images=frames[1:], duration=round(1000 / self.fps), loop=0, comment=MARK
         )  # fmt: skip
 
-    @staticmethod
-    def _reduced(frame: Image.Image) -> Image.Image:
-        return frame.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+
+def _palette_of(frames: list[Image.Image]) -> Image.Image:
+    """Image whose palette of 256 colours represents those of all frames; the background stays white.
+
+    Colours are distinguished by `BITS` bits per channel and weighted by the square root of their numbers of pixels.
+    """
+    count, most = np.zeros(2 ** (3 * BITS), np.int64), 2**BITS - 1
+    for frame in frames:
+        red, green, blue = (np.asarray(frame) >> 8 - BITS).reshape(-1, 3).T.astype(np.int32)
+        count += np.bincount(red << 2 * BITS | green << BITS | blue, minlength=len(count))
+    found = np.flatnonzero(count)
+    colours = np.stack([found >> 2 * BITS, found >> BITS & most, found & most], axis=1)
+    weight = np.ceil(np.sqrt(count[found] / len(frames)) / 4).astype(int)
+    pixels = np.repeat(np.round(255 / most * colours).astype(np.uint8), weight, axis=0)
+    image = Image.fromarray(pixels[None]).quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=1)
+    palette = np.array(image.getpalette()).reshape(-1, 3)
+    palette[(palette >= WHITE).all(axis=1)] = 255
+    image.putpalette(palette.ravel().tolist())
+    return image
 
 
 def _find_ffmpeg() -> str:

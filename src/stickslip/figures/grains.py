@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
+from matplotlib.path import Path
 
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, rattlers, wrapped
@@ -81,10 +82,7 @@ def packing(
     if mode is not None:
         draw_orbits(axes, frame, mode)
     if colour:
-        label = f"{colour} [{layout.unit}]" if layout.unit else colour
-        bar = figure.colorbar(drawn, ax=axes, location="bottom", label=label, shrink=0.7, aspect=30, pad=0.02)
-        if layout.whole:
-            bar.locator = plt.MaxNLocator(6, integer=True)
+        draw_colour_bar(figure, drawn, layout, ax=axes, location="bottom", shrink=0.7, aspect=30, pad=0.02)
     draw_legend(axes, frame, mode)
     axes.set_title(title, fontsize=7.5)
     return figure
@@ -136,7 +134,8 @@ def draw(
     drawn = plt.cm.ScalarMappable(plt.Normalize(*layout.limits), cmap="viridis")
     start, ends, width, color = _contact_lines(frame, layout, place, basis)
     back = np.minimum(slab[frame.contacts["i"]], _depth_slabs(ends[:, 2], dim, place[:, 2])) if dim == 3 else None
-    axes.add_collection(LineCollection(_projected(cell_edges(frame), basis), colors=BLACK, linewidths=0.5, zorder=1))
+    edges = LineCollection(_projected(cell_edges(frame), basis), colors=BLACK, linewidths=0.5, zorder=1)
+    axes.add_collection(edges, autolim=False)
     for number in range(SLABS if dim == 3 else 1):
         rows = slab == number
         balls = EllipseCollection(
@@ -144,19 +143,16 @@ def draw(
             offset_transform=axes.transData, facecolors=colors[rows], edgecolors="0.45", linewidths=0.3,
             zorder=2 + 2 * number,
         )  # fmt: skip
-        axes.add_collection(balls)
+        axes.add_collection(balls, autolim=False)
         lines = slice(None) if dim == 2 else back == number
-        axes.add_collection(
-            LineCollection(
-                np.stack([start[lines], ends[lines]], axis=1)[..., :2], linewidths=width[lines], colors=color[lines],
-                capstyle="round", zorder=3 + 2 * number - 2 * (dim == 3),
-            )
-        )  # fmt: skip
-    axes.add_collection(LineCollection(_projected(wall_edges(frame), basis), colors="0.25", linewidths=0.9, zorder=50))
+        drawn_lines = _segments(axes, start[lines, :2], ends[lines, :2], width[lines], color[lines])
+        drawn_lines.set_zorder(3 + 2 * number - 2 * (dim == 3))
+        axes.add_collection(drawn_lines, autolim=False)
+    walls = LineCollection(_projected(wall_edges(frame), basis), colors="0.25", linewidths=0.9, zorder=50)
+    axes.add_collection(walls, autolim=False)
     if near:
-        axes.add_collection(
-            LineCollection(_open_segments(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49)
-        )
+        gaps = LineCollection(_open_segments(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49)
+        axes.add_collection(gaps, autolim=False)
     margin = 0.01 * (layout.high - layout.low).max()
     low = layout.low - [margin, 6 * margin]  # room for the bar
     axes.set(xlim=(low[0], layout.high[0] + margin), ylim=(low[1], layout.high[1] + margin))
@@ -164,6 +160,19 @@ def draw(
     axes.axis("off")
     _draw_scale_bar(axes, frame, layout)
     return drawn
+
+
+def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray) -> EllipseCollection:
+    """Line segments as ellipses of no height, with one path for all: a `LineCollection` makes a path for each."""
+    along = ends - start
+    angle = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
+    lines = EllipseCollection(
+        np.hypot(*along.T), 0 * angle, angle, units="xy", offsets=0.5 * (start + ends), offset_transform=axes.transData,
+        facecolors="none", edgecolors=color, capstyle="round",
+    )  # fmt: skip
+    lines.set_linewidth(width)
+    lines.set_paths([Path([[-1.0, 0.0], [1.0, 0.0]])])
+    return lines
 
 
 def draw_orbits(axes, frame: Frame, mode: Mode) -> None:
@@ -198,6 +207,15 @@ def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = Tr
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), 3), columnspacing=1.2
     )
+
+
+def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
+    """Draw a colour bar with few numbers; `place` goes to `Figure.colorbar`."""
+    label = f"{layout.colour} [{layout.unit}]" if layout.unit else layout.colour
+    bar = figure.colorbar(drawn, label=label, **place)
+    bar.locator = plt.MaxNLocator(5, integer=layout.whole)
+    bar.formatter.set_powerlimits((-2, 4))
+    bar.update_ticks()
 
 
 def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.ndarray:
