@@ -43,6 +43,16 @@ def test_a_report_starts_with_the_verdict(tmp_path):
     assert found["verdict"] == verdict
 
 
+def test_a_report_without_a_verdict_says_so_and_still_checks_the_balance(without, tmp_path):
+    found = json.loads(run("report", EXAMPLE, "--no-verdict", "--out", tmp_path / "r.html", "--json").stdout)
+    assert (found["verdict"], found["notes"]) == (None, [])
+    shown = page(tmp_path / "r.html")
+    assert "the spectrum was not computed, so there is no verdict" in shown.words
+    assert not view_of(shown)["modes"] and not any("Growing modes" in word for word in shown.words)
+    done = run("report", without(*MEMORY), "--no-verdict", "--out", tmp_path / "r.html", "--json")
+    assert SENTENCE in json.loads(done.stdout)["notes"]
+
+
 def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
     done = run("stability", without(*MEMORY), cwd=tmp_path)
     words = words_of(done.stdout)

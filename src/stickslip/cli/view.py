@@ -34,6 +34,9 @@ def report(
     modes: Modes = None,
     settle: Settle = False,
     colour: Annotated[str | None, typer.Option("--colour", help="Quantity that initially colours the grains.")] = None,
+    no_verdict: Annotated[
+        bool, typer.Option("--no-verdict", help="Leave out verdict and modes, which take minutes for 10,000 grains.")
+    ] = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -46,7 +49,9 @@ def report(
     path = out or look_out.default_path(place, run_folder.PAGE)
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
-        found = look.load_content(place, modes=modes, options=options, settle=settle, report=tell)
+        found = look.load_content(
+            place, modes=modes, options=options, settle=settle, report=tell, search=not no_verdict
+        )  # fmt: skip
         path, words = look.write_page(found, path, colour=colour)
 
     words += [found.warning] if found.warning else []
@@ -113,7 +118,8 @@ def movie(
     look.film.check_movie(path, 15 if fps is None else fps)
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, report=tell, search=mode is not None
+            place, modes=modes, options=options, settle=settle, report=tell,
+            search=mode is not None or not place.is_dir(),
         )  # fmt: skip
         look.write_movie(
             found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, report=tell

@@ -69,7 +69,7 @@ def load_content(
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder."""
     if not place.is_dir() and (place.is_file() or place.suffix):
-        return packing_content(place, modes=modes, options=options, settle=settle, report=report)
+        return packing_content(place, modes=modes, options=options, settle=settle, search=search, report=report)
     own = (*options.items(), ("modes", modes), ("settle", settle or None))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
@@ -305,7 +305,8 @@ def _sweep_content(folder: Path) -> PageContent:
 
 
 def packing_content(
-    file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
+    file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
+    search: bool = True, report=None,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -314,6 +315,7 @@ def packing_content(
     modes : file written by `stickslip stability`; without it, the verdict is computed
     options : options of `read_packing`
     settle : if True, the packing is settled first
+    search : if False and no file of modes is given, no verdict and no modes are computed
     """
     (state, law, words), warnings = capture_warnings(read_packing, file, **options)
     words, calm = [*words, *warnings], None
@@ -322,7 +324,7 @@ def packing_content(
         words.append(f"settled: {calm.how}")
     n, facts = len(state.grains.radius), []
     why, warning, sentence = "", str(calm) if calm else "", ""
-    if modes is None:
+    if modes is None and search:
         try:
             found = analyse_stability(state, law, method=method, report=report)
         except ArithmeticError as problem:
@@ -335,8 +337,8 @@ def packing_content(
             why = found.verdict
             warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
     else:
-        mine = [read_mode(modes, 0, n)]
-        mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _count_modes(modes)))]
+        mine = _read_modes(modes, n) if modes else []
+        words += [] if modes else ["the spectrum was not computed, so there is no verdict"]
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = no_equilibrium_message(rest)
     frame = frame_of(state, law)
@@ -354,9 +356,11 @@ def packing_content(
     )
 
 
-def _count_modes(path: Path) -> int:
+def _read_modes(path: Path, n: int) -> list:
+    first = read_mode(path, 0, n)  # checks the file
     with np.load(path, allow_pickle=False) as file:
-        return len(file["exponent"])
+        count = len(file["exponent"])
+    return [first, *(read_mode(path, k, n) for k in range(1, min(MODES, count)))]
 
 
 def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
