@@ -19,7 +19,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from . import cold_start, contact_status, engine, gouge, rate_state, spheres
+from . import cold_start, contact_status, engine, gouge, rate_state, spheres, writing
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -143,12 +143,13 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--spheres`, `--status`, `--gouge`, `--friction` and `--start` select time steps of many grains,
-    quasi-static sphere packings, contact status, time steps of fault gouge, the spring-slider with rate-and-state
-    friction, or the time to the first result with and without compiled kernels.
+    `--engine`, `--spheres`, `--status`, `--gouge`, `--friction`, `--start` and `--writing` select time steps of many
+    grains, quasi-static sphere packings, contact status, time steps of fault gouge, the spring-slider with
+    rate-and-state friction, the time to the first result with and without compiled kernels, or archives, movies and
+    reports.
     """
     rows, quick = [], "--quick" in sys.argv
-    chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction", "--start"} & set(sys.argv)
+    chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction", "--start", "--writing"} & set(sys.argv)
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
@@ -164,6 +165,8 @@ def main() -> None:
         rows += rate_state.rows()
     if not chosen or "--start" in chosen:
         rows += cold_start.rows()
+    if "--writing" in chosen or not (chosen or quick):
+        rows += writing.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
     measured, rows = {_row_key(row) for row in rows}, [row | {"date": today} for row in rows]

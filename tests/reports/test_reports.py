@@ -20,6 +20,7 @@ from stickslip.core.state import SLIDE
 from stickslip.data import archive
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.writer import write_numbers
+from stickslip.figures import animation
 from stickslip.figures.grains import BALL
 from stickslip.figures.outlines import view_basis
 from stickslip.figures.quantities import quantities
@@ -299,6 +300,20 @@ def test_a_movie_has_as_many_frames_as_the_run(ending, folder):
     else:
         count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
         assert (count, seconds) == (3, pytest.approx(0.75, abs=0.3))
+
+
+def test_the_palette_of_a_movie_keeps_rare_colours_and_a_white_background():
+    pixels = np.full((300, 400, 3), 255, np.uint8)
+    pixels[:, 100:356] = (255 * plt.get_cmap("viridis")(np.arange(256))[:, :3]).astype(np.uint8)
+    pixels[200:, :100] = np.random.default_rng(0).integers(230, 256, (100, 100, 3))  # edges of lines
+    other = pixels.copy()
+    other[10:13, 10] = red = np.round(255 * np.array(to_rgba(RED)[:3])).astype(int)
+    frames = [Image.fromarray(pixels), Image.fromarray(other)]
+    palette = animation._palette_of(frames)
+    first, second = (np.asarray(f.quantize(palette=palette, dither=0).convert("RGB")).astype(int) for f in frames)
+    assert (first[:200, :100] == 255).all()
+    assert np.abs(first - pixels).max() < 20
+    assert np.abs(second[10:13, 10] - red).max() < 20
 
 
 def test_a_mode_becomes_a_movie(tmp_path):

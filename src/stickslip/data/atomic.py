@@ -68,6 +68,6 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
 
 
 def write_atomically(path: str | Path, *content: bytes) -> None:
-    """Write or replace a file, all or nothing; errors as in `replace_atomically`."""
+    """Write or replace a file, given in one or more parts, all or nothing; errors as in `replace_atomically`."""
     with replace_atomically(path) as part, part.open("wb") as file:
         file.writelines(content)

@@ -20,7 +20,7 @@ from .style import plt, styled
 ENDINGS = (".gif", ".mp4")
 PIXELS = 720  # width of the picture
 BITS = 6  # per channel of the colours from which the palette of a GIF is made
-WHITE = 252  # least value of colours shown as white: Pillow finds the entry of a palette to within 4
+WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
 
 
 @styled
@@ -135,7 +135,8 @@ def _palette_of(frames: list[Image.Image]) -> Image.Image:
     pixels = np.repeat(np.round(255 / most * colours).astype(np.uint8), weight, axis=0)
     image = Image.fromarray(pixels[None]).quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=1)
     palette = np.array(image.getpalette()).reshape(-1, 3)
-    palette[(palette >= WHITE).all(axis=1)] = 255
+    least = palette.min(axis=1)
+    palette[least >= min(WHITE, least.max())] = 255
     image.putpalette(palette.ravel().tolist())
     return image
 
