@@ -35,7 +35,7 @@ def report(
     settle: Settle = False,
     colour: Annotated[str | None, typer.Option("--colour", help="Quantity that initially colours the grains.")] = None,
     no_verdict: Annotated[
-        bool, typer.Option("--no-verdict", help="Leave out verdict and modes, which take minutes for 10,000 grains.")
+        bool, typer.Option("--no-verdict", help="Leave out verdict and modes, which take long for 10,000 grains.")
     ] = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
