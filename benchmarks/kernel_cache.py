@@ -1,8 +1,8 @@
 """Run every kernel of the disk array once; print how many were loaded from the cache and how many were compiled."""
 
 import stickslip as ss
-from stickslip.core.contacts.forces import evaluation
-from stickslip.core.dynamics.run import stepper
+from stickslip.core.contacts.forces import evaluate
+from stickslip.core.dynamics.loop import step_loop
 
 
 def main() -> None:
@@ -11,7 +11,7 @@ def main() -> None:
     state = ss.packings.disk_array(10, press=5e-5, push=1e-5)
     ss.forces(state, law)
     ss.run(state, law, 10, 0.1)
-    kernels = [make(law.kind, law.coulomb, 2, 0).stats for make in (stepper, evaluation)]
+    kernels = [kernel.stats for kernel in (step_loop(law.kind, law.coulomb, 2, 0, 0, False), evaluate)]
     print(sum(sum(k.cache_hits.values()) for k in kernels), sum(sum(k.cache_misses.values()) for k in kernels))
 
 

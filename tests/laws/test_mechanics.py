@@ -10,7 +10,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.mechanics import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
-from stickslip.core.dynamics import run as integrate
+from stickslip.core.dynamics import driver as integrate
 from tests.conftest import make_packing, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -228,7 +228,7 @@ def test_energy_is_conserved_as_the_time_step_goes_to_zero(name, dim):
 
 
 @SLOW
-def test_many_grains_in_blocks_move_as_in_the_plain_sweep_on_any_number_of_threads(monkeypatch):
+def test_many_grains_in_blocks_move_as_by_rows_on_any_number_of_threads(monkeypatch):
     law, rng, side = example("cohesive"), np.random.default_rng(0), 10
     place = np.stack(np.meshgrid(*2 * [np.arange(side)]), axis=-1).reshape(-1, 2) * 1.03
     grains = ss.disks(place + rng.normal(0, 0.01, place.shape), rng.uniform(0.48, 0.52, side**2))
@@ -244,14 +244,8 @@ def test_many_grains_in_blocks_move_as_in_the_plain_sweep_on_any_number_of_threa
     np.testing.assert_allclose(one.grains.position, plain.grains.position, atol=1e-11)
 
 
-def test_what_rolling_laws_cannot_do_is_said():
-    state, law = packed("rolling", 3)
-    with pytest.raises(ValueError, match="slip_update='rate' was given with a user's law"):
-        ss.run(state, law, 1, 1e-3, slip_update="rate")
-    sheared = make_packing(3, wall=False)
-    control = sheared.control._replace(cell_rate=np.array([[0, 0.1, 0], [0, 0, 0], [0, 0, 0]], float))
-    with pytest.raises(ValueError, match="a law with rolling resistance was given with a deforming cell"):
-        ss.run(sheared._replace(control=control), law, 1, 1e-3)
+def test_collisions_of_a_user_defined_law_are_refused():
+    law = example("rolling")
     with pytest.raises(ValueError, match="supports built-in laws only"):
         ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1)
 

@@ -94,7 +94,7 @@ def normal(state):
 @pytest.mark.parametrize(("law_name", "coulomb", "dim"), [("linear", "sharp", 3), ("hertz", "smooth", 2)])
 @pytest.mark.parametrize("mu", [0.05, 10.0])
 def test_blocks_of_many_contacts_carry_slip_as_single_ones_do(law_name, coulomb, dim, mu):
-    """Sixty pairs far apart go through vectorised blocks, one pair through the plain sweep."""
+    """Sixty pairs far apart go through vectorised blocks, one pair by rows."""
     one, law = on_a_grain(dim, law_name), law_of(law_name, coulomb, mu)
     position = np.concatenate([one.grains.position + np.array([20.0 * k, 0, 0]) for k in range(60)])
     more = {name: np.tile(getattr(one.grains, name), (60, 1)) for name in ("velocity", "spin")}
@@ -189,7 +189,7 @@ def test_a_sliding_grain(law_name, coulomb, dim):
 def test_grains_that_hit_a_floor_and_leave_it(law_name, dim, speed, duration, count):
     """Collisions at any moment of a step: counting no slip in the step that closes a contact gives 1.
 
-    Forty grains go through the plain sweep, sixty through vectorised blocks.
+    Forty grains go by rows, sixty through vectorised blocks.
     """
     state, law = on_a_floor(dim, law_name, np.linspace(0.02, 0.03, count), speed), law_of(law_name, "sharp", 10.0)
     slope, end = order(state, law, duration, 128)

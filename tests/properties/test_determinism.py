@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.dynamics import driver as integrate
 from stickslip.core.dynamics import driver as many
-from stickslip.core.dynamics import run as integrate
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 
@@ -72,7 +72,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("law_name", "coulomb", "dim", "more", "walls"), CASES)
-def test_blocks_agree_with_a_plain_sweep(law_name, coulomb, dim, more, walls, monkeypatch):
+def test_blocks_agree_with_rows(law_name, coulomb, dim, more, walls, monkeypatch):
     law, state = make_law(law_name, coulomb, **more), flowing(dim=dim, walls=walls)
     fast, record, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
     monkeypatch.setattr(integrate, "MIN_BODIES", 10**9)

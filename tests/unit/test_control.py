@@ -52,7 +52,7 @@ def test_a_plate_does_not_depend_on_threads_or_on_the_way_through_the_list(monke
     one, record, _ = ss.run(state, law, 200, 0.05, every=10, ledger=True)
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
     assert np.array_equal(one.grains.position, two.grains.position)
-    monkeypatch.setattr("stickslip.core.dynamics.run.MIN_BODIES", 10**9)
+    monkeypatch.setattr("stickslip.core.dynamics.driver.MIN_BODIES", 10**9)
     plain, _, _ = ss.run(state, law, 200, 0.05)
     np.testing.assert_allclose(plain.grains.position, one.grains.position, atol=1e-11)
     # walls that cut into grains throw them apart at the start: a step of a fifth of a radius closes to half a per cent

@@ -1,4 +1,4 @@
-"""The stepper: closed forms, events, splits, drag, driven bodies, blow-ups."""
+"""The time loop: closed forms, events, splits, drag, driven bodies, blow-ups."""
 
 import numpy as np
 import pytest

@@ -138,7 +138,7 @@ def test_what_rescaling_takes_stands_under_nonpotential(rescaled):
     book = record.ledger
     assert book.tangential[-1] == pytest.approx(start * left, rel=1e-9)
     assert book.nonpotential[-1] == pytest.approx(start * (left - 1), rel=1e-5)  # trapezia of 1/700
-    assert abs(book.coulomb[-1]) < 1e-12 * start
+    assert abs(book.coulomb[-1]) < 1e-11 * start  # round-off of 700 slips
     assert abs(book.defect[-1]) < 1e-5 * start
 
 

@@ -1,7 +1,6 @@
 """Forces, torques and trial memory of all contacts.
 
-`forces` returns loads and *trial* contacts and leaves the state unchanged; only `accept` commits them. The kernel
-`sweep_contacts` works in place on the list it receives: a copy here, the stepper's own list in `run`.
+`forces` returns loads and *trial* contacts and leaves the state unchanged; only `accept` commits them.
 """
 
 from typing import NamedTuple
@@ -11,52 +10,15 @@ from numba import njit
 
 from ..arguments import checked
 from ..control import spring_forces
-from ..laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    Law,
-    cap,
-    contact_damping,
-    damping_model,
-    least_force,
-    normal_force,
-    reach,
-    rescaling_flag,
-    row,
-    tangential_stiffness,
-)
+from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
 from ..laws.dispatch import check_kind
 from ..options import INNER
 from ..readable import pluralize, readable
-from ..state import OPEN, SLIDE, State, groups
-from .geometry import (
-    at_contact,
-    mid_normal,
-    normal_and_overlap,
-    onto_plane,
-    pair_vector,
-    shifts,
-    slip_increment,
-    surface_rotation,
-    touching_fraction,
-)
-from .mechanics import (
-    FREE,
-    FROZEN,
-    HELD,
-    effective_values,
-    out_of_range,
-    rescale_slip,
-    return_mapping,
-    tangential_force,
-    with_dashpot,
-    with_tangential_dashpot,
-)
+from ..state import OPEN, State, groups
+from .geometry import normal_and_overlap, pair_vector, shifts
+from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
-from .rolling import add_rolling, forget_rolling
-
-CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
-EVENT_COLUMNS = ("kind", "time", "i", "j", "image_x", "image_y", "image_z", "x", "y", "z")
+from .rows import NO_EVENTS, sweep_contacts
 
 
 class Bodies(NamedTuple):
@@ -107,154 +69,6 @@ def bodies(state: State) -> Bodies:
     )
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
-    """Normal component and tangential vector of the velocity of i relative to j at the contact [length/time].
-
-    `rate` is the velocity gradient L of the cell, which adds L r.
-    """
-    wx, wy, wz = surface_rotation(dim, spin, radius, i, j)
-    vx, vy = velocity[i, 0] - velocity[j, 0], velocity[i, 1] - velocity[j, 1]
-    vz = velocity[i, 2] - velocity[j, 2] if dim == 3 else 0.0
-    vx += rate[0, 0] * rx + rate[0, 1] * ry + rate[0, 2] * rz
-    vy += rate[1, 0] * rx + rate[1, 1] * ry + rate[1, 2] * rz
-    if dim == 3:
-        vz += rate[2, 0] * rx + rate[2, 1] * ry + rate[2, 2] * rz
-    vx, vy, vz = at_contact(nx, ny, nz, vx, vy, vz, wx, wy, wz)
-    vn = vx * nx + vy * ny + vz * nz
-    return vn, vx - vn * nx, vy - vn * ny, vz - vn * nz
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
-def is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
-    """Return True if the pair vector and rolled angle are those at which the contact's memory was committed."""
-    plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
-    return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
-def record_event(events, event_count, kind, time, i, j, image, c, place, at):
-    """Append one row of EVENT_COLUMNS. Rows beyond the capacity are counted but not stored."""
-    k = event_count[0]
-    event_count[0] = k + 1
-    if k >= len(events):
-        return
-    events[k, 0], events[k, 1], events[k, 2], events[k, 3] = kind, time, i, j
-    for m in range(3):
-        events[k, 4 + m] = image[c, m]
-        events[k, 7 + m] = place[at, m]
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
-def sweep_contacts(
-    kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count,
-    rescaled,
-):  # fmt: skip
-    """Add the loads of all contacts and update their memory in place. The function is inlined into its callers.
-
-    `step` holds the velocities, spins and length of the step that ends here. They determine the fraction of the
-    step during which a closing contact touched. If the length is zero, the contact starts without slip. `rescaled`: see
-    `builtin.rescaling_flag`.
-    """
-    position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
-    n_grains = len(radius) - len(wall_normal)
-    slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
-    for c in range(contacts.count[0]):
-        is_wall = contacts.j[c] >= n_grains
-        # unsigned, so that indices are not checked for negative values
-        i, j, wall = np.uint64(contacts.i[c]), np.uint64(contacts.j[c]), np.uint64(contacts.j[c] - n_grains)
-        rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
-        nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
-        before = mode[c]
-        if out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
-            if before != OPEN:
-                mode[c] = OPEN
-                contacts.reached[c] = False
-                slip[c, 0] = slip[c, 1] = slip[c, 2] = 0.0
-                forget_rolling(kind, contacts.rolling, c)
-                record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position, i)
-            continue
-        q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
-        r_eff, m_eff = effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall)
-        ax, ay, az = surface_rotation(dim, angle, radius, i, j)
-        kept = memory == FROZEN and before != OPEN and is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
-        # previous slip rotated with the contact, its increment, and the mid-step normal
-        sx = sy = sz = dx = dy = dz = 0.0
-        mx, my, mz, part, whole, fade = nx, ny, nz, 1.0, 1.0, 1.0
-        if kept:
-            sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
-        elif before != OPEN:
-            dx, dy, dz = rx - pair[c, 0], ry - pair[c, 1], rz - pair[c, 2] if dim == 3 else 0.0
-            wx, wy = (ax - roll[c, 0], ay - roll[c, 1]) if dim == 3 else (0.0, 0.0)
-            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
-            sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
-            sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
-            if rescaled is not None:
-                fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
-            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
-            if rescaled is not None:  # the increment before the overlap decreased is shortened, too
-                half = 0.5 * (1.0 + fade)
-                dx, dy, dz = half * dx, half * dy, half * dz
-        elif step[2] > 0.0:
-            dt, v, w = step[2], step[0], step[1]
-            dx, dy = dt * (v[i, 0] - v[j, 0]), dt * (v[i, 1] - v[j, 1])
-            dz = dt * (v[i, 2] - v[j, 2]) if dim == 3 else 0.0
-            wx, wy, wz = surface_rotation(dim, w, radius, i, j)
-            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
-            part, whole = touching_fraction(nx, ny, nz, inverse, overlap + reach(kind, q, r_eff), dx, dy, dz)
-            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, dt * wx, dt * wy, dt * wz)
-        fn = normal_force(kind, q, r_eff, overlap)
-        vx = vy = vz = factor = 0.0
-        if viscous:
-            vn, vx, vy, vz = relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
-            factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
-            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
-        limit = cap(kind, q, r_eff, overlap, fn)
-        stiffness = tangential_stiffness(kind, q, r_eff, overlap)
-        after = before
-        if not kept:
-            if rescaled is not None:
-                sx, sy, sz, after = return_mapping(
-                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory, fade
-                )
-            else:
-                sx, sy, sz, after = return_mapping(
-                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory
-                )
-            slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
-            if dim == 3:
-                slip[c, 2], pair[c, 2], roll[c, 0], roll[c, 1] = sz, rz, ax, ay
-            if after != before:
-                mode[c] = after
-                if before == OPEN:
-                    record_event(events, event_count, CLOSED, time, i, j, contacts.image, c, position, i)
-                if after == SLIDE and limit > 0.0 and not contacts.reached[c]:
-                    contacts.reached[c] = True
-                    record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position, i)
-        tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
-        if viscous:
-            tx, ty, tz = with_tangential_dashpot(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
-        fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
-        qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
-        add_rolling(
-            kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, part, whole, (nx, ny, nz, mx, my, mz),
-            contacts.rolling, c, i, j, before, torque,
-        )  # fmt: skip
-        force[i, 0] += fx
-        force[i, 1] += fy
-        force[j, 0] -= fx
-        force[j, 1] -= fy
-        torque[i, 2] += radius[i] * qz
-        torque[j, 2] += radius[j] * qz
-        if dim == 3:
-            force[i, 2] += fz
-            force[j, 2] -= fz
-            torque[i, 0] += radius[i] * qx
-            torque[i, 1] += radius[i] * qy
-            torque[j, 0] += radius[j] * qx
-            torque[j, 1] += radius[j] * qy
-
-
 @njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     """Pair vector and elastic force on i, for a touching pair of grains whose memory is committed."""
@@ -286,15 +100,11 @@ def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
 def evaluate(
     kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
 ):  # fmt: skip
-    """Evaluate all contacts with zero velocities. A single kernel serves all built-in laws, unlike in the time loop."""
-    still = (bodies.velocity, bodies.spin, 0.0)
+    """Evaluate all contacts. A single kernel serves all built-in laws, unlike in the time loop."""
     sweep_contacts(
-        kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events, event_count,
-        rescaled,
+        kind, coulomb, dim, viscous, 0, rescaled, memory, None, 0.0, False, None, bodies, contacts, shift, p, force,
+        torque, None, 0.0, events, event_count,
     )  # fmt: skip
-
-
-NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
 
 
 @checked

@@ -35,9 +35,9 @@ from ..laws.builtin import (
 from ..options import INNER
 from ..state import OPEN, SLIDE, State
 from .forces import bodies, check_materials, check_memory
-from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts, slip_increment, surface_rotation
+from .geometry import normal_and_overlap, pair_vector, shifts, surface_rotation
 from .interaction_range import largest_gap, listed_gap, with_rolling_memory
-from .mechanics import HELD, effective_values, out_of_range, rescale_slip, return_mapping, turning_weight
+from .mechanics import HELD, effective_values, out_of_range, transport_slip, truncated_slip, turning_weight
 from .neighbors import body_positions, moved_too_far
 from .rolling import resists_rolling, with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
@@ -117,20 +117,14 @@ def _fill_linearisation(kind, coulomb, viscous, dim, bodies, contacts, shift, p,
             out.before[c, 0], out.before[c, 1], out.before[c, 2] = sx, sy, sz
             out.way[c, 0], out.way[c, 1], out.way[c, 2] = dx, dy, dz
             out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
-            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
-            sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
-            if rescaled is not None:
-                fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
-            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
-            if rescaled is not None:
-                half = 0.5 * (1.0 + fade)
-                dx, dy, dz = half * dx, half * dy, half * dz
+            sx, sy, sz, dx, dy, dz, _, _, _, fade = transport_slip(
+                0, rescaled, nx, ny, nz, inverse, overlap, dx, dy, dz, ax, ay, az, sx, sy, sz
+            )
         spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
+        mode = truncated_slip(dim, rescaled, *spring, 1.0, 1.0, before, memory, fade)[3]
         if rescaled is not None:
-            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]
             top, below = turning_weight(*spring, fade)
         else:
-            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory)[3]
             top, below = turning_weight(*spring)
         weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
         if weighted:

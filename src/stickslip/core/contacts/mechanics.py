@@ -8,19 +8,28 @@ import numpy as np
 from numba import njit
 
 from ..laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
     MASS,
     NO_TENSION,
     SMOOTH,
     VISCOELASTIC,
     acts_across_gaps,
+    cap,
+    contact_damping,
+    least_force,
+    masked,
     mobilisation,
+    normal_force,
+    rate_cap,
     reach,
     row,
+    tangential_stiffness,
     uses_radius,
 )
 from ..options import INNER
 from ..state import SLIDE, STICK
-from .geometry import overlap_increment
+from .geometry import mid_normal, onto_plane, overlap_increment, slip_increment
 
 # treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
 # it was committed; HELD: transport it with every contact in its mode; FREE: transport it
@@ -193,3 +202,81 @@ def truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
     stretch = damping / stiffness if stiffness > 0.0 else 0.0
     sx, sy, sz = sx + less * (sx + stretch * vx), sy + less * (sy + stretch * vy), sz + less * (sz + stretch * vz)
     return grip * tx, grip * ty, grip * tz, sx, sy, sz, slides
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
+def transport_slip(rate, rescaled, nx, ny, nz, inverse, overlap, dx, dy, dz, wx, wy, wz, sx, sy, sz):
+    """Move the slip s of a contact along with a displacement dr and a rotation d(roll) that end at n.
+
+    Returns the slip, rotated with the contact and shortened by the law, its increment, the mid-step normal, and the
+    factor by which it was shortened. `rate`: as LAMMPS, see `run`; `rescaled`: see `builtin.rescaling_flag`.
+    """
+    mx, my, mz, fade = nx, ny, nz, 1.0
+    if not rate:
+        mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+    ox, oy, oz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+    if rescaled is not None:
+        if rate:
+            ox, oy, oz = scale_to_length(ox, oy, oz, sx, sy, sz)
+        fade, ox, oy, oz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, ox, oy, oz)
+    dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
+    if rescaled is not None and not rate:
+        half = 0.5 * (1.0 + fade)
+        dx, dy, dz = half * dx, half * dy, half * dz
+    return ox, oy, oz, dx, dy, dz, mx, my, mz, fade
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
+def truncated_slip(dim, rescaled, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade):
+    """`return_mapping` for laws that may rescale; kernels of all other laws are the same as without `fade`."""
+    if rescaled is not None:
+        return return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade)
+    return return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
+def normal_force_and_limit(kind, viscous, rate, touches, q, r_eff, m_eff, overlap, vn):
+    """Elastic and total normal force, factor on the damping coefficients, and Coulomb limit of a contact.
+
+    `vn` is the normal velocity. Forces of a pair that does not touch are zero; its overlap is minus the law's range.
+    """
+    elastic = masked(kind, touches, normal_force(kind, q, r_eff, overlap))
+    fn, factor = elastic, 0.0
+    if viscous:
+        factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
+        factor = factor if touches else 0.0
+        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn, least_force(kind, elastic))
+    largest = rate_cap(kind, q, r_eff, overlap, fn) if rate and viscous else cap(kind, q, r_eff, overlap, fn)
+    limit = masked(kind, touches, largest)
+    return elastic, fn, factor, limit
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
+def contact_forces(
+    kind, coulomb, dim, viscous, rate, rescaled, memory, hold, touches, q, r_eff, m_eff, nx, ny, nz, overlap, ox, oy,
+    oz, dx, dy, dz, fade, part, whole, slid, vx, vy, vz,
+):  # fmt: skip
+    """Forces of one contact from its transported slip o and the increment d: law, dashpots, Coulomb limit.
+
+    `slid`: the contact was sliding before; `v`: velocity of the surface of i relative to that of j; for the other
+    arguments see `transport_slip`, `return_mapping` and `normal_force_and_limit`. With `hold` the slip is o.
+
+    Returns the normal force, the tangential force, the slip, the Coulomb limit, and True if the contact slides.
+    """
+    vn = vx * nx + vy * ny + vz * nz
+    vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
+    _, fn, factor, limit = normal_force_and_limit(kind, viscous, rate, touches, q, r_eff, m_eff, overlap, vn)
+    stiffness, damping = tangential_stiffness(kind, q, r_eff, overlap), factor * q[DAMPING_T]
+    if viscous and rate:
+        sx, sy, sz = ox + dx, oy + dy, oz + dz
+        tx, ty, tz, sx, sy, sz, slides = truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
+    else:
+        sx, sy, sz, after = truncated_slip(
+            dim, rescaled, stiffness, limit, ox, oy, oz, dx, dy, dz, part, whole, SLIDE if slid else STICK, memory, fade
+        )
+        slides = after == SLIDE
+        sx, sy, sz = (ox, oy, oz) if hold else (sx, sy, sz)
+        tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
+        if viscous:
+            tx, ty, tz = with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz)
+    return fn, tx, ty, tz, sx, sy, sz, limit, slides

@@ -83,10 +83,10 @@ def _relative_angle(dim, angle, i, j):
 
 @_if_rolling
 def add_rolling(
-    kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, part, whole, normals, rolling, c, i, j, before,
+    kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, dt, part, whole, normals, rolling, c, i, j, before,
     torque,
 ):  # fmt: skip
-    """Add the moments of a contact and update its ψ; arguments as in `sweep_contacts`."""
+    """Add the moments of a contact and update its ψ; arguments as in `rows.sweep_contacts`."""
     tx, ty, tz = _relative_angle(dim, angle, i, j)
     own = rolling[c]
     rests = kept and tx == own[3] and ty == own[4] and tz == own[5]
@@ -98,9 +98,8 @@ def add_rolling(
         if before != OPEN:
             px, py, pz = onto_plane(*normals, own[0], own[1], own[2])
             dx, dy, dz = onto_plane(*normals, tx - own[3], ty - own[4], tz - own[5])
-        elif step[2] > 0.0:
-            wx, wy, wz = _relative_angle(dim, step[1], i, j)
-            dt = step[2]
+        elif step is not None:
+            wx, wy, wz = _relative_angle(dim, step.spin, i, j)
             dx, dy, dz = onto_plane(*normals, dt * wx, dt * wy, dt * wz)
         mode = SLIDE if own[AT_CAP] > 0.0 else STICK
         px, py, pz, mode = return_mapping(dim, stiffness, limit, px, py, pz, dx, dy, dz, part, whole, mode, memory)

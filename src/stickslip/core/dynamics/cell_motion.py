@@ -232,6 +232,16 @@ def begin_cell_step(frame, flow, pace):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy", **INNER)
+def _volume(dim, h):
+    """Volume of a cell, or its area in two dimensions."""
+    space = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]
+    if dim == 3:
+        space = space * h[2, 2] + h[0, 2] * (h[1, 0] * h[2, 1] - h[1, 1] * h[2, 0])
+        space += h[1, 2] * (h[0, 1] * h[2, 0] - h[0, 0] * h[2, 1])
+    return abs(space)
+
+
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def end_cell_step(dim, frame, flow, pace, moving, fresh):
     """End a step: sum the stress in order of grain number, and accelerate the cell."""
     total = np.zeros((3, 3))
@@ -241,12 +251,7 @@ def end_cell_step(dim, frame, flow, pace, moving, fresh):
             for m in range(3):
                 flux = frame.grain_mass[a] * moving.body[g, VELOCITY + k] * moving.body[g, VELOCITY + m]
                 total[k, m] += moving.virial[g, 3 * k + m] + flux
-    h, rate, pull = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[PULL]
-    space = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]
-    if dim == 3:
-        space = space * h[2, 2] + h[0, 2] * (h[1, 0] * h[2, 1] - h[1, 1] * h[2, 0])
-        space += h[1, 2] * (h[0, 1] * h[2, 0] - h[0, 0] * h[2, 1])
-    space = abs(space)
+    rate, pull, space = flow.matrix[RATE], flow.matrix[PULL], _volume(dim, flow.matrix[VECTORS])
     inertia = frame.mass * (space if dim == 2 else space ** (2.0 / 3.0))
     for a in range(3):
         for b in range(3):
@@ -258,11 +263,16 @@ def end_cell_step(dim, frame, flow, pace, moving, fresh):
                 rate[a, b] = frame.given[a, b] * flow.factor[1, frame.follows[a, b]]
 
 
-def unbalanced_cell(frame: Frame, flow: Flow, dim: int, drag: float) -> float:
-    """Largest force or drag force on a free component of the cell, divided by ℓ [force]."""
-    length = abs(np.linalg.det(flow.matrix[VECTORS, :dim, :dim])) ** (1 / dim)
-    force = np.maximum(np.abs(flow.matrix[PULL]), drag * np.abs(flow.matrix[RATE]))[frame.free]
-    return float(frame.mass * length * force.max(initial=0.0))
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
+def unbalanced_cell(dim, frame, flow, drag):
+    """Largest force or drag force on a free component of the cell, divided by ℓ [force]; NaN if one is NaN."""
+    pull, rate, most = flow.matrix[PULL], flow.matrix[RATE], 0.0
+    for a in range(3):
+        for b in range(3):
+            if frame.free[a, b]:
+                size = max(abs(pull[a, b]), drag * abs(rate[a, b])) + 0.0 * pull[a, b] * rate[a, b]
+                most = size if not size <= most else most
+    return frame.mass * _volume(dim, flow.matrix[VECTORS]) ** (1.0 / dim) * most
 
 
 def remaining_skin(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:

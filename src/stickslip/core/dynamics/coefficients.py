@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import Bodies, bodies, moved_masses
-from ..contacts.neighbors import join_bodies
+from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..options import INNER
+from ..simd.transpose import KICK, KICK_T, RADIUS, SPIN, VELOCITY
 from ..state import Control, State, groups
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
@@ -42,19 +42,12 @@ def sum_over_groups(member, start, force):
 
 
 class Plan(NamedTuple):
-    """Coefficients of the loop, constant during a run.
+    """Coefficients of a run, constant during it."""
 
-    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a time step divided by the mass (zero where not
-    free), factor of explicit drag, factor of implicit drag.
-    """
-
-    motion: np.ndarray  # (6, 3B)
-    drag: np.ndarray  # (B, 6) [1/time]
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
     mass: np.ndarray  # (N,)
     inertia: np.ndarray  # (N,)
-    lever: np.ndarray  # (B,) radius, 1 for walls
     dt: float
 
 
@@ -68,29 +61,27 @@ def find_not_finite(x, angle):
     return -1
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
-def largest_unbalanced(v, spin, force, torque, plan):
-    """Largest force, torque/R or drag force over the free components, and the body on which it acts.
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
+def largest_unbalanced(moving, plan):
+    """Largest force, torque/R or drag force on the free components of moving bodies, and the body on which it acts.
 
     NaN counts as largest.
     """
-    motion, drag = plan.motion, plan.drag
-    residual, worst = 0.0, -1
-    for a in range(len(v)):
+    body, most, worst = moving.body, 0.0, -1
+    for g in range(len(body)):
         for k in range(6):
-            turning, q = k >= 3, 3 * a + k % 3
-            kick = motion[3, q] if turning else motion[0, q]
-            if kick > 0.0:
-                f = torque[a, k - 3] if turning else force[a, k]
-                rate = spin[a, k - 3] if turning else v[a, k]
-                size = abs(f) + 0.0 * rate
+            turning = k >= 3
+            kick = body[g, KICK_T] if turning else body[g, KICK]
+            if moving.free[g, k] and kick > 0.0:
+                rate = body[g, SPIN + k - 3] if turning else body[g, VELOCITY + k]
+                drag = plan.drags[1] if turning else plan.drags[0]
+                size = max(abs(moving.force[g, k]), drag * abs(rate) * 0.5 * plan.dt / kick)
+                size = (size + 0.0 * moving.force[g, k] * rate) / (body[g, RADIUS] if turning else 1.0)
                 if not np.isfinite(size):
-                    return np.nan, a
-                size = max(size, drag[a, k] * abs(rate) * 0.5 * plan.dt / kick)
-                size /= plan.lever[a] if turning else 1.0
-                if size > residual:
-                    residual, worst = size, a
-    return residual, worst
+                    return np.nan, moving.order[g]
+                if size > most:
+                    most, worst = size, moving.order[g]
+    return most, worst
 
 
 def driven_bodies(state: State) -> Bodies:
@@ -122,9 +113,13 @@ def state_after(state: State, work: Bodies, contacts, time: float) -> State:
     return state._replace(grains=grains, walls=walls, cell=cell, contacts=contacts, time=time)
 
 
-def moved_by_forces(motion):
-    """Components that forces can move, (B, 6)."""
-    return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
+def movable(state: State) -> np.ndarray:
+    """Components that forces can move, (B, 6) bool."""
+    free, n = state.control.free.copy(), len(state.grains.radius)
+    free[n:, 3:] = False
+    if state.cell.dim == 2:
+        free[:, 2:5] = False
+    return free
 
 
 def inverse_inertia_of(state: State) -> np.ndarray:
@@ -146,30 +141,13 @@ def find_runaway(velocity, radius, dt):
     return -1
 
 
-def _drag_factors(state: State, drag: float, spin_drag: float, dt: float):
-    """Arrays `motion` and `drag` of a plan."""
-    n, half, free = len(state.grains.radius), 0.5 * dt, state.control.free
-    kick, rate = np.zeros((2, state.n_bodies, 6))
-    kick[:, :3], kick[:n, 3:] = half / moved_masses(state)[:, None], half / state.grains.inertia[:, None]
-    kick[~free] = 0.0
-    if state.cell.dim == 2:
-        kick[:, 2:5] = 0.0
-    rate[:, :3], rate[:, 3:] = drag, spin_drag
-    rate[kick == 0.0] = 0.0
-    parts = (kick, 1.0 - half * rate, 1.0 / (1.0 + half * rate))
-    return np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts]), rate
-
-
-def make_plan(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
-    """Kicks, drags and external loads of all bodies for one time step. `bare` omits the factors of each component."""
-    grains, walls, control = state.grains, state.walls, state.control
-    mass = np.concatenate([grains.mass, walls.mass])
-    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _drag_factors(state, drag, spin_drag, dt)
+def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
+    """Drags and external loads of all bodies."""
+    grains, control = state.grains, state.control
+    mass = np.concatenate([grains.mass, state.walls.mass])
     external = np.zeros((2, state.n_bodies, 3))
     if control.force.any() or control.gravity.any():
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    lever = join_bodies(grains.radius, np.ones(len(walls.mass)))
-    drags = (float(drag), float(spin_drag))
-    return Plan(motion, rate, external, drags, grains.mass, grains.inertia, lever, float(dt))
+    return Plan(external, (float(drag), float(spin_drag)), grains.mass, grains.inertia, float(dt))

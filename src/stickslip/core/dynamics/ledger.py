@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import Bodies, relative_velocity
+from ..contacts.forces import Bodies
 from ..contacts.geometry import (
+    at_contact,
     mid_normal,
     normal_and_overlap,
     onto_plane,
@@ -29,23 +30,18 @@ from ..contacts.geometry import (
 from ..contacts.mechanics import (
     contact_radius_ratio,
     effective_values,
+    normal_force_and_limit,
     tangential_force,
-    with_dashpot,
     with_tangential_dashpot,
 )
 from ..contacts.rolling import add_rolling_energy
+from ..contacts.rows import add_gradient, relative_motion
 from ..control import spring_forces
 from ..laws.builtin import (
-    DAMPING_N,
     DAMPING_T,
-    MU,
     SMOOTH,
-    cap,
-    contact_damping,
     damping_model,
-    least_force,
     normal_energy,
-    normal_force,
     reach,
     rescaling_flag,
     row,
@@ -98,16 +94,18 @@ def _evaluate_contact(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, s
     if overlap <= -edge:
         stiffness, none = tangential_stiffness(kind, q, r_eff, 0.0 - edge), (0.0, 0.0, 0.0)
         return overlap + edge, (nx, ny, nz, inverse), 0.0, 0.0, (stiffness, 0.0, 0.0, 0.0), 0.0, 0.0, none, none
-    elastic, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
+    stiffness = tangential_stiffness(kind, q, r_eff, overlap)
     sx, sy, sz = (slip[0], slip[1], slip[2]) if known else (0.0, 0.0, 0.0)
     square = sx * sx + sy * sy + sz * sz
-    fn, power, vx, vy, vz, factor = elastic, 0.0, 0.0, 0.0, 0.0, 0.0
+    vn = vx = vy = vz = 0.0
     if viscous:
-        vn, vx, vy, vz = relative_velocity(dim, b.velocity, b.spin, b.radius, b.rate, i, j, rx, ry, rz, nx, ny, nz)
-        factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
-        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn, least_force(kind, elastic))
-        power -= (fn - elastic) * vn
-    limit = q[MU] * abs(fn) if rate else cap(kind, q, r_eff, overlap, fn)
+        ux, uy, uz = surface_rotation(dim, b.spin, b.radius, i, j)
+        vx, vy, vz = add_gradient(b.rate, rx, ry, rz, *relative_motion(dim, b.velocity, i, j))
+        vx, vy, vz = at_contact(nx, ny, nz, vx, vy, vz, ux, uy, uz)
+        vn = vx * nx + vy * ny + vz * nz
+        vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
+    elastic, fn, factor, limit = normal_force_and_limit(kind, viscous, rate, True, q, r_eff, m_eff, overlap, vn)
+    power = (elastic - fn) * vn
     tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
     spring = np.sqrt(tx * tx + ty * ty + tz * tz)
     energy, by_stiffness, by_limit = 0.5 * stiffness * square, 0.5 * square, 0.0

@@ -1,9 +1,10 @@
-"""Time steps of many grains, tile by tile, on one thread or several. For the order of contacts, see `blocks`.
+"""Time steps of all grains. Contacts are evaluated by rows (few grains, or a law with rolling) or by blocks.
 
-A step first evaluates the contacts between bodies of different threads. Then each thread goes through its tiles. It
-evaluates a tile's contacts, both with later tiles and within the tile, and moves the tile's grains while they are in
-the processor's cache. The kinematics are compiled without fast math, so that stopping after a step for a record does
-not change a single bit of the trajectory.
+By rows, all bodies are in the last tile, and samples are written without leaving compiled code. By blocks, for whose
+order see `blocks`, a step first evaluates the contacts between bodies of different threads. Then each thread goes
+through its tiles. It evaluates a tile's contacts, both with later tiles and within the tile, and moves the tile's
+grains while they are in the processor's cache. The kinematics are compiled without fast math, so that stopping after a
+step for a record does not change a single bit of the trajectory.
 """
 
 from functools import cache
@@ -13,13 +14,16 @@ import numba
 import numpy as np
 from numba import njit, prange
 
-from ..contacts.forces import CLOSED, OPENED, REACHED_LIMIT, record_event
+from ..contacts.forces import Bodies
+from ..contacts.mechanics import FREE
+from ..contacts.rows import CLOSED, OPENED, REACHED_LIMIT, Step, record_event, sweep_contacts
 from ..flow import STRETCH, TURN
 from ..laws.builtin import rescaling_flag
 from ..laws.dispatch import as_numpy_integers
 from ..options import INNER
 from ..simd.blocks import KERNEL_OPTIONS, STUCK_AGAIN, evaluate_blocks
 from ..simd.cycle_counter import ticks
+from ..simd.layout import scatter_bodies
 from ..simd.reduce import IS_FIRST, IS_I, ROW, WIDTH, sum_rows
 from ..simd.transpose import (
     KICK,
@@ -34,8 +38,9 @@ from ..simd.transpose import (
     empty_aligned,
 )
 from ..state import OPEN, SLIDE
-from .cell_motion import begin_cell_step, course_at, end_cell_step
-from .coefficients import DONE, FULL, MOVED, sum_over_groups
+from .cell_motion import begin_cell_step, course_at, end_cell_step, unbalanced_cell
+from .coefficients import CHECK_EVERY, CONVERGED, DONE, FULL, MOVED, largest_unbalanced, sum_over_groups
+from .record import write_sample
 
 CHUNK = 64  # bodies whose forces are summed together
 _NOT_FINITE_SQUARE = 1e300  # squared displacement returned for NaN
@@ -54,6 +59,18 @@ class StepFactors(NamedTuple):
     slow: float  # 1/(1 + ν dt/2)
     keep_t: float
     slow_t: float
+
+
+class Rows(NamedTuple):
+    """Views of the moving bodies as `sweep_contacts` expects them; all bodies are in the state's order."""
+
+    step: Step
+    bodies: Bodies  # with the velocities that dashpots use
+    shift: np.ndarray  # (C, 3) periodic shift of every pair
+    vectors: np.ndarray  # (3, 3) of the cell
+    force: np.ndarray  # (B, 3)
+    torque: np.ndarray  # (B, 3)
+    here: Bodies  # contiguous copy for samples
 
 
 class Springs(NamedTuple):
@@ -258,10 +275,11 @@ def _end_step(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_o
 def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
     """End the step of the last tile: walls, bodies on springs, and rigid groups, whose members get the total force."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
-    for start in range(first, last, CHUNK):
-        end = min(start + CHUNK, last)
-        _sum_loads(flow, moving, blocks, start, end, total)
-        _store_forces(force, total, start, end)
+    if blocks is not None:
+        for start in range(first, last, CHUNK):
+            end = min(start + CHUNK, last)
+            _sum_loads(flow, moving, blocks, start, end, total)
+            _store_forces(force, total, start, end)
     if pull is not None:
         _add_springs(pull, first, moving.body, force)
     sum_over_groups(moving.member, moving.members, force)
@@ -283,6 +301,32 @@ def _begin_step(dim, predict, first, last, moving, pace, flow):
         fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
         far = max(far, _move_body(dim, predict, moving, pace, flow, g, no, yes, fx, fy, fz, tx, ty, tz))
     return far
+
+
+@njit(cache=True, fastmath=False, error_model="numpy", forceinline=True, **INNER)
+def _evaluate_rows(
+    kind, coulomb, dim, viscous, rate, rescaled, rows, contacts, moving, p, dt, hold, flow, time, events, event_count
+):  # fmt: skip
+    """Evaluate external loads and those of all contacts, row by row."""
+    force, external, torque = moving.force, moving.external, moving.torque
+    for a in range(len(force)):
+        g = np.uint64(a)
+        own, turning = g if len(external) > 1 else np.uint64(0), g if len(torque) > 1 else np.uint64(0)
+        force[g, 0], force[g, 1], force[g, 5] = external[own, 0], external[own, 1], torque[turning, 2]
+        if dim == 3:
+            force[g, 2], force[g, 3], force[g, 4] = external[own, 2], torque[turning, 0], torque[turning, 1]
+    if flow is not None:
+        image, vectors, shift = contacts.image, rows.vectors, rows.shift
+        for g in range(len(force)):
+            for k in range(9):
+                moving.virial[g, k] = 0.0
+        for c in range(contacts.count[0]):
+            for m in range(3):
+                shift[c, m] = image[c, 0] * vectors[0, m] + image[c, 1] * vectors[1, m] + image[c, 2] * vectors[2, m]
+    sweep_contacts(
+        kind, coulomb, dim, viscous, rate, rescaled, FREE, rows.step, dt, hold, flow, rows.bodies, contacts, rows.shift,
+        p, rows.force, rows.torque, moving.virial, time, events, event_count,
+    )  # fmt: skip
 
 
 @njit(cache=True, **INNER)
@@ -307,7 +351,7 @@ def _add_ticks(spent, k, since):
 
 
 @cache
-def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
+def step_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
     """Compiled loop over time steps for one law and dimension, on one thread or several, with or without a frame."""
     rescaled, (kind, coulomb, axes, predict) = (
         rescaling_flag(kind),
@@ -316,66 +360,100 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
     def loop(
-        moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, events, event_count
+        moving, blocks, rows, contacts, p, plan, pace, frame, flow, pull, writing, tolerance, residual, time, step,
+        stop, ended, fresh,
     ):  # fmt: skip
-        """Run from step `step` to the end of step `stop`, or until a body has moved too far for the blocks.
+        """Run from step `step` to the end of step `stop`, or until a body has moved too far for the list or the blocks.
 
-        `ended`: the step has ended and forces are stored; else positions are those of the step, but forces are not
-        known yet. `fresh`: velocities are also those of the step, and memory is not transported.
+        `blocks` or `rows` is None, and its branches are not compiled. `ended`: the step has ended and forces are
+        stored; else positions are those of the step, but forces are not known yet. `fresh`: velocities are also those
+        of the step, and memory is not transported. `residual` (2,): largest unbalanced force at the last check, and
+        its body.
         """
-        tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
-        cross, inner = blocks.cross, blocks.inner
+        tile, share, body, ahead, every = moving.tile, moving.share, moving.body, moving.ahead, writing.every
+        events, event_count = writing.events, writing.event_count
         # the body must depend on `parallel`, because the cache of compiled code is keyed by it alone
         workers = len(share) - 1 if parallel else 1
         tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
-        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
-        sums, scratches = empty_aligned((workers + 1) * CHUNK, WIDTH), empty_aligned(workers, SCRATCH)
+        far, total = np.zeros(tiles + 1), np.zeros((0, WIDTH))
+        if blocks is not None:
+            cross, inner = blocks.cross, blocks.inner
+            before = np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
+            sums, scratches = empty_aligned((workers + 1) * CHUNK, WIDTH), empty_aligned(workers, SCRATCH)
+            between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
         yes, none = np.bool_(True), np.int64(0)  # as literals they would compile `evaluate_blocks` once more
-        between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
         while True:
             if not ended:
-                if watch:
-                    if event_count[0] + 2 * len(before) > len(events):
+                go_on = step < stop and flow is None
+                if rows is not None:
+                    if watch and event_count[0] + contacts.count[0] > len(events):
                         return FULL, step, ended
-                    for s in range(len(before)):
-                        before[s] = blocks.mode[s]
-                go_on = step < stop and not watch and flow is None
-                if between > 0:  # the condition prevents the compiler from fusing this loop with the next
-                    for k in prange(workers):
-                        first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
-                        evaluate_blocks(
-                            kind, coulomb, dim, viscous, rate, rescaled, first, last, yes, none, none, blocks, body,
-                            ahead, p, dt, fresh, flow, scratches[k],
-                        )  # fmt: skip
-                for k in prange(workers):
-                    scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
-                    for t in range(share[k], share[k + 1]):
-                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # next tile of the thread
-                        for within in range(2):
-                            first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
+                    go_on = go_on and step % CHECK_EVERY > 0 and not (every > 0 and step % every == 0)
+                    _evaluate_rows(
+                        kind, coulomb, dim, viscous, rate, rescaled, rows, contacts, moving, p, dt, fresh, flow,
+                        time + step * dt, events, event_count,
+                    )  # fmt: skip
+                if blocks is not None:
+                    if watch:
+                        if event_count[0] + 2 * len(before) > len(events):
+                            return FULL, step, ended
+                        for s in range(len(before)):
+                            before[s] = blocks.mode[s]
+                    go_on = go_on and not watch
+                    if between > 0:  # the condition prevents the compiler from fusing this loop with the next
+                        for k in prange(workers):
+                            first, last = (
+                                cross[tiles] + between * k // workers,
+                                cross[tiles] + between * (k + 1) // workers,
+                            )
                             evaluate_blocks(
-                                kind, coulomb, dim, viscous, rate, rescaled, first, last, not within, begin, end,
-                                blocks, body, ahead, p, dt, fresh, flow, scratch,
+                                kind, coulomb, dim, viscous, rate, rescaled, first, last, yes, none, none, blocks, body,
+                                ahead, p, dt, fresh, flow, scratches[k],
                             )  # fmt: skip
-                        far[t] = _end_step(
-                            axes, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
-                        )
-                    _add_ticks(moving.spent, k, since)
-                total = sums[workers * CHUNK :]
+                    for k in prange(workers):
+                        scratch, own, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
+                        for t in range(share[k], share[k + 1]):
+                            begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # next tile of the thread
+                            for within in range(2):
+                                first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
+                                evaluate_blocks(
+                                    kind, coulomb, dim, viscous, rate, rescaled, first, last, not within, begin, end,
+                                    blocks, body, ahead, p, dt, fresh, flow, scratch,
+                                )  # fmt: skip
+                            far[t] = _end_step(
+                                axes, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, own
+                            )
+                        _add_ticks(moving.spent, k, since)
+                    total = sums[workers * CHUNK :]
                 far[tiles] = _end_last_tile(axes, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
                 if flow is not None:
                     end_cell_step(axes, frame, flow, pace, moving, fresh)
-                if watch:
-                    _record_events(blocks, before, contacts, moving, time + step * dt, events, event_count)
+                if blocks is not None:  # noqa: SIM102
+                    if watch:
+                        _record_events(blocks, before, contacts, moving, time + step * dt, events, event_count)
                 ended, fresh = not go_on, False
             if ended:
+                if rows is not None:  # noqa: SIM102
+                    if every > 0 and step % every == 0:
+                        scatter_bodies(moving, rows.here)
+                        write_sample(
+                            kind, coulomb, dim, p, step // every, rows.here, contacts, rows.shift, plan, writing,
+                            rows.vectors, time + step * dt,
+                        )  # fmt: skip
+                if tolerance > 0.0 and step % CHECK_EVERY == 0:
+                    residual[0], residual[1] = largest_unbalanced(moving, plan)
+                    if flow is not None:
+                        residual[0] = max(residual[0], unbalanced_cell(axes, frame, flow, plan.drags[0]))
+                    if residual[0] <= tolerance:
+                        return CONVERGED, step, ended
                 if step == stop:
                     return DONE, step, ended
                 if flow is not None:
                     limit = begin_cell_step(frame, flow, pace)
-                for k in prange(workers):
-                    for t in range(share[k], share[k + 1]):
-                        far[t] = _begin_step(axes, predict, tile[t], tile[t + 1], moving, pace, flow)
+                if blocks is not None:
+                    for k in prange(workers):
+                        for t in range(share[k], share[k + 1]):
+                            far[t] = _begin_step(axes, predict, tile[t], tile[t + 1], moving, pace, flow)
                 far[tiles] = _begin_step(axes, predict, tile[tiles], len(body), moving, pace, flow)
             ended = False
             step += 1

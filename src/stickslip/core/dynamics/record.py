@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import EVENT_COLUMNS, OPENED, Bodies, elastic_pair
+from ..contacts.forces import Bodies, elastic_pair
 from ..contacts.geometry import normal_and_overlap, pair_vector
+from ..contacts.rows import EVENT_COLUMNS, OPENED
 from ..control import spring_forces
 from ..laws.builtin import MU
 from ..options import INNER

@@ -314,6 +314,12 @@ def cap(kind, q, r_eff, overlap, fn):
 
 
 @by_kind
+def rate_cap(kind, q, r_eff, overlap, fn):
+    """Largest tangential force with `slip_update="rate"`: μ |F_n| as in LAMMPS; a user's law has its own cap."""
+    return q[MU] * abs(fn)
+
+
+@by_kind
 def cap_slopes(kind, q, r_eff, overlap, fn):
     """Derivatives d(cap)/d(fn) and d(cap)/d(overlap) where fn > 0."""
     return q[MU], 0.0

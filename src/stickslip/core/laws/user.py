@@ -204,6 +204,7 @@ def _kernel_functions(functions: dict, arguments: dict, names: tuple[str, ...]) 
         else:
             out[role] = _compile_expression(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_clip_cap)
         out[f"{role}_slopes"] = complex_step_slopes(out[role])
+    out["rate_cap"] = out["cap"]
     if has("rolling_stiffness"):
         out["rolling_stiffness"] = _compile_expression(
             here, call("rolling_stiffness"), f=functions["rolling_stiffness"]

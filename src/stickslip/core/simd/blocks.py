@@ -17,33 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
-from ..contacts.mechanics import (
-    FREE,
-    needs_mass,
-    needs_radius,
-    rescale_slip,
-    return_mapping,
-    scale_to_length,
-    tangential_force,
-    truncate_as_lammps,
-    with_dashpot,
-    with_tangential_dashpot,
-)
+from ..contacts.geometry import at_contact, touching_fraction
+from ..contacts.mechanics import FREE, contact_forces, needs_mass, needs_radius, transport_slip
 from ..flow import INVERSE_HALF, RATE, RATE_AHEAD, VECTORS
-from ..laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    MU,
-    cap,
-    contact_damping,
-    least_force,
-    masked,
-    normal_force,
-    reach,
-    row,
-    tangential_stiffness,
-)
+from ..laws.builtin import reach, row
 from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .reduce import WIDTH
@@ -252,36 +229,24 @@ def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks
         touches = overlap > edge
         overlap = overlap if touches else edge
         before = mode[l]
-        # slip increment of the step since the last evaluation; see `forces.sweep_contacts`
+        # displacement and rolled length during the step
         dx, dy, dz = dt * scratch[MOTION + l], dt * scratch[MOTION + 64 + l], dt * scratch[MOTION + 128 + l]
         wx, wy, wz = dt * scratch[ROLL + l], dt * scratch[ROLL + 64 + l], dt * scratch[ROLL + 128 + l]
         if dim == 2:
             dz = wx = wy = 0.0
-        ox, oy, oz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
-        part, whole, mx, my, mz = 1.0, 1.0, nx, ny, nz
+        sx, sy, sz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
+        part, whole = 1.0, 1.0
         if not rate:
-            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             part, whole = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
             part, whole = part if before == OPEN else 1.0, whole if before == OPEN else 1.0
-        sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
-        if rescaled is not None:
-            if rate:
-                sx, sy, sz = scale_to_length(sx, sy, sz, ox, oy, oz)
-            fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
-        dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
-        if rescaled is not None and not rate:
-            half = 0.5 * (1.0 + fade)
-            dx, dy, dz = half * dx, half * dy, half * dz
+        ox, oy, oz, dx, dy, dz, _, _, _, fade = transport_slip(
+            rate, rescaled, nx, ny, nz, inverse, overlap, dx, dy, dz, wx, wy, wz, sx, sy, sz
+        )
         if hold:
-            sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
+            ox, oy, oz, dx, dy, dz = sx, sy, sz, 0.0, 0.0, 0.0
         m_eff = mass[l] if needs_mass(viscous) else 1.0
-        fn = masked(kind, touches, normal_force(kind, q, r_eff, overlap))
-        stiffness = tangential_stiffness(kind, q, r_eff, overlap)
-        vx = vy = vz = damping = 0.0
+        vx = vy = vz = 0.0
         if viscous:
-            factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
-            factor = factor if touches else 0.0
-            damping = factor * q[DAMPING_T]
             ax, ay, az = (
                 scratch[w + l] if dim == 3 else 0.0,
                 scratch[w + 64 + l] if dim == 3 else 0.0,
@@ -289,29 +254,11 @@ def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks
             )
             vx, vy, vz = scratch[v + l], scratch[v + 64 + l], scratch[v + 128 + l] if dim == 3 else 0.0
             vx, vy, vz = at_contact(nx, ny, nz, vx, vy, vz, ax, ay, az)
-            vn = vx * nx + vy * ny + vz * nz
-            vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
-            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
-        if viscous and rate:
-            limit = q[MU] * abs(fn)
-            sx, sy, sz = sx + dx, sy + dy, sz + dz
-            tx, ty, tz, sx, sy, sz, slides = truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
-        else:
-            limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
-            slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
-            if rescaled is not None:
-                cx, cy, cz, after = return_mapping(
-                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE, fade
-                )
-            else:
-                cx, cy, cz, after = return_mapping(
-                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE
-                )
-            slides = after == SLIDE
-            sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
-            tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
-            if viscous:
-                tx, ty, tz = with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz)
+        slid = not rate and before in (SLIDE, LOOSE)
+        fn, tx, ty, tz, sx, sy, sz, limit, slides = contact_forces(
+            kind, coulomb, dim, viscous, rate, rescaled, FREE, hold, touches, q, r_eff, m_eff, nx, ny, nz, overlap, ox,
+            oy, oz, dx, dy, dz, fade, part, whole, slid, vx, vy, vz,
+        )  # fmt: skip
         here = 1.0 if touches else 0.0
         slip[l], slip[64 + l] = here * sx, here * sy
         if dim == 3:
