@@ -161,9 +161,10 @@ def sweep_contacts(
                 mode[c] = after
                 if before == OPEN:
                     record_event(events, event_count, CLOSED, time, i, j, contacts.image, c, position, i)
-                if after == SLIDE and limit > 0.0 and not contacts.reached[c]:
-                    contacts.reached[c] = True
-                    record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position, i)
+            # not only if the mode changes: a contact may have slid while its limit was zero
+            if after == SLIDE and limit > 0.0 and not contacts.reached[c]:
+                contacts.reached[c] = True
+                record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position, i)
             if step is None:
                 pair[c, 0], pair[c, 1], roll[c, 2] = rx, ry, az
                 if dim == 3:
