@@ -378,13 +378,13 @@ class Twin:
     def step(self):
         """Kick, drift, evaluate, kick."""
         dt, free, control = self.dt, self.free, self.control
-        keep, slow, keep_t, slow_t = 1 - self.nu * dt / 2, 1 / (1 + self.nu * dt / 2), 1 - self.nu_t * dt / 2, 0
-        slow_t = 1 / (1 + self.nu_t * dt / 2)
+        keep, slow = 1 - self.nu * dt / 2, 1 / (1 + self.nu * dt / 2)
+        keep_t, slow_t = 1 - self.nu_t * dt / 2, 1 / (1 + self.nu_t * dt / 2)
         kick, kick_t = 0.5 * dt * self.load / self.mass[:, None], 0.5 * dt * self.turn / self.inertia[:, None]
         mean, at_end = self._factors(self.time, self.time + dt), self._factors(self.time + dt)
         pull = self._pull()
         rate = np.where(control.cell_free, keep * self.L + 0.5 * dt * pull, self._imposed_gradient(mean))
-        ahead = np.where(control.cell_free, rate + 0.5 * dt * pull, self._imposed_gradient(at_end))
+        ahead = np.where(control.cell_free, slow * (rate + 0.5 * dt * pull), self._imposed_gradient(at_end))
         turn = np.linalg.solve(ONE + dt / 4 * rate, ONE - dt / 4 * rate)
         stretch = np.linalg.solve(ONE - dt / 2 * rate, ONE + dt / 2 * rate)
 
@@ -398,8 +398,8 @@ class Twin:
         self.x = (self.x + dt / 2 * v) @ stretch.T + dt / 2 * v
         self.angle = self.angle + dt * w
         self.h, self.time = self.h @ stretch.T, self.time + dt
-        v_ahead = np.where(free[:, :3], relative(v) + kick, v)
-        w_ahead = np.where(free[:, 3:], w + kick_t, w)
+        v_ahead = np.where(free[:, :3], slow * (relative(v) + kick), v)
+        w_ahead = np.where(free[:, 3:], slow_t * (w + kick_t), w)
         self._impose(at_end, v_ahead, w_ahead)
         self._evaluate(v_ahead, w_ahead, ahead)
         kick, kick_t = 0.5 * dt * self.load / self.mass[:, None], 0.5 * dt * self.turn / self.inertia[:, None]

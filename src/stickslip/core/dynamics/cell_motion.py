@@ -198,7 +198,7 @@ def begin_cell_step(frame, flow, pace):
         for b in range(3):
             if frame.free[a, b]:
                 rate[a, b] = pace.keep * rate[a, b] + half * pull[a, b]
-                ahead[a, b] = rate[a, b] + half * pull[a, b]
+                ahead[a, b] = pace.slow * (rate[a, b] + half * pull[a, b])
             else:
                 rate[a, b] = frame.given[a, b] * flow.factor[0, frame.follows[a, b]]
                 ahead[a, b] = frame.given[a, b] * flow.factor[1, frame.follows[a, b]]

@@ -199,13 +199,13 @@ def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx,
         ahead, whole = moving.ahead, moving.whole[g]
         if flow is not None:
             vx, vy, vz = _turn_velocity(flow, free, g, vx, vy, vz)
-        ahead[g, VELOCITY_AHEAD] = vx + a * fx if whole or free[g, 0] else vx
-        ahead[g, VELOCITY_AHEAD + 1] = vy + a * fy if whole or free[g, 1] else vy
-        ahead[g, SPIN_AHEAD + 2] = wz + b * tz if whole or free[g, 5] else wz
+        ahead[g, VELOCITY_AHEAD] = slow * (vx + a * fx) if whole or free[g, 0] else vx
+        ahead[g, VELOCITY_AHEAD + 1] = slow * (vy + a * fy) if whole or free[g, 1] else vy
+        ahead[g, SPIN_AHEAD + 2] = slow_t * (wz + b * tz) if whole or free[g, 5] else wz
         if dim == 3:
-            ahead[g, VELOCITY_AHEAD + 2] = vz + a * fz if whole or free[g, 2] else vz
-            ahead[g, SPIN_AHEAD] = wx + b * tx if whole or free[g, 3] else wx
-            ahead[g, SPIN_AHEAD + 1] = wy + b * ty if whole or free[g, 4] else wy
+            ahead[g, VELOCITY_AHEAD + 2] = slow * (vz + a * fz) if whole or free[g, 2] else vz
+            ahead[g, SPIN_AHEAD] = slow_t * (wx + b * tx) if whole or free[g, 3] else wx
+            ahead[g, SPIN_AHEAD + 1] = slow_t * (wy + b * ty) if whole or free[g, 4] else wy
         if flow is not None:  # noqa: SIM102
             if not whole:
                 for k in range(6):
