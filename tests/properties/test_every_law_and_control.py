@@ -444,7 +444,7 @@ def jacobian_errors(law, plain, case, memory, h=2e-6):
     numeric = differences(
         lambda q: generalised_loads(ss.modes.displaced(state, free, q), law, plain, free, held), len(free), h
     )
-    slow = differences(lambda v: generalised_loads(state, law, plain, free, held, v), len(free), 1e-4)
+    slow = differences(lambda v: generalised_loads(state, law, plain, free, held, v), len(free), 1e-6)
     modes = [m.mode for m in Twin(state, law, plain, DT, held=held, start=False).memory.values()]
     scale = np.abs(exact).max()
     return np.abs(exact - numeric).max() / scale, np.abs(rub - slow).max() / max(np.abs(slow).max(), 1e-12), modes
@@ -483,6 +483,4 @@ def test_the_jacobian_is_the_derivative_of_the_twins_loads(name, dim, control, m
     law, plain = laws(name)
     errors = jacobian_errors(law, plain, control(dim, law), {"held": ss.HELD, "free": ss.FREE}[memory])
     # round-off of loads over the step, 1e-16/2e-6, and (h/δ)⁴; a contact on the edge of sliding would be off by 1
-    assert errors[0] < 1e-7
-    if memory == "held":  # where a trial slip is cut, C of `contact_blocks` and of the twin differ: not understood yet
-        assert errors[1] < 1e-7
+    assert max(errors[:2]) < 1e-7
