@@ -216,7 +216,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
     reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
     fading = (c.fade, c.fading) if rescaling_flag(law.kind) else ()
-    slip, by_slip = memory_tangent(
+    slip, by_slip, by_reach = memory_tangent(
         turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
         c.weighted > 0, *fading,
     )  # fmt: skip
@@ -230,7 +230,8 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     stiff[:, 3:] = -cross_n @ stiff[:, :3]
     stiff[:, 3:, :3] += cross_matrix(force) @ turn.by_normal
     dashpot = column(c.damping_t) * (np.eye(3) - column(c.slides) * outer(hat, hat))
-    damp[:, :3, :3] = -dashpot @ (np.eye(3) - nn) + column(c.damping_n) * (column(c.by_force) * hat_n - nn)
+    by_force = c.by_force[:, None] * hat - np.einsum("ckl,cl->ck", spring, by_reach * (c.mu / soft)[:, None])
+    damp[:, :3, :3] = -dashpot @ (np.eye(3) - nn) + column(c.damping_n) * (outer(by_force, c.normal) - nn)
     damp[:, :3, 3:] = -dashpot @ cross_n
     damp[:, 3:] = -cross_n @ damp[:, :3]
     stiff, damp = column(c.closed) * stiff, column(c.closed) * damp

@@ -182,6 +182,7 @@ class _MomentLinearisation(NamedTuple):
     by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
     reach: np.ndarray  # (C,) |ψ| at the cap
     reach_by_overlap: np.ndarray  # (C,)
+    reach_by_force: np.ndarray  # (C,)
     weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
 
 
@@ -216,6 +217,7 @@ def _fill_moments(kind, dim, bodies, contacts, shift, p, memory, out):
             if stiffness > 0.0:
                 out.reach[c] = limit / stiffness
                 out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * slope) / stiffness
+                out.reach_by_force[c] = by_force / stiffness
             if dim == 3 and before == SLIDE and limit > 0.0:
                 top, below = turning_weight(stiffness, limit, px, py, pz, dx, dy, dz)
                 out.weighted[c], weight = 1.0, top / below
@@ -241,7 +243,7 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     _fill_moments(law.kind, state.cell.dim, here, state.contacts, shift, law.table, memory, out)
     by_way = np.zeros((count, 3, 6))  # with respect to r and θ
     by_way[:, :, 3:] = np.eye(3)
-    psi, by_psi = memory_tangent(
+    psi, by_psi, by_reach = memory_tangent(
         turn, out.before, out.way, by_way, out.reach, out.reach_by_overlap, out.weighted > 0
     )  # fmt: skip
     spring, hat = spring_tangent(psi, line.remembers * line.closed, out.secant, out.along)
@@ -250,7 +252,8 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     whole[:, :6, :6], rub[:, :6, :6] = stiff, damp
     whole[:, 6:, :3] = moved[:, :, :3] + column(out.by_overlap) * hat_n
     whole[:, 6:, 6:] = moved[:, :, 3:]
-    rub[:, 6:, :3] = column(line.damping_n * out.by_force) * hat_n
+    by_force = out.by_force[:, None] * hat - np.einsum("ckl,cl->ck", spring, by_reach * out.reach_by_force[:, None])
+    rub[:, 6:, :3] = column(line.damping_n) * outer(by_force, line.normal)
     return whole, rub
 
 

@@ -72,8 +72,10 @@ def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, 
 
 def memory_tangent(
     turn: Turn, before, way, by_way, reach, by_overlap, weighted, fade=None, fading=None
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Memory f a + κ d (C, 3) and its derivative (C, 3, K), with a = T `before` and d = (1 + f)/2 T `way`.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Memory f a + κ d (C, 3), its derivative (C, 3, K), and that with respect to `reach` (C, 3).
+
+    Here a = T `before` and d = (1 + f)/2 T `way`.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ def memory_tangent(
         half = 0.5 * (1.0 + fade)
         by_d = column(half) * by_d + 0.5 * d[:, :, None] * by_fade[:, None, :]
         d = half[:, None] * d
-    kappa, by_kappa = np.ones(len(a)), np.zeros((len(a), by_way.shape[2]))
+    kappa, by_kappa, by_reach = np.ones(len(a)), np.zeros((len(a), by_way.shape[2])), np.zeros(len(a))
     if weighted.any():
         square = np.where(weighted, reach, 1.0) ** 2
         change = dot(a, a + 2.0 * d)
@@ -101,12 +103,14 @@ def memory_tangent(
         small = weight <= MIN_WEIGHT
         kappa = np.where(weighted, np.where(small, MIN_WEIGHT, weight), 1.0)
         by_kappa = np.where((weighted & ~small)[:, None], 0.25 * by_change / square[:, None], 0.0)
+        by_reach = np.where(weighted & ~small, -0.5 * change / square**1.5, 0.0)
     if fade is not None:  # a sliding memory rotates as if it had not been shortened
         share, by_share = np.where(weighted, fade / half, 1.0), np.where(weighted, 0.5 / half**2, 0.0)
         by_a = column(fade) * by_a + a[:, :, None] * by_fade[:, None, :]
         by_kappa = share[:, None] * by_kappa + (kappa * by_share)[:, None] * by_fade
-        a, kappa = fade[:, None] * a, share * kappa
-    return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
+        a, kappa, by_reach = fade[:, None] * a, share * kappa, share * by_reach
+    by = by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
+    return a + kappa[:, None] * d, by, by_reach[:, None] * d
 
 
 def spring_tangent(vector: np.ndarray, remembers, secant, along) -> tuple[np.ndarray, np.ndarray]:
