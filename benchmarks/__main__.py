@@ -19,7 +19,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from . import cold_start, contact_status, engine, gouge, rate_state, spheres, writing
+from . import cold_start, contact_status, engine, gouge, packings, rate_state, spheres, writing
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -143,18 +143,22 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--spheres`, `--status`, `--gouge`, `--friction`, `--start` and `--writing` select time steps of many
-    grains, quasi-static sphere packings, contact status, time steps of fault gouge, the spring-slider with
-    rate-and-state friction, the time to the first result with and without compiled kernels, or archives, movies and
-    reports.
+    `--engine`, `--packings`, `--spheres`, `--status`, `--gouge`, `--friction`, `--start` and `--writing` select time
+    steps of many grains, the preparation of packings, quasi-static sphere packings, contact status, time steps of fault
+    gouge, the spring-slider with rate-and-state friction, the time to the first result with and without compiled
+    kernels, or archives, movies and reports.
     """
     rows, quick = [], "--quick" in sys.argv
-    chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction", "--start", "--writing"} & set(sys.argv)
+    chosen = {
+        "--engine", "--packings", "--spheres", "--status", "--gouge", "--friction", "--start", "--writing",
+    } & set(sys.argv)  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
         array = ten_disks()
         rows += ([array] if array else []) + budgets(full=not quick)
+    if "--packings" in chosen or not (chosen or quick):
+        rows += packings.rows("--large" in sys.argv)
     if "--spheres" in chosen or not (chosen or quick):
         rows += spheres.rows("--large" in sys.argv)
     if not chosen or "--status" in chosen:

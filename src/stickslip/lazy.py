@@ -14,7 +14,8 @@ from pathlib import Path
 # words of users and of other programs, and what they are called here
 WORDS = {
     "random": "packings.jammed", "random_packing": "packings.jammed", "generate": "packings.jammed",
-    "compress": "packings.strained", "shear": "protocols.aqs packings.sheared", "cyclic": "protocols.load_path",
+    "compress": "packings.compressed packings.strained", "frictional": "packings.compressed",
+    "shear": "protocols.aqs packings.sheared", "cyclic": "protocols.load_path",
     "pairs": "modes.complex_pairs", "moduli": "modes.elastic_moduli", "elastic_constants": "modes.elastic_moduli",
     "volume_fraction": "measure.packing_fraction", "energy": "measure.elastic_energy",
     "phi": "measure.packing_fraction", "load": "io.read_packing io.open_dataset", "read": "io.read_packing",

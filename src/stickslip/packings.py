@@ -2,6 +2,7 @@
 
 Generate
     jammed          frictionless jammed packing of disks or spheres in a periodic box
+    compressed      packing of disks or spheres in a periodic box, compressed with friction to a pressure
     disk_array      row of disks on a substrate, as in paper 000
     biaxial_box     disks between four walls under a pressure; its walls are LEFT, BOTTOM, RIGHT, TOP
     sheared_box     disks in a periodic cell under a pressure
@@ -28,6 +29,7 @@ from .data.sample import PackingError, PackingWarning, from_arrays
 from .experiments.flow.pouring import poured
 from .lazy import unknown
 from .loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
+from .loading.compression import compressed
 from .loading.packing import disk_array, jammed, with_push
 from .loading.protocols import perturbed
 from .loading.shear import reduced_cell, sheared
@@ -41,6 +43,7 @@ __all__ = [
     "PackingWarning",
     "biaxial_box",
     "check",
+    "compressed",
     "disk_array",
     "from_arrays",
     "jammed",

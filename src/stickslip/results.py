@@ -3,7 +3,8 @@
 Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity, DampedStability,
     DensityOfStates, ElasticModuli, TransientGrowth (functions of `modes`), Freedom (freedom), Factorisation (newton)
 Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release),
-    PackingInfo (packings.jammed), Poured (packings.poured), Record, Ledger (run), Collision (laws.collision)
+    PackingInfo (packings.jammed, packings.compressed), Poured (packings.poured), Record, Ledger (run),
+    Collision (laws.collision)
 Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
     StatusSolution (statuses_at_apex), StatusMap (status_map)
 Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawComparison (friction.compare_laws), Sliding,

@@ -41,6 +41,17 @@ def test_a_packing_reaches_a_wanted_pressure():
     assert pressure(state, frictionless(ss.laws.hertz_mindlin())) == pytest.approx(2e-3, rel=1e-6)
 
 
+def test_a_large_packing_is_quenched_by_fire_to_the_same_tolerance():
+    first, again = (jammed(2000, packing_fraction=0.88, dim=2, seed=5) for _ in range(2))
+    assert np.array_equal(first[0].grains.position, again[0].grains.position)
+    state, report = first
+    assert report.residual <= 5e-14
+    assert ss.measure.residual(state, frictionless(ss.laws.hertz_mindlin()))[0] == report.residual
+    assert report.contacts >= 2 * (2000 - report.rattlers - 1) + 1
+    assert report.packing_fraction == pytest.approx(0.88, rel=1e-12)
+    assert report.pressure == pytest.approx(jammed(300, packing_fraction=0.88, dim=2)[1].pressure, rel=0.3)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -11,13 +11,23 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import DAMPING_N, DAMPING_T, MU, Law, hertz_mindlin
-from ..core.measure import coordination, elastic_energy, packing_fraction, pressure, rattlers, touching
+from ..core.measure import (
+    coordination,
+    elastic_energy,
+    mean_normal_force,
+    packing_fraction,
+    pressure,
+    rattlers,
+    touching,
+)
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
-from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
+from ..core.state import SLIDE, State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import equilibrate
 from ..solve.linear import one_thread
+from ..solve.quench import quench
+from ..solve.relax import residual
 
 
 @checked
@@ -75,12 +85,13 @@ def with_push(state: State, push: float, disk: int = 0) -> State:
 
 
 DENSEST = 1.5  # packing fraction beyond which grains overlap by a good part of their radius
+MANY = 2000  # grains from which FIRE is used; known numbers rest on the samples that L-BFGS-B makes of fewer
 JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
 
 
 @readable
 class PackingInfo(NamedTuple):
-    """Properties of a frictionless packing."""
+    """Properties of a packing. Rattlers have less than dim + 1 contacts without friction, less than 2 with it."""
 
     packing_fraction: float
     pressure: float  # [force/length^(dim−1)]
@@ -88,7 +99,8 @@ class PackingInfo(NamedTuple):
     coordination: float  # mean number of contacts of grains that are not rattlers
     rattlers: int
     overlap: float  # mean over contacts [length]
-    residual: float  # largest unbalanced force [force]
+    residual: float  # largest unbalanced force or torque/R [force]
+    sliding: int  # contacts at the Coulomb limit
 
 
 @checked
@@ -107,8 +119,10 @@ def jammed(
 ):
     """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible from its seed.
 
-    The energy is minimised by SciPy's L-BFGS-B, then the forces are balanced by `equilibrate`. A given pressure is
-    reached by repeated affine compression (or expansion) and quenching.
+    The energy is minimised by SciPy's L-BFGS-B, from 2000 grains on by FIRE, then the forces are balanced by
+    `equilibrate`. A given pressure is reached by repeated affine compression (or expansion) and quenching.
+
+    Source of FIRE: Bitzek et al., doi:10.1103/PhysRevLett.97.170201.
 
     Parameters
     ----------
@@ -138,36 +152,19 @@ def jammed(
     """
     if (packing_fraction is None) == (pressure is None):
         raise ValueError("give either packing_fraction or pressure")
-    if n < 2:
-        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
-    if dim not in JAMMED:
-        raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
     if packing_fraction is not None and packing_fraction > DENSEST:
         raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
     require_positive(**({"pressure": pressure} if packing_fraction is None else {"packing_fraction": packing_fraction}))
     law = frictionless(hertz_mindlin() if law is None else law)
-    rng = np.random.default_rng(seed)
-    sizes = _check_radii(radius, n)
-    volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
-    start = packing_fraction or 1.03 * JAMMED[dim]
-    side = float(volume / start) ** (1 / dim)
-    if side < 2 * sizes.max():
-        raise ValueError(
-            f"{n} grains at packing fraction {start:g} need a box of side {side:.3g}, narrower than the largest grain "
-            f"({2 * sizes.max():g}): use more grains"
-        )
-    position = np.zeros((n, 3))
-    position[:, :dim] = rng.uniform(0, side, (n, dim))
-    make = disks if dim == 2 else spheres
-    grains = make(position, sizes, mass=mass, **({} if i0 is None else {"i0": i0}))
-    cell = box([side, side, side if dim == 3 else 1.0], [True, True, dim == 3], dim)
-    state = _quench(assembly(grains, cell=cell, control=loads(n)), law, tolerance)
+    start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)
+    state = balance(random_grains(n, start, dim, radius=radius, mass=mass, i0=i0, seed=seed), law, tolerance)
     if pressure is not None:
         state = _compress(state, law, pressure, tolerance)
     report = packing_info(state, law)
-    if report.pressure <= 0:
+    if not _is_jammed(state, law, tolerance):
         raise ValueError(
-            f"packing fraction {report.packing_fraction:.4g} does not jam: no grains touch; grains without friction "
+            f"packing fraction {report.packing_fraction:.4g} does not jam: no force between grains exceeds the "
+            f"tolerance of {tolerance:g}; grains without friction "
             f"need about {JAMMED[dim]} in {dim} dimensions"
         )
     return state, report
@@ -182,12 +179,11 @@ def frictionless(law: Law) -> Law:
 
 
 def packing_info(state: State, law: Law) -> PackingInfo:
-    """Properties of an accepted frictionless packing."""
+    """Properties of an accepted packing."""
     contacts, rows = state.contacts, touching(state)
     radius = state.grains.radius
     overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - np.linalg.norm(contacts.pair[rows], axis=1)
-    least = state.cell.dim + 1
-    residual = float(np.abs(forces(state, law)[0].force).max())
+    least = 2 if law.table[..., MU].any() else state.cell.dim + 1
     return PackingInfo(
         packing_fraction(state),
         pressure(state, law),
@@ -195,8 +191,30 @@ def packing_info(state: State, law: Law) -> PackingInfo:
         coordination(state, least),
         int(rattlers(state, least).sum()),
         float(overlap.mean()) if len(rows) else 0.0,
-        residual,
+        residual(state, law)[0],
+        int(((contacts.mode == SLIDE) & contacts.slip.any(axis=1))[rows].sum()),
     )
+
+
+def random_grains(n: int, fraction: float, dim: int, *, radius, mass, i0: float | None, seed: int) -> State:
+    """State of grains at random positions in a square or cubic periodic box of a given packing fraction."""
+    if n < 2:
+        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+    if dim not in JAMMED:
+        raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
+    n, sizes = int(n), _check_radii(radius, int(n))
+    volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
+    side = float(volume / fraction) ** (1 / dim)
+    if side < 2 * sizes.max():
+        raise ValueError(
+            f"{n} grains at packing fraction {fraction:g} need a box of side {side:.3g}, narrower than the largest "
+            f"grain ({2 * sizes.max():g}): use more grains"
+        )
+    position = np.zeros((n, 3))
+    position[:, :dim] = np.random.default_rng(seed).uniform(0, side, (n, dim))
+    make = disks if dim == 2 else spheres
+    grains = make(position, sizes, mass=mass, **({} if i0 is None else {"i0": i0}))
+    return assembly(grains, cell=box([side, side, side if dim == 3 else 1.0], [True, True, dim == 3], dim))
 
 
 def _check_radii(radius, n: int) -> np.ndarray:
@@ -206,8 +224,17 @@ def _check_radii(radius, n: int) -> np.ndarray:
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 
-def _quench(state: State, law: Law, tolerance: float) -> State:
+def balance(state: State, law: Law, tolerance: float) -> State:
     """Minimise the elastic energy from the given positions, then balance the forces."""
+    near = quench(state, law, 0.5 * tolerance) if len(state.grains.radius) >= MANY else _minimise(state, law)
+    end, outcome = equilibrate(near, law, tolerance=tolerance, check="nothing")
+    if not outcome.ok:
+        raise NotInEquilibriumError("the forces of the packing could not be balanced", outcome)
+    return end
+
+
+def _minimise(state: State, law: Law) -> State:
+    """Minimise the elastic energy by L-BFGS-B."""
     n, dim = len(state.grains.radius), state.cell.dim
 
     latest = [state]  # with its neighbour list, which stays valid for many evaluations
@@ -224,20 +251,20 @@ def _quench(state: State, law: Law, tolerance: float) -> State:
         return elastic_energy(accept(here, trial), law), -loads.force[:n, :dim].ravel()
 
     scale = float(law.table[0, 0, 0]) * float(state.grains.radius.mean()) ** 2
-    q = state.grains.position[:, :dim].ravel()
     with one_thread():  # many tiny systems: on a busy machine threads of BLAS would take ten times as long
         best = minimize(
             lambda x: tuple(part / scale for part in energy(x)),
-            q,
+            state.grains.position[:, :dim].ravel(),
             jac=True,
             method="L-BFGS-B",
             options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 0.0, "gtol": 1e-9, "maxcor": 20},
         )
-    here = placed(best.x)
-    end, outcome = equilibrate(here, law, tolerance=tolerance, check="nothing")
-    if not outcome.ok:
-        raise NotInEquilibriumError("the forces of the packing could not be balanced", outcome)
-    return end
+    return placed(best.x)
+
+
+def _is_jammed(state: State, law: Law, tolerance: float) -> bool:
+    """Return True if the contact forces exceed what a balanced packing may have left over."""
+    return mean_normal_force(state, law) > tolerance
 
 
 def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
@@ -245,7 +272,7 @@ def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
     reference = state
     for _ in range(60):
-        now = pressure(state, law)
+        now = pressure(state, law) if _is_jammed(state, law, tolerance) else 0.0
         if abs(now / wanted - 1) < 1e-6:
             return state
         here = (strain, now ** (2 / 3))
@@ -257,7 +284,7 @@ def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
         before, strain = here, strain + step
         gradient = np.zeros((3, 3))
         gradient[:dim, :dim] = step * np.eye(dim)
-        state = _quench(strained(state, gradient), law, tolerance)
+        state = balance(strained(state, gradient), law, tolerance)
     raise ValueError(
         f"pressure {wanted:g} was not reached within 60 compressions (from {pressure(reference, law):.3g} to "
         f"{pressure(state, law):.3g}): give a packing fraction instead"
