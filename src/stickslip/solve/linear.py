@@ -9,12 +9,13 @@ from functools import cache
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, get_lapack_funcs
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, gmres, splu
 from threadpoolctl import ThreadpoolController
 
 from ..extras import MissingExtraError, broken_extra, is_installed, require
 
 DENSE_BELOW = 700  # coordinates below which LAPACK is faster than a sparse factorisation
+RESTART = 100  # vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
@@ -115,3 +116,29 @@ def _factorise_pardiso(matrix) -> Solve:
 
     weakref.finalize(solve, solver.free_memory, everything=True)  # allocated outside Python
     return solve
+
+
+def diagonal_solve(matrix) -> Solve:
+    """Return a function that divides by the diagonal of a matrix, the simplest preconditioner."""
+    diagonal = matrix.diagonal()
+    inverse = 1 / np.where(diagonal == 0, 1.0, diagonal)
+    return lambda b: inverse * b
+
+
+def iterate(matrix, b: np.ndarray, precondition: Solve, relative: float, limit: int) -> tuple[np.ndarray, int]:
+    """Solve a linear system by GMRES, to a residual of `relative` times that of zero.
+
+    Returns the solution and the number of iterations; if that is `limit`, the solution may be less accurate.
+    """
+    spent = [0]
+
+    def count(_):
+        spent[0] += 1
+
+    before = LinearOperator(matrix.shape, matvec=precondition, dtype=float)
+    restart = min(RESTART, limit)
+    rounds = -(-limit // restart)
+    x, _ = gmres(
+        matrix, b, M=before, rtol=relative, restart=restart, maxiter=rounds, callback=count, callback_type="pr_norm"
+    )
+    return x, spent[0]

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.contacts.forces import accept, forces
@@ -16,11 +15,13 @@ from ..core.measure import branch_vectors
 from ..core.outcome import Outcome, Status
 from ..core.state import OPEN, State, reset_reached
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
-from .linear import DENSE_BELOW, Solve, factorised
+from .linear import DENSE_BELOW, Solve, diagonal_solve, factorised, iterate
 
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
 CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
 KRYLOV = 40  # iterations above which a preconditioner is too old
+ITERATIONS = 300  # iterations with the diagonal as preconditioner after which a factorisation is worthwhile
+FORCING = 1e-4  # relative residual of the linear systems that are solved by iteration
 
 
 class Factorisation:
@@ -100,7 +101,7 @@ def newton(
         if used == iterations:
             break
         try:
-            closer = _step_with_stored_factor(here, law, free, keep) or _step_with_new_factor(here, law, free, keep)
+            closer = _step_with_stored_factor(here, law, free, keep) or _step_with_new_matrix(here, law, free, keep)
         except LinAlgError:
             return state, _failure(Status.SINGULAR, here, free, used)
         if closer is None:
@@ -185,38 +186,41 @@ def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: 
         return closer
     if len(free) < DENSE_BELOW:
         return None
-    matrix = jacobian(point.state, law, free, memory=FREE)
-    spent = [0]
-
-    def count(_):
-        spent[0] += 1
-
-    shape = (len(free), len(free))
-    pull = LinearOperator(shape, matvec=lambda x: -(matrix @ x), dtype=float)
-    before = LinearOperator(shape, matvec=keep.solve, dtype=float)
-    step, _ = gmres(
-        pull, point.vector, M=before, rtol=1e-4, restart=KRYLOV + 20, maxiter=1, callback=count, callback_type="pr_norm"
-    )
-    keep.solves += spent[0]
+    matrix = -jacobian(point.state, law, free, memory=FREE)
+    step, spent = iterate(matrix, point.vector, keep.solve, FORCING, KRYLOV + 20)
+    keep.solves += spent
     closer = _move(point, law, free, _limit_step(step, point))
-    if spent[0] > KRYLOV:
+    if spent > KRYLOV:
         keep.solve = None
     return closer if closer.size <= 0.5 * point.size else None
 
 
-def _step_with_new_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
-    """Take one step with a new factor, halved until the residual falls; if it never does, increase the shift."""
+def _step_with_new_matrix(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
+    """Take one step with the present Jacobian, halved until the residual falls; if it never does, increase the shift.
+
+    Large systems are solved by iteration, and factorised if that does not converge.
+    """
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)
     if ((np.abs(pull).sum(axis=1) == 0) & (point.vector != 0)).any():
         raise LinAlgError("nothing resists a load")
     for shift in SHIFTS:
-        solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
-        keep.solves += 1
-        step = _limit_step(solve(point.vector), point)
+        matrix = sparse.csr_array(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
+        step = _limit_step(_solve_linear(matrix, point.vector, keep), point)
         for _ in range(8):
             closer = _move(point, law, free, step)
             if closer.size < point.size:
                 return closer
             step = 0.5 * step
     return None
+
+
+def _solve_linear(matrix, vector: np.ndarray, keep: Factorisation) -> np.ndarray:
+    """Solve a system by iteration if it is large and well conditioned, otherwise with a new factor, which is stored."""
+    if len(vector) >= DENSE_BELOW:
+        step, spent = iterate(matrix, vector, diagonal_solve(matrix), FORCING, ITERATIONS)
+        keep.solves += 1
+        if spent < ITERATIONS:
+            return step
+    keep.solves += 1
+    return keep.renew(matrix)(vector)
