@@ -201,10 +201,32 @@ def assembled(state: State, blocks: np.ndarray, free: Freedom):
         q = incidence(state, len(blocks), free, blocks.shape[1])
         flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
         return sparse.csr_array(q @ flat @ q.T)
-    rows, cols, values = triplets(state, blocks)
-    rows, cols = free.place[rows], free.place[cols]
+    matrix = _block_matrix(state, blocks)
+    if np.array_equal(free.place[:-9], np.arange(len(free))):
+        return matrix.tocsr()
+    matrix = matrix.tocoo()
+    rows, cols = free.place[matrix.row], free.place[matrix.col]
     keep = (rows >= 0) & (cols >= 0)
-    return sparse.csr_array((values[keep], (rows[keep], cols[keep])), shape=(len(free), len(free)))
+    return sparse.csr_array((matrix.data[keep], (rows[keep], cols[keep])), shape=(len(free), len(free)))
+
+
+def _block_matrix(state: State, blocks: np.ndarray):
+    """(6B, 6B) matrix of all bodies in blocks of 6 × 6, without pairs whose block is zero; see `triplets`.
+
+    Blocks with the same place are summed, which is several times faster than to sum their entries.
+    """
+    contacts, size = state.contacts, 6 * state.n_bodies
+    used = np.flatnonzero(blocks.any(axis=(1, 2)))
+    pairs = state._replace(contacts=contacts._replace(i=contacts.i[used], j=contacts.j[used]))
+    rows, cols, values = (a.reshape(-1, 6, 6) for a in triplets(pairs, blocks[used]))
+    place = (rows[:, 0, 0] // 6) * state.n_bodies + cols[:, 0, 0] // 6
+    order = np.argsort(place, kind="stable")
+    place = place[order]
+    first = np.flatnonzero(np.diff(place, prepend=-1))
+    data = np.add.reduceat(values[order], first, axis=0) if len(first) else values
+    row, column = np.divmod(place[first], state.n_bodies)
+    starts = np.searchsorted(row, np.arange(state.n_bodies + 1))
+    return sparse.bsr_array((data, column, starts), shape=(size, size))
 
 
 @checked

@@ -21,16 +21,23 @@ SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diago
 CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
 KRYLOV = 40  # iterations above which a preconditioner is too old
 ITERATIONS = 300  # iterations with the diagonal as preconditioner after which a factorisation is worthwhile
+CHORD_FORCING, KEEP_BELOW = 1e-2, 0.03
 FORCING = 1e-4  # relative residual of the linear systems that are solved by iteration
 
 
 class Factorisation:
-    """Factorisation of −J that is reused by later steps of a path as long as this helps."""
+    """Solver for −J that is reused by later steps of a path as long as this helps.
+
+    Small systems are factorised. Systems of at least DENSE_BELOW coordinates are solved by iteration with the diagonal
+    as preconditioner, and factorised only if that does not converge; the factor is then the preconditioner.
+    """
 
     solve: Solve | None = None
+    factored = False  # whether the stored solver is a factorisation
     factorisations = 0
+    renewals = 0  # number of matrices for which a solver was made
     solves = 0
-    found_stable = -1  # number of factorisations when an equilibrium was last checked and found stable
+    found_stable = -1  # number of renewals when an equilibrium was last checked and found stable
 
     def __repr__(self) -> str:
         return f"Factorisation: {self.factorisations} factorisations for {self.solves} solves"
@@ -38,9 +45,23 @@ class Factorisation:
     def renew(self, matrix) -> Solve:
         """Factorise a matrix; the old factor is freed first."""
         self.solve = None
-        self.solve = factorised(matrix)
+        self.solve, self.factored = factorised(matrix), True
         self.factorisations += 1
+        self.renewals += 1
         return self.solve
+
+    def first_step(self, matrix, b: np.ndarray, relative: float) -> np.ndarray:
+        """Solve a system with a new matrix, to a residual of `relative` times that of zero, and store the solver."""
+        self.solves += 1
+        if len(b) < DENSE_BELOW:
+            return self.renew(matrix)(b)
+        diagonal = diagonal_solve(matrix)
+        step, spent = iterate(matrix, b, diagonal, relative, ITERATIONS)
+        if spent >= ITERATIONS:
+            return self.renew(matrix)(b)
+        self.solve, self.factored = lambda b: iterate(matrix, b, diagonal, CHORD_FORCING, ITERATIONS)[0], False
+        self.renewals += 1
+        return step
 
 
 class _TrialPoint(NamedTuple):
@@ -101,7 +122,7 @@ def newton(
         if used == iterations:
             break
         try:
-            closer = _step_with_stored_factor(here, law, free, keep) or _step_with_new_matrix(here, law, free, keep)
+            closer = _step_with_stored_solver(here, law, free, keep) or _step_with_new_matrix(here, law, free, keep)
         except LinAlgError:
             return state, _failure(Status.SINGULAR, here, free, used)
         if closer is None:
@@ -173,8 +194,8 @@ def _limit_step(step: np.ndarray, point: _TrialPoint) -> np.ndarray:
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 
-def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
-    """Take one step with the stored factor, used directly or, if factorisation is expensive, as a preconditioner."""
+def _step_with_stored_solver(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
+    """Take one step with the stored solver, or with a large factor as preconditioner for the present Jacobian."""
     if keep.solve is None:
         return None
     keep.solves += 1
@@ -183,8 +204,10 @@ def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: 
         return None
     closer = _move(point, law, free, _limit_step(step, point))
     if closer.size <= CHORD * point.size:
+        if not keep.factored and closer.size > KEEP_BELOW * point.size:
+            keep.solve = None
         return closer
-    if len(free) < DENSE_BELOW:
+    if not keep.factored or len(free) < DENSE_BELOW:
         return None
     matrix = -jacobian(point.state, law, free, memory=FREE)
     step, spent = iterate(matrix, point.vector, keep.solve, FORCING, KRYLOV + 20)
@@ -206,21 +229,10 @@ def _step_with_new_matrix(point: _TrialPoint, law: Law, free: Freedom, keep: Fac
         raise LinAlgError("nothing resists a load")
     for shift in SHIFTS:
         matrix = sparse.csr_array(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
-        step = _limit_step(_solve_linear(matrix, point.vector, keep), point)
+        step = _limit_step(keep.first_step(matrix, point.vector, FORCING), point)
         for _ in range(8):
             closer = _move(point, law, free, step)
             if closer.size < point.size:
                 return closer
             step = 0.5 * step
     return None
-
-
-def _solve_linear(matrix, vector: np.ndarray, keep: Factorisation) -> np.ndarray:
-    """Solve a system by iteration if it is large and well conditioned, otherwise with a new factor, which is stored."""
-    if len(vector) >= DENSE_BELOW:
-        step, spent = iterate(matrix, vector, diagonal_solve(matrix), FORCING, ITERATIONS)
-        keep.solves += 1
-        if spent < ITERATIONS:
-            return step
-    keep.solves += 1
-    return keep.renew(matrix)(vector)
