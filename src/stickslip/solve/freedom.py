@@ -215,11 +215,19 @@ def _block_matrix(state: State, blocks: np.ndarray):
 
     Blocks with the same place are summed, which is several times faster than to sum their entries.
     """
-    contacts, size = state.contacts, 6 * state.n_bodies
-    used = np.flatnonzero(blocks.any(axis=(1, 2)))
-    pairs = state._replace(contacts=contacts._replace(i=contacts.i[used], j=contacts.j[used]))
-    rows, cols, values = (a.reshape(-1, 6, 6) for a in triplets(pairs, blocks[used]))
-    place = (rows[:, 0, 0] // 6) * state.n_bodies + cols[:, 0, 0] // 6
+    size, used = 6 * state.n_bodies, np.flatnonzero(blocks.any(axis=(1, 2)))
+    i, j, block = state.contacts.i[used], state.contacts.j[used], blocks[used]
+    if blocks.shape[1] == 6:
+        sign = np.array([-1.0, -1, -1, 1, 1, 1])
+        values = np.empty((4, *block.shape))
+        values[0] = block
+        np.multiply(block, sign, out=values[1])
+        np.multiply(block, sign[:, None], out=values[2])
+        np.multiply(values[2], sign, out=values[3])
+    else:
+        values = triplets(state._replace(contacts=state.contacts._replace(i=i, j=j)), block)[2]
+    values = values.reshape(-1, 6, 6)
+    place = np.concatenate([i, i, j, j]) * state.n_bodies + np.concatenate([i, j, i, j])
     order = np.argsort(place, kind="stable")
     place = place[order]
     first = np.flatnonzero(np.diff(place, prepend=-1))

@@ -15,21 +15,21 @@ from ..core.measure import branch_vectors
 from ..core.outcome import Outcome, Status
 from ..core.state import OPEN, State, reset_reached
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
-from .linear import DENSE_BELOW, Solve, diagonal_solve, factorised, iterate
+from .linear import DENSE_BELOW, Solve, block_diagonal_solve, factorised, iterate
 
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
 CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
-KRYLOV = 40  # iterations above which a preconditioner is too old
-ITERATIONS = 300  # iterations with the diagonal as preconditioner after which a factorisation is worthwhile
-CHORD_FORCING, KEEP_BELOW = 1e-2, 0.03
-FORCING = 1e-4  # relative residual of the linear systems that are solved by iteration
+KRYLOV = 20  # iterations above which a preconditioner is too old
+ITERATIONS = 300  # iterations without a factor after which a factorisation is worthwhile
+FORCING = 1e-2  # relative residual to which linear systems are solved by iteration
+SLOW = 0.05  # a step that leaves a larger share of the residual is too short, or its matrix too old
+OPENING = 1.6  # longer step that opens contacts, for which 3/2 is enough
 
 
 class Factorisation:
     """Solver for −J that is reused by later steps of a path as long as this helps.
 
-    Small systems are factorised. Systems of at least DENSE_BELOW coordinates are solved by iteration with the diagonal
-    as preconditioner, and factorised only if that does not converge; the factor is then the preconditioner.
+    Small systems are factorised. Systems of at least DENSE_BELOW coordinates are solved by iteration, and factorised only if that does not converge; the factor is then the preconditioner.
     """
 
     solve: Solve | None = None
@@ -50,18 +50,22 @@ class Factorisation:
         self.renewals += 1
         return self.solve
 
-    def first_step(self, matrix, b: np.ndarray, relative: float) -> np.ndarray:
-        """Solve a system with a new matrix, to a residual of `relative` times that of zero, and store the solver."""
+    def first_step(self, matrix, shift: float, b: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+        """Solve a system with a new matrix, its diagonal increased by `shift`, and store the solver.
+
+        `bodies` (n,) are the bodies of the coordinates.
+        """
         self.solves += 1
-        if len(b) < DENSE_BELOW:
-            return self.renew(matrix)(b)
-        diagonal = diagonal_solve(matrix)
-        step, spent = iterate(matrix, b, diagonal, relative, ITERATIONS)
-        if spent >= ITERATIONS:
-            return self.renew(matrix)(b)
-        self.solve, self.factored = lambda b: iterate(matrix, b, diagonal, CHORD_FORCING, ITERATIONS)[0], False
-        self.renewals += 1
-        return step
+        if shift:
+            matrix = sparse.csr_array(matrix + shift * sparse.eye_array(len(b), format="csr"))
+        if len(b) >= DENSE_BELOW:
+            precondition = block_diagonal_solve(matrix, bodies)
+            step, spent = iterate(matrix, b, precondition, FORCING, ITERATIONS)
+            if spent < ITERATIONS:
+                self.solve, self.factored = lambda b: iterate(matrix, b, precondition, FORCING, ITERATIONS)[0], False
+                self.renewals += 1
+                return step
+        return self.renew(matrix)(b)
 
 
 class _TrialPoint(NamedTuple):
@@ -127,6 +131,8 @@ def newton(
             return state, _failure(Status.SINGULAR, here, free, used)
         if closer is None:
             break
+        if not keep.factored and (closer.size > SLOW * here.size or _contacts_changed(here, closer)):
+            keep.solve = None
         here = closer
     return state, _failure(Status.STALLED, here, free, used)
 
@@ -188,6 +194,15 @@ def _move(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _Tri
     return _evaluate(displaced(point.state, free, step), law, free)
 
 
+def _contacts_changed(before: _TrialPoint, after: _TrialPoint) -> bool:
+    """Return True if a contact opened, closed, stuck or began to slide."""
+    one, other = before.trial, after.trial
+    count = one.count[0]
+    return count != other.count[0] or not (
+        np.array_equal(one.mode[:count], other.mode[:count]) and np.array_equal(one.key[:count], other.key[:count])
+    )
+
+
 def _limit_step(step: np.ndarray, point: _TrialPoint) -> np.ndarray:
     """Limit a step so that no coordinate moves beyond the range of the neighbour list."""
     reach = 0.5 * float(point.state.contacts.skin[0])
@@ -204,35 +219,48 @@ def _step_with_stored_solver(point: _TrialPoint, law: Law, free: Freedom, keep: 
         return None
     closer = _move(point, law, free, _limit_step(step, point))
     if closer.size <= CHORD * point.size:
-        if not keep.factored and closer.size > KEEP_BELOW * point.size:
-            keep.solve = None
         return closer
     if not keep.factored or len(free) < DENSE_BELOW:
         return None
     matrix = -jacobian(point.state, law, free, memory=FREE)
     step, spent = iterate(matrix, point.vector, keep.solve, FORCING, KRYLOV + 20)
     keep.solves += spent
-    closer = _move(point, law, free, _limit_step(step, point))
+    closer = _search(point, law, free, step)
     if spent > KRYLOV:
         keep.solve = None
-    return closer if closer.size <= 0.5 * point.size else None
+    return closer if closer is not None and closer.size <= 0.5 * point.size else None
 
 
 def _step_with_new_matrix(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
-    """Take one step with the present Jacobian, halved until the residual falls; if it never does, increase the shift.
-
-    Large systems are solved by iteration, and factorised if that does not converge.
-    """
+    """Take one step with the present Jacobian; if no step along it reduces the residual, increase the shift."""
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)
     if ((np.abs(pull).sum(axis=1) == 0) & (point.vector != 0)).any():
         raise LinAlgError("nothing resists a load")
+    matrix = sparse.csr_array(-pull)
     for shift in SHIFTS:
-        matrix = sparse.csr_array(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
-        step = _limit_step(keep.first_step(matrix, point.vector, FORCING), point)
-        for _ in range(8):
-            closer = _move(point, law, free, step)
-            if closer.size < point.size:
-                return closer
-            step = 0.5 * step
+        step = keep.first_step(matrix, shift * scale, point.vector, free.body)
+        if (closer := _search(point, law, free, step)) is not None:
+            return closer
     return None
+
+
+def _search(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _TrialPoint | None:
+    """Trial point along a step that is halved until the residual falls; None if it never does.
+
+    If the residual falls slowly, a longer step is also tried. It opens contacts that are about to open: there
+    F ~ overlap^(3/2), so that the full step leaves a third of the overlap, and Newton's method alone would never end.
+    """
+    step = _limit_step(step, point)
+    for _ in range(8):
+        closer = _move(point, law, free, step)
+        if closer.size < point.size:
+            break
+        step = 0.5 * step
+    else:
+        return None
+    if closer.size > SLOW * point.size:
+        beyond = _move(point, law, free, OPENING * step)
+        if beyond.size < closer.size:
+            return beyond
+    return closer
