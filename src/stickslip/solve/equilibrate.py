@@ -16,13 +16,15 @@ from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import dynamical_matrix, freedom
 from .linear import DENSE_BELOW, suitable_threads
-from .newton import Factorisation, newton
+from .newton import Factorisation, approach, at_rest, newton
 from .relax import relax, residual
 from .spectrum import soft_modes
 from .stability import contacts_at_limit
 
 # residuals over the mean normal force at which damped dynamics hands over to Newton again
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
+SHARES = (3e-2, 1e-3, 3e-5)  # likewise, over the residual at which Newton's method stalled
+PATIENCE = 2  # slow steps of Newton's method after which damped dynamics is faster
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 
@@ -78,10 +80,7 @@ def equilibrate(
     if check not in ("buckling", "spectrum", "nothing"):
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
     keep = keep or Factorisation()
-    end, outcome = newton(state, law, tolerance=tolerance, keep=keep)
-    if not outcome.ok:
-        end, outcome = _damped_dynamics(state, law, tolerance, steps, outcome)
-        keep.solve, keep.found_stable = None, -1
+    end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
         return end, outcome
     if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
@@ -96,19 +95,35 @@ def equilibrate(
     return end, outcome
 
 
-def _damped_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
-    """Run damped dynamics from the start of the step, with Newton's method after each stage."""
-    here, spent, outcome = with_neighbor_list(state, law), 0, first
-    _, trial = forces(here, law)
-    held = accept(here, trial)
+def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factorisation, steps: int):
+    """Newton's method; if it stalls, damped dynamics from where it stalled, and at last from the start of the step."""
+    point, first = approach(state, law, tolerance=tolerance, patience=PATIENCE, keep=keep)
+    if first.ok:
+        return at_rest(point), first
+    keep.solve, keep.found_stable = None, -1
+    if point.vector.any() and np.isfinite(point.worst):
+        stages = [share * point.worst for share in SHARES]
+        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, steps, first)
+        if outcome.ok:
+            return end, outcome
+    here = with_neighbor_list(state, law)
+    held = accept(here, forces(here, law)[1])
     force = mean_normal_force(held, law) or residual(state, law)[0]
+    return _damped_dynamics(state, law, tolerance, [share * force for share in STAGES], steps, first)
+
+
+def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: int, first: Outcome):
+    """Run damped dynamics, with Newton's method after each stage; `stages` are residuals [force]."""
+    here, spent = with_neighbor_list(state, law), 0
+    held = accept(here, forces(here, law)[1])
     pace = np.sqrt(np.abs(dynamical_matrix(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0
-    for stage in STAGES:
-        here, moved = relax(here, law, tolerance=stage * force, drag=DRAG * pace, dt=STEP / pace, steps=steps)
+    for stage in stages:
+        here, moved = relax(here, law, tolerance=max(stage, tolerance), drag=DRAG * pace, dt=STEP / pace, steps=steps)
         spent += moved.iterations
         if moved.broken:
             return state, moved
-        end, outcome = newton(here, law, tolerance=tolerance, keep=Factorisation())
+        patience = None if stage == stages[-1] else PATIENCE
+        end, outcome = newton(here, law, tolerance=tolerance, patience=patience, keep=Factorisation())
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
             return end, outcome._replace(how=how, fallback=True)

@@ -68,7 +68,7 @@ class Factorisation:
         return self.renew(matrix)(b)
 
 
-class _TrialPoint(NamedTuple):
+class TrialPoint(NamedTuple):
     """Trial position with its unbalanced forces."""
 
     state: State
@@ -86,7 +86,13 @@ class _TrialPoint(NamedTuple):
 
 @checked
 def newton(
-    state: State, law: Law, *, tolerance: float = 1e-14, iterations: int = 30, keep: Factorisation | None = None
+    state: State,
+    law: Law,
+    *,
+    tolerance: float = 1e-14,
+    iterations: int = 30,
+    patience: int | None = None,
+    keep: Factorisation | None = None,
 ):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
 
@@ -99,6 +105,7 @@ def newton(
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     iterations : int, largest number of linear solves
+    patience : int, number of steps that may each leave more than half of the residual; default: all
     keep : Factorisation, used as a first guess and updated, for reuse along a path
 
     Returns
@@ -107,9 +114,26 @@ def newton(
         the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
     require_positive(tolerance=tolerance)
-    require_not_negative(iterations=iterations)
-    free, keep = freedom(state), keep or Factorisation()
-    loose = _unloaded_grains(state)
+    point, outcome = approach(
+        state, law, tolerance=tolerance, iterations=iterations, patience=patience, keep=keep or Factorisation()
+    )
+    return (at_rest(point) if outcome.ok else state), outcome
+
+
+def at_rest(point: TrialPoint) -> State:
+    """State of a trial point at rest, its memory committed."""
+    grains = point.state.grains
+    rest = point.state._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
+    return accept(rest, reset_reached(point.trial))
+
+
+def approach(
+    state: State, law: Law, *, tolerance: float, iterations: int = 30, patience: int | None = None, keep: Factorisation
+) -> tuple[TrialPoint, Outcome]:
+    """Last trial point of Newton's method, with the smallest residual found, and its outcome; see `newton`."""
+    patience = iterations if patience is None else patience
+    require_not_negative(iterations=iterations, patience=patience)
+    free, loose = freedom(state), _unloaded_grains(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1
     here = _evaluate(with_neighbor_list(state, law), law, free)
     before = keep.factorisations
@@ -117,33 +141,34 @@ def newton(
         if np.isfinite(here.worst) and here.worst > tolerance:
             here = _push_out_loose(here, law, free, loose, least)
         if not np.isfinite(here.worst):
-            return state, _failure(Status.NOT_A_NUMBER, here, free, used)
+            return here, _failure(Status.NOT_A_NUMBER, here, free, used)
         if here.worst <= tolerance:
-            grains = here.state.grains
-            rest = here.state._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
             how = f"Newton's method, {used} steps, {keep.factorisations - before} factorisations"
-            return accept(rest, reset_reached(here.trial)), Outcome(Status.CONVERGED, here.worst, used, how=how)
+            return here, Outcome(Status.CONVERGED, here.worst, used, how=how)
         if used == iterations:
             break
         try:
             closer = _step_with_stored_solver(here, law, free, keep) or _step_with_new_matrix(here, law, free, keep)
         except LinAlgError:
-            return state, _failure(Status.SINGULAR, here, free, used)
+            return here, _failure(Status.SINGULAR, here, free, used)
         if closer is None:
             break
+        patience -= closer.size > 0.5 * here.size
         if not keep.factored and (closer.size > SLOW * here.size or _contacts_changed(here, closer)):
             keep.solve = None
         here = closer
-    return state, _failure(Status.STALLED, here, free, used)
+        if patience < 0:
+            break
+    return here, _failure(Status.STALLED, here, free, used)
 
 
-def _evaluate(state: State, law: Law, free: Freedom) -> _TrialPoint:
+def _evaluate(state: State, law: Law, free: Freedom) -> TrialPoint:
     state = with_neighbor_list(state, law)
     loads, trial = forces(state, law)
-    return _TrialPoint(state, trial, residual_vector(state, loads, free))
+    return TrialPoint(state, trial, residual_vector(state, loads, free))
 
 
-def _failure(status: Status, point: _TrialPoint, free: Freedom, used: int) -> Outcome:
+def _failure(status: Status, point: TrialPoint, free: Freedom, used: int) -> Outcome:
     worst = int(np.argmax(np.abs(point.vector)))
     return Outcome(status, float(np.abs(point.vector[worst])), used, int(free.body[worst]))
 
@@ -155,7 +180,7 @@ def _unloaded_grains(state: State) -> np.ndarray:
     return ~acted & control.free[:n, :dim].all(axis=1)
 
 
-def _push_out_loose(point: _TrialPoint, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _TrialPoint:
+def _push_out_loose(point: TrialPoint, law: Law, free: Freedom, loose: np.ndarray, least: int) -> TrialPoint:
     """Move unloaded grains with fewer than `least` contacts until they touch nothing."""
     n = len(loose)
     for _ in range(20):
@@ -190,11 +215,11 @@ def _one_sided_bodies(normal: np.ndarray, ends: np.ndarray, count: int) -> np.nd
     return np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=count)
 
 
-def _move(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _TrialPoint:
+def _move(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint:
     return _evaluate(displaced(point.state, free, step), law, free)
 
 
-def _contacts_changed(before: _TrialPoint, after: _TrialPoint) -> bool:
+def _contacts_changed(before: TrialPoint, after: TrialPoint) -> bool:
     """Return True if a contact opened, closed, stuck or began to slide."""
     one, other = before.trial, after.trial
     count = one.count[0]
@@ -203,13 +228,13 @@ def _contacts_changed(before: _TrialPoint, after: _TrialPoint) -> bool:
     )
 
 
-def _limit_step(step: np.ndarray, point: _TrialPoint) -> np.ndarray:
+def _limit_step(step: np.ndarray, point: TrialPoint) -> np.ndarray:
     """Limit a step so that no coordinate moves beyond the range of the neighbour list."""
     reach = 0.5 * float(point.state.contacts.skin[0])
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 
-def _step_with_stored_solver(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
+def _step_with_stored_solver(point: TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> TrialPoint | None:
     """Take one step with the stored solver, or with a large factor as preconditioner for the present Jacobian."""
     if keep.solve is None:
         return None
@@ -231,7 +256,7 @@ def _step_with_stored_solver(point: _TrialPoint, law: Law, free: Freedom, keep: 
     return closer if closer is not None and closer.size <= 0.5 * point.size else None
 
 
-def _step_with_new_matrix(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
+def _step_with_new_matrix(point: TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> TrialPoint | None:
     """Take one step with the present Jacobian; if no step along it reduces the residual, increase the shift."""
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)
@@ -245,7 +270,7 @@ def _step_with_new_matrix(point: _TrialPoint, law: Law, free: Freedom, keep: Fac
     return None
 
 
-def _search(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _TrialPoint | None:
+def _search(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint | None:
     """Trial point along a step that is halved until the residual falls; None if it never does.
 
     If the residual falls slowly, a longer step is also tried. It opens contacts that are about to open: there
