@@ -19,7 +19,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from . import cold_start, contact_status, engine, gouge, packings, rate_state, spheres, writing
+from . import cold_start, contact_status, engine, gouge, packings, quasi_static, rate_state, spheres, writing
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -143,14 +143,14 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--packings`, `--spheres`, `--status`, `--gouge`, `--friction`, `--start` and `--writing` select time
-    steps of many grains, the preparation of packings, quasi-static sphere packings, contact status, time steps of fault
-    gouge, the spring-slider with rate-and-state friction, the time to the first result with and without compiled
-    kernels, or archives, movies and reports.
+    `--engine`, `--packings`, `--spheres`, `--steps`, `--status`, `--gouge`, `--friction`, `--start` and `--writing`
+    select time steps of many grains, the preparation of packings, quasi-static sphere packings, strain steps of
+    frictional packings, contact status, time steps of fault gouge, the spring-slider with rate-and-state friction, the
+    time to the first result with and without compiled kernels, or archives, movies and reports.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = {
-        "--engine", "--packings", "--spheres", "--status", "--gouge", "--friction", "--start", "--writing",
+        "--engine", "--packings", "--spheres", "--steps", "--status", "--gouge", "--friction", "--start", "--writing",
     } & set(sys.argv)  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
@@ -161,6 +161,8 @@ def main() -> None:
         rows += packings.rows("--large" in sys.argv)
     if "--spheres" in chosen or not (chosen or quick):
         rows += spheres.rows("--large" in sys.argv)
+    if "--steps" in chosen or not (chosen or quick):
+        rows += quasi_static.rows("--large" in sys.argv)
     if not chosen or "--status" in chosen:
         rows += contact_status.rows()
     if "--gouge" in chosen or not (chosen or quick):

@@ -14,17 +14,17 @@ from ..core.outcome import Outcome
 from ..core.readable import pluralize
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
-from .freedom import dynamical_matrix, freedom
+from .freedom import dynamical_matrix, freedom, translations
 from .linear import DENSE_BELOW, suitable_threads
 from .newton import Factorisation, approach, at_rest, newton
 from .relax import relax, residual
-from .spectrum import soft_modes
+from .spectrum import soft_modes, symmetric_part_is_positive
 from .stability import contacts_at_limit
 
 # residuals over the mean normal force at which damped dynamics hands over to Newton again
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-2, 1e-3, 3e-5)  # likewise, over the residual at which Newton's method stalled
-PATIENCE = 2  # slow steps of Newton's method after which damped dynamics is faster
+PATIENCE = (8, 2)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 
@@ -81,14 +81,14 @@ def equilibrate(
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
     keep = keep or Factorisation()
     end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
-    if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
+    if not outcome.ok or (check == "buckling" and keep.found_stable == keep.renewals):
         return end, outcome
     if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
         return end, outcome._replace(warning=no_equilibrium_message(rest))
     words = _describe_instability(end, law, check)
     if words and len(contacts_at_limit(end, law)):
         words += ", if contacts at the Coulomb limit keep sliding"
-    keep.found_stable = -1 if words else keep.factorisations
+    keep.found_stable = -1 if words else keep.renewals
     if words:
         outcome = outcome._replace(warning=words)
         warnings.warn(words, UnstableEquilibriumWarning, stacklevel=2)
@@ -97,22 +97,23 @@ def equilibrate(
 
 def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factorisation, steps: int):
     """Newton's method; if it stalls, damped dynamics from where it stalled, and at last from the start of the step."""
-    point, first = approach(state, law, tolerance=tolerance, patience=PATIENCE, keep=keep)
+    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
+    point, first = approach(state, law, tolerance=tolerance, patience=patience, keep=keep)
     if first.ok:
         return at_rest(point), first
     keep.solve, keep.found_stable = None, -1
     if point.vector.any() and np.isfinite(point.worst):
         stages = [share * point.worst for share in SHARES]
-        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, steps, first)
+        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, patience, steps, first)
         if outcome.ok:
             return end, outcome
     here = with_neighbor_list(state, law)
     held = accept(here, forces(here, law)[1])
     force = mean_normal_force(held, law) or residual(state, law)[0]
-    return _damped_dynamics(state, law, tolerance, [share * force for share in STAGES], steps, first)
+    return _damped_dynamics(state, law, tolerance, [share * force for share in STAGES], patience, steps, first)
 
 
-def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: int, first: Outcome):
+def _damped_dynamics(state: State, law: Law, tolerance: float, stages, patience: int, steps: int, first: Outcome):
     """Run damped dynamics, with Newton's method after each stage; `stages` are residuals [force]."""
     here, spent = with_neighbor_list(state, law), 0
     held = accept(here, forces(here, law)[1])
@@ -122,8 +123,8 @@ def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: in
         spent += moved.iterations
         if moved.broken:
             return state, moved
-        patience = None if stage == stages[-1] else PATIENCE
-        end, outcome = newton(here, law, tolerance=tolerance, patience=patience, keep=Factorisation())
+        patient = None if stage == stages[-1] else patience
+        end, outcome = newton(here, law, tolerance=tolerance, patience=patient, keep=Factorisation())
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
             return end, outcome._replace(how=how, fallback=True)
@@ -136,10 +137,13 @@ def _describe_instability(state: State, law: Law, check: str) -> str:
     """Describe the instability of an equilibrium; empty if none was found."""
     if check == "nothing":
         return ""
-    matrix = dynamical_matrix(state, law, freedom(state))
+    free = freedom(state)
+    matrix = dynamical_matrix(state, law, free)
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         # without rattlers, whose zeros would crowd out the other eigenvalues
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
+        if symmetric_part_is_positive(matrix[held][:, held], translations(matrix, free)[held]):
+            return ""
         return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
     with suitable_threads(matrix.shape[0]):
         return _check_dense(matrix.toarray(), check)

@@ -29,7 +29,8 @@ OPENING = 1.6  # longer step that opens contacts, for which 3/2 is enough
 class Factorisation:
     """Solver for −J that is reused by later steps of a path as long as this helps.
 
-    Small systems are factorised. Systems of at least DENSE_BELOW coordinates are solved by iteration, and factorised only if that does not converge; the factor is then the preconditioner.
+    Small systems are factorised. Systems of at least DENSE_BELOW coordinates are solved by iteration, and factorised
+    only if that does not converge; later steps then use the factor as a preconditioner.
     """
 
     solve: Solve | None = None
@@ -77,10 +78,12 @@ class TrialPoint(NamedTuple):
 
     @property
     def size(self) -> float:
+        """Euclidean norm of the unbalanced forces [force]."""
         return float(np.linalg.norm(self.vector))
 
     @property
     def worst(self) -> float:
+        """Largest unbalanced force or torque/R [force]."""
         return float(np.abs(self.vector).max(initial=0.0))
 
 

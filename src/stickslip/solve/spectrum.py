@@ -6,7 +6,7 @@ import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import eig, eigvals
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
 from ..core.arguments import checked, require_not_negative
 from ..core.contacts.jacobian import contact_blocks
@@ -18,6 +18,7 @@ from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, 
 from .linear import factorised, suitable_threads
 
 SOFTEST = 40  # eigenvalues nearest to zero that are computed if not all are
+NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this is not negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
 
@@ -151,6 +152,32 @@ def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     negative = np.flatnonzero(~zero & (values.real < 0) & (np.abs(values.imag) <= REAL_BELOW * scale))
     negative = negative[np.argsort(values.real[negative])]
     return values.real[negative], int(zero.sum()), vectors[:, negative]
+
+
+def symmetric_part_is_positive(matrix, rigid: np.ndarray) -> bool:
+    """Return True if no direction has negative stiffness, without a factorisation; False if there is one or in doubt.
+
+    Lanczos's method finds the smallest eigenvalue of the symmetric part, scaled to a unit diagonal, which leaves the
+    number of negative eigenvalues unchanged. If it is positive, all eigenvalues of the matrix have positive real parts.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse, from `dynamical_matrix`, without empty rows
+    rigid : (n, k) directions that the matrix does not resist, from `translations`
+    """
+    diagonal = matrix.diagonal()
+    if not (diagonal > 0).all():
+        return False
+    scale = sparse.diags_array(1 / np.sqrt(diagonal))
+    scaled = sparse.csr_array(scale @ (0.5 * (matrix + matrix.T)) @ scale)
+    rigid = np.linalg.qr(np.sqrt(diagonal)[:, None] * rigid)[0]
+    lifted = LinearOperator(matrix.shape, matvec=lambda x: scaled @ x + rigid @ (rigid.T @ x), dtype=float)
+    start = np.random.default_rng(0).normal(size=len(diagonal))
+    try:
+        low = eigsh(lifted, 1, which="SA", v0=start, ncv=40, maxiter=100, tol=0.1, return_eigenvectors=False)
+    except ArpackNoConvergence:
+        return False
+    return bool(low[0] > -NEGATIVE_BELOW)
 
 
 @checked
