@@ -23,6 +23,8 @@ KRYLOV = 20  # iterations above which a preconditioner is too old
 ITERATIONS = 300  # iterations without a factor after which a factorisation is worthwhile
 FORCING = 1e-2  # relative residual to which linear systems are solved by iteration
 SLOW = 0.05  # a step that leaves a larger share of the residual is too short, or its matrix too old
+LOOSE = 1e-4  # share of the largest stiffness below which a coordinate is loose
+VANISHING = 0.45  # share of an overlap that a step leaves, at most, if the contact vanishes; in theory 1/3
 OPENING = 1.6  # longer step that opens contacts, for which 3/2 is enough
 
 
@@ -63,7 +65,10 @@ class Factorisation:
             precondition = block_diagonal_solve(matrix, bodies)
             step, spent = iterate(matrix, b, precondition, FORCING, ITERATIONS)
             if spent < ITERATIONS:
-                self.solve, self.factored = lambda b: iterate(matrix, b, precondition, FORCING, ITERATIONS)[0], False
+                diagonal = matrix.diagonal()
+                held = diagonal > LOOSE * diagonal.max()  # a stored matrix would move loose bodies far
+                self.solve = lambda b: iterate(matrix, np.where(held, b, 0.0), precondition, FORCING, ITERATIONS)[0]
+                self.factored = False
                 self.renewals += 1
                 return step
         return self.renew(matrix)(b)
@@ -274,21 +279,35 @@ def _step_with_new_matrix(point: TrialPoint, law: Law, free: Freedom, keep: Fact
 
 
 def _search(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint | None:
-    """Trial point along a step that is halved until the residual falls; None if it never does.
-
-    If the residual falls slowly, a longer step is also tried. It opens contacts that are about to open: there
-    F ~ overlap^(3/2), so that the full step leaves a third of the overlap, and Newton's method alone would never end.
-    """
+    """Trial point along a step that is halved until the residual falls; None if it never does."""
     step = _limit_step(step, point)
     for _ in range(8):
         closer = _move(point, law, free, step)
         if closer.size < point.size:
-            break
+            return _open_vanishing(point, closer, law, free, step)
         step = 0.5 * step
-    else:
-        return None
-    if closer.size > SLOW * point.size:
-        beyond = _move(point, law, free, OPENING * step)
-        if beyond.size < closer.size:
-            return beyond
-    return closer
+    return None
+
+
+def _open_vanishing(point: TrialPoint, closer: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint:
+    """Trial point with a longer step of the bodies that lose all contacts, if that reduces the residual further.
+
+    There F ~ overlap^(3/2), so that a step leaves a third of the overlap, and Newton's method alone never ends.
+    """
+    rows = np.flatnonzero(point.trial.mode[: point.trial.count[0]] != OPEN)
+    ends = np.stack([point.trial.i[rows], point.trial.j[rows]], axis=1)
+    before, after = (_overlaps(p.state, point.trial, rows) for p in (point, closer))
+    vanishing = ends[after < VANISHING * before]
+    total, lost = (np.bincount(e.ravel(), minlength=point.state.n_bodies + 1) for e in (ends, vanishing))
+    leaves = (lost > 0) & (lost == total)
+    if not leaves.any():
+        return closer
+    beyond = _move(point, law, free, np.where(leaves[free.body], OPENING, 1.0) * step)
+    return beyond if beyond.size < closer.size else closer
+
+
+def _overlaps(state: State, contacts, rows: np.ndarray) -> np.ndarray:
+    """Overlaps of the given rows of a contact list."""
+    radius = np.append(state.grains.radius, np.zeros(state.n_bodies - len(state.grains.radius)))
+    distance = np.linalg.norm(branch_vectors(state._replace(contacts=contacts))[rows], axis=1)
+    return radius[contacts.i[rows]] + radius[contacts.j[rows]] - distance
