@@ -45,19 +45,20 @@ def equilibrate(
 ):
     """Bring a packing back to equilibrium after a step in load or strain.
 
-    Newton's method with the exact Jacobian is tried first. If it fails, strongly damped dynamics runs until the
-    residual is 3e-3 of the mean contact force, and Newton's method is tried again; the same is done at 3e-5, 3e-7 and
-    3e-9, each stage starting where the last one ended.
+    Newton's method with the exact Jacobian is tried first. If it stalls, strongly damped dynamics continues from there
+    until the residual is 3 % of what it was, and Newton's method is tried again; the same is done at 0.1 % and 0.003 %.
+    If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
+    3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended.
 
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     keep : Factorisation, reused from one step of a path to the next
     check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
-        directions if there are fewer than 700 coordinates and otherwise among the 12 softest, whenever a new
-        factorisation was needed (as long as one factor leads from equilibrium to equilibrium, the Jacobian is nearly
-        the one already checked). "spectrum" also looks for complex pairs every time, by a dense eigenvalue
-        computation. "nothing" skips the check
+        directions if there are fewer than 700 coordinates and otherwise, unless the symmetric part of the stiffness is
+        positive, among the 12 softest, whenever a new matrix was needed (as long as one matrix leads from equilibrium
+        to equilibrium, the Jacobian is nearly the one already checked). "spectrum" also looks for complex pairs every
+        time, by a dense eigenvalue computation. "nothing" skips the check
     steps : int, largest number of steps of damped dynamics in each stage
 
     Returns
