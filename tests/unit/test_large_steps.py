@@ -55,6 +55,14 @@ def test_a_matrix_is_reused_within_and_between_steps(packing):
     assert keep.renewals < 0.7 * keep.solves
 
 
+@pytest.mark.parametrize("small", [40, 130])
+def test_a_solver_of_another_packing_is_not_used(packing, small):
+    keep = Factorisation()
+    path(packing, 1, keep)
+    path(jammed(small, packing_fraction=0.68, seed=1)[0], 2, keep)
+    path(packing, 1, keep)
+
+
 def test_a_system_that_iteration_does_not_solve_is_factorised(packing, monkeypatch):
     monkeypatch.setattr("stickslip.solve.newton.ITERATIONS", 3)
     keep = Factorisation()

@@ -1,4 +1,4 @@
-"""Linear solvers for −J: dense LAPACK for small systems, PARDISO where installed, otherwise SuperLU."""
+"""Linear solvers for −J: dense LAPACK for small systems, GMRES, and PARDISO where installed, otherwise SuperLU."""
 
 import os
 import weakref
@@ -160,7 +160,7 @@ def iterate(matrix, b: np.ndarray, precondition: Solve, relative: float, limit: 
     before = LinearOperator(matrix.shape, matvec=precondition, dtype=float)
     restart = min(RESTART, limit)
     rounds = -(-limit // restart)
-    x, _ = gmres(
-        matrix, b, M=before, rtol=relative, restart=restart, maxiter=rounds, callback=count, callback_type="pr_norm"
-    )
+    options = {"restart": restart, "maxiter": rounds, "callback": count, "callback_type": "pr_norm"}
+    with one_thread():
+        x, _ = gmres(matrix, b, M=before, rtol=relative, **options)
     return x, spent[0]

@@ -36,7 +36,8 @@ class Factorisation:
     """
 
     solve: Solve | None = None
-    factored = False  # whether the stored solver is a factorisation
+    size = 0  # coordinates of the stored solver
+    factored = False  # whether it is a factorisation
     factorisations = 0
     renewals = 0  # number of matrices for which a solver was made
     solves = 0
@@ -58,7 +59,7 @@ class Factorisation:
 
         `bodies` (n,) are the bodies of the coordinates.
         """
-        self.solves += 1
+        self.solves, self.size = self.solves + 1, len(b)
         if shift:
             matrix = sparse.csr_array(matrix + shift * sparse.eye_array(len(b), format="csr"))
         if len(b) >= DENSE_BELOW:
@@ -244,11 +245,11 @@ def _limit_step(step: np.ndarray, point: TrialPoint) -> np.ndarray:
 
 def _step_with_stored_solver(point: TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> TrialPoint | None:
     """Take one step with the stored solver, or with a large factor as preconditioner for the present Jacobian."""
-    if keep.solve is None:
+    if keep.solve is None or keep.size != len(free):
         return None
     keep.solves += 1
     step = keep.solve(point.vector)
-    if len(step) != len(free) or not np.isfinite(step).all():
+    if not np.isfinite(step).all():
         return None
     closer = _move(point, law, free, _limit_step(step, point))
     if closer.size <= CHORD * point.size:
