@@ -23,10 +23,11 @@ from .stability import contacts_at_limit
 
 # residuals over the mean normal force at which damped dynamics hands over to Newton again
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
-SHARES = (3e-2, 1e-3, 3e-5)  # likewise, over the residual at which Newton's method stalled
-PATIENCE = (8, 2)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
+SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
+PATIENCE = (8, 1)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
+WEAK_DRAG = 0.01  # with which the softest modes of a nearly unjammed packing come to rest sooner
 
 
 class UnstableEquilibriumWarning(UserWarning):
@@ -46,9 +47,10 @@ def equilibrate(
     """Bring a packing back to equilibrium after a step in load or strain.
 
     Newton's method with the exact Jacobian is tried first. If it stalls, strongly damped dynamics continues from there
-    until the residual is 3 % of what it was, and Newton's method is tried again; the same is done at 0.1 % and 0.003 %.
+    until the residual is 30 % of what it was, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
-    3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended.
+    3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended; at last, this is
+    repeated with a weaker drag.
 
     Parameters
     ----------
@@ -111,16 +113,23 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
     here = with_neighbor_list(state, law)
     held = accept(here, forces(here, law)[1])
     force = mean_normal_force(held, law) or residual(state, law)[0]
-    return _damped_dynamics(state, law, tolerance, [share * force for share in STAGES], patience, steps, first)
+    stages = [share * force for share in STAGES]
+    for drag in (DRAG, WEAK_DRAG):
+        end, outcome = _damped_dynamics(state, law, tolerance, stages, patience, steps, first, drag)
+        if outcome.ok:
+            break
+    return end, outcome
 
 
-def _damped_dynamics(state: State, law: Law, tolerance: float, stages, patience: int, steps: int, first: Outcome):
+def _damped_dynamics(
+    state: State, law: Law, tolerance: float, stages, patience: int, steps: int, first: Outcome, drag: float = DRAG
+):
     """Run damped dynamics, with Newton's method after each stage; `stages` are residuals [force]."""
     here, spent = with_neighbor_list(state, law), 0
     held = accept(here, forces(here, law)[1])
     pace = np.sqrt(np.abs(dynamical_matrix(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0
     for stage in stages:
-        here, moved = relax(here, law, tolerance=max(stage, tolerance), drag=DRAG * pace, dt=STEP / pace, steps=steps)
+        here, moved = relax(here, law, tolerance=max(stage, tolerance), drag=drag * pace, dt=STEP / pace, steps=steps)
         spent += moved.iterations
         if moved.broken:
             return state, moved
@@ -129,7 +138,7 @@ def _damped_dynamics(state: State, law: Law, tolerance: float, stages, patience:
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
             return end, outcome._replace(how=how, fallback=True)
-    here, moved = relax(here, law, tolerance=tolerance, drag=DRAG * pace, dt=STEP / pace, steps=steps)
+    here, moved = relax(here, law, tolerance=tolerance, drag=drag * pace, dt=STEP / pace, steps=steps)
     spent += moved.iterations
     return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
 
