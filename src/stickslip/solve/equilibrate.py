@@ -24,6 +24,7 @@ from .stability import contacts_at_limit
 # residuals over the mean normal force at which damped dynamics hands over to Newton again
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
+FEW = 3000  # steps of damped dynamics in a stage before it starts again from the beginning of the step
 PATIENCE = (8, 1)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
@@ -61,7 +62,8 @@ def equilibrate(
         positive, among the 12 softest, whenever a new matrix was needed (as long as one matrix leads from equilibrium
         to equilibrium, the Jacobian is nearly the one already checked). "spectrum" also looks for complex pairs every
         time, by a dense eigenvalue computation. "nothing" skips the check
-    steps : int, largest number of steps of damped dynamics in each stage
+    steps : int, largest number of steps of damped dynamics in each stage; at most 3000 while it continues from where
+        Newton's method stalled
 
     Returns
     -------
@@ -107,7 +109,7 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
     keep.solve, keep.found_stable = None, -1
     if point.vector.any() and np.isfinite(point.worst):
         stages = [share * point.worst for share in SHARES]
-        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, patience, steps, first)
+        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, patience, min(steps, FEW), first)
         if outcome.ok:
             return end, outcome
     here = with_neighbor_list(state, law)

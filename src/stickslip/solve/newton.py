@@ -272,7 +272,7 @@ def _step_with_new_matrix(point: TrialPoint, law: Law, free: Freedom, keep: Fact
     if ((np.abs(pull).sum(axis=1) == 0) & (point.vector != 0)).any():
         raise LinAlgError("nothing resists a load")
     matrix = sparse.csr_array(-pull)
-    for shift in SHIFTS[:: 3 if len(free) >= DENSE_BELOW else 1]:
+    for shift in SHIFTS[:: 2 if len(free) >= DENSE_BELOW else 1]:
         step = keep.first_step(matrix, shift * scale, point.vector, free.body)
         if (closer := _search(point, law, free, step)) is not None:
             return closer
