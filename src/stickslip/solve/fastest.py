@@ -15,22 +15,26 @@ from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
 from .freedom import Freedom, dynamical_matrix, freedom
-from .frontal import Inertia, dissect
+from .frontal import count_below, dissect
 from .probes import SPANS, ProbeRun, time_step
-from .shift_windows import BOTTOM, ShiftWindow, ShiftWindows
+from .shift_windows import BLOCK, BOTTOM, ShiftWindow, ShiftWindows
 
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the one before
-SHORTEST, LONGER = 128, 16
-WINDOWS = 8  # largest number of windows per spectrum; their factorisations dominate the time
-GAPS = 3  # gaps of the spectrum in which the modes below are counted until the numbers agree
+SHORTEST, LONGER = 256, 16
+WINDOWS = 8  # largest number of windows at the end of a run; their factorisations dominate the time
+FEW, PATIENCE = 2, 2  # with more peaks than FEW at its end, a run goes on until PATIENCE times its duration
+GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
 ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
+
+
+DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 
 
 class Bottom(NamedTuple):
     """Modes at the bottom of the spectrum, all of which were computed."""
 
-    limit: float  # all λ with Re λ below it are known, provided that the count is confirmed [1/time²]
+    limit: float  # all λ with Re λ below it are known if the count is confirmed; inf if all were computed [1/time²]
     found: int  # eigenvalues found below it
     expected: int  # eigenvalues of the symmetric part S below it, by Sylvester's law of inertia
     zero: bool  # whether both numbers leave out zero modes, of which only some are found if there are many
@@ -53,10 +57,10 @@ class FastestPair(NamedTuple):
     residual: float  # ‖Av − λv‖/‖A‖ of the unit vector v = √M mode
     bottom: Bottom
     exponent: float  # amplification exponent up to which modes above the bottom were sought
-    duration: float  # duration of the tangent dynamics [time]
+    duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]
-    unverified: int  # peaks of the last spectrum that no window verified
+    unverified: int  # peaks of the spectra that no window verified, or only in part
     free: Freedom
 
     @property
@@ -69,6 +73,8 @@ class FastestPair(NamedTuple):
         """What is known about pairs other than the one found, in words."""
         low, none = self.bottom, "no pair" if self.eigenvalue is None else "no other pair"
         faster = "grows" if self.eigenvalue is None else "grows faster"
+        if np.isinf(low.limit):
+            return f"{none} {faster}: all {low.found} eigenvalues were computed"
         zero = " apart from zero modes" if low.zero else ""
         if low.confirmed:
             below = f"below λ = {low.limit:.4g} {none} {faster}: all {low.found} eigenvalues{zero} there were computed"
@@ -83,7 +89,7 @@ class FastestPair(NamedTuple):
             f"faster than {seen:.3g}, which is not a proof; none can exceed {low.above:.2g}"
         )
         if self.unverified:
-            above += f"; {self.unverified} weaker peaks of the spectrum were not verified"
+            above += f"; {self.unverified} peaks of its spectra were not verified"
         return f"{below}; {above}"
 
     def __str__(self):
@@ -104,6 +110,7 @@ def fastest_pair(
     probes: int = 16,
     seed: int = 0,
     report=None,
+    dense_below: int = DENSE_BELOW,
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system.
 
@@ -121,6 +128,7 @@ def fastest_pair(
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly
     report : called as report(stage, share done, words)
+    dense_below : number of coordinates below which LAPACK computes all eigenvalues
 
     Notes
     -----
@@ -145,19 +153,16 @@ def fastest_pair(
     start = rng.standard_normal(len(touched))
     symmetric = sparse.csr_array((matrix + matrix.T) / 2)
     norm = float(eigsh(symmetric, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
-    order = dissect(state, free, touched, matrix)
     if report:
         report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
+    order = dissect(state, free, touched, matrix)
     windows = ShiftWindows(matrix, norm, order, rng)
-    bottom = _search_bottom(windows, symmetric, order)
-    # where a verified mode grows, probes need not run until slower ones stand out
-    longest = max(amplification / max(rate, windows.growth) / time_step(norm), SHORTEST)
-    runs = int(np.log(longest / SHORTEST) / np.log(LONGER))
-    for steps in longest / LONGER ** np.arange(runs, -1, -1.0):  # short runs first: they are cheap and may suffice
-        run = ProbeRun(matrix, norm, int(np.ceil(steps / SPANS)), probes, rng)
-        unverified = _run_stage(run, windows, amplification, longest, report)
-        if windows.growth * run.time >= amplification:
-            break
+    if len(touched) < dense_below:
+        values = windows.search(0.0, 0.0, np.inf, (len(touched),))
+        bottom, time, used, unverified = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 0, 0
+    else:
+        bottom = _search_bottom(windows, symmetric, order)
+        time, used, unverified = _search_above(windows, amplification, rate, probes, rng, report)
     mode = None
     if windows.value is not None:
         mode = np.zeros(len(free), complex)
@@ -165,7 +170,7 @@ def fastest_pair(
         mode /= np.sqrt(free.mass)
     frequency = 0.0 if windows.value is None else float(abs(np.sqrt(windows.value).real))
     found = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*found, bottom, amplification, run.time, run.probes, windows.done, unverified, free)
+    return FastestPair(*found, bottom, amplification, time, used, windows.done, unverified, free)
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
@@ -174,16 +179,13 @@ def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
     values = windows.search(-1e-6 * windows.norm, 0.0, np.inf, (size,)).real
     top = windows.done[0].shift + windows.done[0].radius
     skew = float(abs(windows.matrix - windows.matrix.T).sum(axis=1).max()) / 2  # row sums bound the norm
-    inertia = Inertia(symmetric, order, ZERO_MODES * windows.norm)
+    floor = ZERO_MODES * windows.norm
+    zero = int((np.abs(values) < floor).sum()) >= BLOCK  # then some may be missing: count without zero modes
+    beside = count_below(symmetric, floor, order) - count_below(symmetric, -floor, order) if zero else 0
     tried = []
     for limit in _widest_gaps(values, top)[:GAPS]:
-        found, expected, zero = int((values < limit).sum()), inertia.below(limit), False
-        if found != expected:
-            if not tried and (values < -inertia.floor).sum() < inertia.negative:
-                values = np.append(values, _search_negative(windows, symmetric))
-            # of many zero modes only some are found: count without them
-            found, zero = int(((values < limit) & (np.abs(values) > inertia.floor)).sum()), True
-            expected -= inertia.zero
+        found = int(((values < limit) & ~(zero & (np.abs(values) < floor))).sum())
+        expected = count_below(symmetric, limit, order) - beside
         tried.append(Bottom(limit, found, expected, zero, skew / (2 * np.sqrt(limit))))
         if tried[-1].confirmed:
             break
@@ -194,52 +196,71 @@ def _widest_gaps(values: np.ndarray, top: float) -> np.ndarray:
     """Middles of the widest gaps between positive values in the upper part of a range that ends at `top`, first."""
     if not np.isfinite(top):
         return np.array([2 * values.max()])
-    ends = np.append(np.sort(values[values > top / 2]), top)
+    ends = np.append(np.sort(values[values > 0.75 * top]), top)
     if len(ends) == 1:
-        ends = np.array([top / 2, top])
+        ends = np.array([0.75 * top, top])
     return (ends[:-1] + np.diff(ends) / 2)[np.argsort(-np.diff(ends), kind="stable")]
 
 
-def _search_negative(windows: ShiftWindows, symmetric) -> np.ndarray:
-    """Real parts of eigenvalues below the window at the bottom, from windows at and above the lowest of S."""
-    edge, found = windows.done[0].shift - windows.done[0].radius, []
-    # real parts of the eigenvalues of A are above the lowest eigenvalue of S
-    shift = lowest = float(eigsh(symmetric, k=1, which="SA", tol=1e-3, return_eigenvectors=False)[0]) * 1.01
-    for _ in range(WINDOWS):
-        if lowest >= edge:
+def _search_above(windows: ShiftWindows, amplification: float, rate: float, probes: int, rng, report):
+    """Run probes until slower modes than `rate`, or than the fastest verified one, would stand out.
+
+    Returns
+    -------
+    duration [time], number of probes, and number of peaks that were not verified
+    """
+    longest = max(amplification / max(rate, windows.growth) / time_step(windows.norm), SHORTEST)
+    runs = int(np.log(longest / SHORTEST) / np.log(LONGER))
+    for steps in longest / LONGER ** np.arange(runs, -1, -1.0):  # short runs first: they are cheap and may suffice
+        run = ProbeRun(windows.matrix, windows.norm, int(np.ceil(steps / SPANS)), probes, rng)
+        unverified = _run_stage(run, windows, amplification, longest, report)
+        if windows.growth * run.time >= amplification:
             break
-        values = windows.search(shift, 0.0, 0.0).real
-        reach = shift + windows.done[-1].radius
-        found.append(values[(values >= lowest) & (values < min(edge, reach))])
-        shift, lowest = reach + 0.5 * windows.done[-1].radius, reach
-    return np.concatenate(found) if found else np.zeros(0)
+    return run.time, run.probes, unverified
 
 
 def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longest: float, report) -> int:
-    """Run the probes once; return the number of suspicious peaks that no window has verified."""
-    unverified = 0
-    for k in range(SPANS):
+    """Run the probes once; return the number of hopeful peaks at the end that no window has verified."""
+    ends = np.inf
+    while True:
         run.advance()
-        peaks = run.peaks() if k else []
-        final = (k + 1) * run.span >= longest
-        asked = unverified = 0
-        for value, growth in peaks:
-            # the estimate assumes mean excitation; a weakly excited mode grows faster than estimated
-            hopeful = growth * run.time + np.log(FAINT) / 2 > windows.growth * run.time
-            if growth * run.time < (1.0 if final else amplification) or not hopeful or windows.covered(value):
-                continue
-            if asked == WINDOWS:
-                unverified += 1
-                continue
-            asked += 1
-            width = run.resolution(value)
-            if abs(value.imag) < 4 * width:
-                windows.search(value.real, growth, abs(value.imag) + width)
-            else:
-                windows.search(value, growth, abs(value.imag) / 2 + width)
         if report:
             words = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
-            report("random probes in a leapfrog", min(1.0, (k + 1) * run.span / longest), words)
-        if k and windows.growth * run.time >= amplification:
-            break
-    return unverified
+            report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), words)
+        if len(run.spectra) == 1:
+            continue
+        peaks = _hopeful_peaks(run, windows)
+        if windows.growth * run.time < amplification and peaks and peaks[0][1] * run.time >= amplification:
+            _verify_peak(run, windows, *peaks[0])  # it tells whether the run may end early
+            peaks = _hopeful_peaks(run, windows)
+        if windows.growth * run.time < amplification:
+            if len(run.spectra) < SPANS:
+                continue
+            if SPANS * run.span < longest:  # a longer run follows
+                return 0
+        ends = min(ends, run.time)
+        if len(peaks) > FEW and run.time < PATIENCE * ends:  # a longer run is cheaper than many windows
+            continue
+        for _ in range(WINDOWS):
+            if not peaks:
+                break
+            _verify_peak(run, windows, *peaks[0])
+            peaks = _hopeful_peaks(run, windows)
+        return len(peaks) + len(windows.narrow)
+
+
+def _hopeful_peaks(run: ProbeRun, windows: ShiftWindows) -> list[tuple[complex, float]]:
+    """Peaks outside all windows that may grow faster than the fastest verified mode, fastest first."""
+    # estimates assume mean excitation; a weakly excited mode grows faster than estimated
+    least = max(1.0, windows.growth * run.time - np.log(FAINT) / 2)
+    return [(value, g) for value, g in run.peaks() if g * run.time > least and not windows.covered(value)]
+
+
+def _verify_peak(run: ProbeRun, windows: ShiftWindows, value: complex, growth: float) -> None:
+    """Compute the eigenvalues around a peak."""
+    width = run.resolution(value)
+    near = abs(value.imag) < 4 * width
+    reach = abs(value.imag) + width if near else abs(value.imag) / 2 + width
+    windows.search(value.real if near else value, growth, reach)
+    if windows.done[-1].radius < reach:  # the subspace was too small: do not ask again
+        windows.narrow.append((value, width))

@@ -6,7 +6,6 @@ takes a fraction of SuperLU's time at thousands of grains, solves for many vecto
 of a symmetric matrix below a shift.
 """
 
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -161,34 +160,13 @@ def _assemble(rows, columns, first: int, last: int, parts, local: np.ndarray) ->
     return front, border
 
 
-class Inertia:
-    """Numbers of eigenvalues of a symmetric sparse matrix below shifts, by Sylvester's law of inertia.
-
-    Parameters
-    ----------
-    floor : eigenvalues whose magnitude is smaller are zero modes
-    """
-
-    def __init__(self, matrix, order: Dissection, floor: float):
-        self.matrix, self.order, self.floor = matrix, order, floor
-
-    def below(self, shift: float) -> int:
-        """Number of eigenvalues below a shift."""
-        identity = sparse.eye_array(self.matrix.shape[0], format="csr")
-        try:
-            return _SignCount(self.matrix - shift * identity, self.order).negative
-        except LinAlgError:  # the shift is an eigenvalue of a part
-            return _SignCount(self.matrix - shift * (1 + 1e-9) * identity, self.order).negative
-
-    @cached_property
-    def negative(self) -> int:
-        """Number of eigenvalues below −floor."""
-        return self.below(-self.floor)
-
-    @cached_property
-    def zero(self) -> int:
-        """Number of zero modes."""
-        return self.below(self.floor) - self.negative
+def count_below(matrix, shift: float, order: Dissection) -> int:
+    """Number of eigenvalues of a symmetric sparse matrix below a shift, by Sylvester's law of inertia."""
+    identity = sparse.eye_array(matrix.shape[0], format="csr")
+    try:
+        return _SignCount(matrix - shift * identity, order).negative
+    except LinAlgError:  # the shift is an eigenvalue of a part
+        return _SignCount(matrix - shift * (1 + 1e-9) * identity, order).negative
 
 
 class _SignCount(FrontalFactor):
@@ -198,12 +176,11 @@ class _SignCount(FrontalFactor):
         m = last - first
         if not m:
             return front
-        sytrf, work = get_lapack_funcs(("sytrf", "sytrf_lwork"), dtype=float)
-        factor, swaps, info = sytrf(front[:m, :m], lwork=int(work(m)[0]))
+        sysv, work = get_lapack_funcs(("sysv", "sysv_lwork"), dtype=float)
+        right = front[:m, m:] if len(border) else np.zeros((m, 1))
+        factor, swaps, upper, info = sysv(front[:m, :m], right, lwork=int(work(m)[0]))
         if info > 0:
             raise LinAlgError("singular")
         # Bunch and Kaufman's blocks of two, with negative swaps, have one eigenvalue of each sign
-        self.negative += int((np.diag(factor)[swaps >= 0] < 0).sum() + (swaps < 0).sum() // 2)
-        complement = super()._eliminate(front, first, last, border)
-        self._fronts.clear()  # nothing is solved
-        return complement
+        self.negative += int((np.diag(factor)[swaps > 0] < 0).sum() + (swaps < 0).sum() // 2)
+        return front[m:, m:] - front[m:, :m] @ upper[:, : len(border)]

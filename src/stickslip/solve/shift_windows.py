@@ -7,12 +7,12 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 
 from .frontal import Dissection, FrontalFactor
-from .linear import one_thread
+from .linear import suitable_threads
 from .spectrum import REAL_BELOW
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
-# vectors of the subspace at the bottom of the spectrum; of a window; of a second attempt if that is too narrow
-BOTTOM, SUBSPACES = 560, (160, 480)
+# vectors of the subspace at the bottom of the spectrum; of other windows, and of those that turn out too narrow
+BOTTOM, SUBSPACES = 560, (240, 560)
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
 
 
@@ -31,24 +31,35 @@ class ShiftWindows:
     def __init__(self, matrix, norm: float, order: Dissection, rng):
         self.matrix, self.norm, self.order, self.rng = matrix, norm, order, rng
         self.done: list[ShiftWindow] = []
+        # values, and their uncertainties, for which a window was made that is too narrow to contain them
+        self.narrow: list[tuple[complex, float]] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
 
     def covered(self, value: complex) -> bool:
-        """Return True if a window would have contained an eigenvalue at this value."""
-        return any(abs(value - w.shift) < 0.9 * w.radius for w in self.done)
+        """Return True if a window would have contained an eigenvalue at this value, or was made for it in vain."""
+        discs = [(w.shift, 0.9 * w.radius) for w in self.done] + self.narrow
+        return any(abs(value - centre) < radius for centre, radius in discs)
 
     def search(self, shift: complex, expected: float, reach: float, subspaces=SUBSPACES) -> np.ndarray:
         """Compute and return the eigenvalues nearest to a shift, within `reach` if the subspaces suffice."""
-        identity = sparse.eye_array(self.matrix.shape[0], format="csr")
+        n = self.matrix.shape[0]
+        if 2 * subspaces[0] >= n:
+            return self._keep(shift, expected, *self._all())
+        identity = sparse.eye_array(n, format="csr")
         try:
             solve = FrontalFactor(self.matrix - shift * identity, self.order).solve
         except LinAlgError:  # the shift is an eigenvalue
             shift += 1e-7 * self.norm
             solve = FrontalFactor(self.matrix - shift * identity, self.order).solve
+        subspace = KrylovSubspace(solve, n, self.rng, type(shift))
         for size in subspaces:
-            values, vectors, radius = self._nearest(solve, shift, size)
+            values, vectors, radius = self._nearest(subspace, shift, size)
             if radius > reach:
                 break
+        return self._keep(shift, expected, values, vectors, radius)
+
+    def _keep(self, shift, expected: float, values: np.ndarray, vectors, radius: float) -> np.ndarray:
+        """Store a window, and its fastest growing eigenvalue if it is faster than those of all others."""
         real = np.abs(values.imag) <= REAL_BELOW * self.norm
         values = np.where(real, values.real, values)
         growing = np.flatnonzero(np.where(real, values.real < -REAL_BELOW * self.norm, values.imag > 0))
@@ -60,14 +71,12 @@ class ShiftWindows:
                 break
         return values
 
-    def _nearest(self, solve, shift: complex, size: int):
+    def _nearest(self, subspace: "KrylovSubspace", shift: complex, size: int):
         """Converged eigenvalues, the factors of their eigenvectors, and the radius within which all have converged."""
-        n, size = self.matrix.shape[0], -(-size // BLOCK) * BLOCK
+        n = self.matrix.shape[0]
         if 2 * size >= n:  # a subspace of most of the space: all eigenvalues at once
-            with one_thread():
-                values, vectors = eig(self.matrix.toarray())
-            return values, (np.eye(n), vectors), np.inf
-        basis, H, last = block_arnoldi(solve, n, size, self.rng, type(shift))
+            return self._all()
+        basis, H, last = subspace.extended(size)
         mu, y = eig(H)
         error = np.linalg.norm(last @ y[-BLOCK:], axis=0) / np.abs(mu) ** 2
         values = shift + 1 / mu
@@ -75,6 +84,12 @@ class ShiftWindows:
         radius = float(distance[error > CONVERGED * self.norm].min(initial=np.inf))
         inside = distance < radius
         return values[inside], (basis, y[:, inside]), radius
+
+    def _all(self):
+        """All eigenvalues, the factors of their eigenvectors, and an infinite radius."""
+        with suitable_threads(self.matrix.shape[0]):
+            values, vectors = eig(self.matrix.toarray(order="F"), overwrite_a=True)
+        return values, (np.eye(len(values)), vectors), np.inf
 
     def _refine(self, vector: np.ndarray) -> bool:
         """Refine a growing eigenvalue in its invariant plane, and keep it if it still grows faster than all others."""
@@ -95,23 +110,36 @@ class ShiftWindows:
         return True
 
 
-def block_arnoldi(apply, n: int, size: int, rng, kind=float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Orthonormal basis V (n, size), H = VᴴBV, and the last coupling R of a linear map B: BV = VH + Q R Eᵀ.
+class KrylovSubspace:
+    """Block Krylov subspace of a linear map B, from random vectors: BV = VH + QREᵀ with an orthonormal basis V.
 
-    Blocks start from random vectors, and are orthogonalised twice against all others.
+    Every block is orthogonalised twice against all others.
     """
-    V, H = np.empty((n, size), kind, order="F"), np.zeros((size, size), kind)
-    V[:, :BLOCK] = np.linalg.qr(rng.standard_normal((n, BLOCK)))[0]
-    for k in range(0, size, BLOCK):
-        known, own = V[:, : k + BLOCK], slice(k, k + BLOCK)
-        adjoint, image = known.T if kind is float else known.conj().T, apply(V[:, own])
-        H[: k + BLOCK, own] = adjoint @ image
-        q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
-        # also if the subspace is exhausted, and q is what round-off makes of it
-        again = adjoint @ q
-        H[: k + BLOCK, own] += again @ r
-        q, r_again = np.linalg.qr(q - known @ again)
-        r = r_again @ r
-        if k + BLOCK < size:
-            H[k + BLOCK : k + 2 * BLOCK, own], V[:, k + BLOCK : k + 2 * BLOCK] = r, q
-    return V, H, r
+
+    def __init__(self, apply, n: int, rng, kind=float):
+        self.apply = apply
+        self.next = np.linalg.qr(rng.standard_normal((n, BLOCK)))[0].astype(kind)
+        self.basis, self.projection = np.empty((n, 0), kind, order="F"), np.zeros((0, 0), kind)
+        self.last = np.zeros((BLOCK, BLOCK), kind)
+
+    def extended(self, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """V (n, size), H = VᴴBV and R, with a size rounded up to whole blocks."""
+        old, size = self.basis.shape[1], -(-size // BLOCK) * BLOCK
+        V, H = np.empty((len(self.next), size), self.next.dtype, order="F"), np.zeros((size, size), self.next.dtype)
+        V[:, :old], H[:old, :old] = self.basis, self.projection
+        for k in range(old, size, BLOCK):
+            own = slice(k, k + BLOCK)
+            V[:, own] = self.next
+            if k:
+                H[own, k - BLOCK : k] = self.last
+            known = V[:, : k + BLOCK]
+            adjoint, image = known.conj().T, self.apply(self.next)
+            H[: k + BLOCK, own] = adjoint @ image
+            q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
+            # also if the subspace is exhausted, and q is what round-off makes of it
+            again = adjoint @ q
+            H[: k + BLOCK, own] += again @ r
+            self.next, r_again = np.linalg.qr(q - known @ again)
+            self.last = r_again @ r
+        self.basis, self.projection = V, H
+        return V, H, self.last
