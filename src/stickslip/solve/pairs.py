@@ -144,6 +144,8 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report
     subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
     single = np.float32  # a correction needs only a few digits
     V = basis.vectors.astype(single, copy=False)
+    # subspaces in the modes of S, which only say which directions a correction leaves out
+    borders = [basis.vectors[:, c.window.inside].T @ x for c, x in zip(clusters, subspaces, strict=True)]
     last, active = np.full(len(clusters), np.inf), range(len(clusters))
     for _ in range(sweeps):
         residuals = {k: _subspace_residual(matrix, subspaces[k]) for k in active}
@@ -157,12 +159,11 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report
         if not active:
             break
         inner = V.T @ np.hstack([residuals[k][0] for k in active]).astype(single)
-        border = V.T @ np.hstack([subspaces[k] for k in active]).astype(single)
         ends = np.cumsum([subspaces[k].shape[1] for k in active])[:-1]
-        parts = zip(active, np.split(inner, ends, axis=1), np.split(border, ends, axis=1), strict=True)
+        parts = zip(active, np.split(inner, ends, axis=1), strict=True)
         with one_thread():  # many small systems
             inner = np.hstack(
-                [_subspace_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts]
+                [_subspace_correction(basis, clusters[k].window, residuals[k][1], r, borders[k]) for k, r in parts]
             )
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
@@ -214,7 +215,9 @@ def _subspace_residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
-    """Z in the modes of S with AZ − ZB ≈ R, without a component in the subspace itself (`border`).
+    """Z in the modes of S with AZ − ZB ≈ R, without a component in the subspace itself.
+
+    `border` holds the subspace in the modes of the window.
 
     Solved column by column in the complex Schur form B = QTQᴴ, which also exists if two eigenvalues of B coalesce.
     """
@@ -222,8 +225,8 @@ def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndar
     p, m = len(B), len(window.M)
     K = basis.skew[window.inside]  # includes K_PQ; K_QP = −K_PQᵀ
     system, R, Z = np.zeros((m + p, m + p), complex), R @ Q, np.zeros(R.shape, complex)
-    system[:m, m:] = border[window.inside]
-    system[m:, :m] = border[window.inside].T
+    system[:m, m:] = border
+    system[m:, :m] = border.T
     for j in range(p):
         right = R[:, j] + Z[:, :j] @ T[:j, j]
         weight = 1 / regularise_gaps(basis.diagonal - T[j, j], basis.scale)

@@ -60,8 +60,18 @@ def symmetric_basis(matrix, precision, tell: Report) -> Basis:
     image = matrix @ double
     diagonal = np.einsum("ij,ij->j", double, image) / np.einsum("ij,ij->j", double, double)
     single = vectors.astype(np.float32, copy=False)
-    skew = single.T @ (((matrix - matrix.T) / 2).astype(np.float32) @ single)
+    skew = _skew_product(single, ((matrix - matrix.T) / 2).astype(np.float32) @ single)
     return Basis(vectors, image, diagonal, skew)
+
+
+def _skew_product(V: np.ndarray, KV: np.ndarray, block: int = 1024) -> np.ndarray:
+    """VᵀKV of a skew K, from its upper half."""
+    n = V.shape[1]
+    out = np.empty((n, n), V.dtype)
+    for k in range(0, n, block):
+        out[k : k + block, k:] = V[:, k : k + block].T @ KV[:, k:]
+        out[k + block :, k : k + block] = -out[k : k + block, k + block :].T
+    return out
 
 
 def build_window(basis: Basis, first: int) -> Window:
