@@ -15,8 +15,8 @@ LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
 DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "also by overlap"}
 METHODS = {
-    "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
-    "fastest": "only the fastest growth",
+    "auto": "by the number of grains", "fastest": "only the fastest growth", "all": "all complex pairs, cheapest way",
+    "certify": "also certify real eigenvalues", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
 NO_VERDICT = 3  # exit code where there is no verdict
 REMEDY = (
@@ -30,6 +30,7 @@ STABILITY = examples(
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
         "only the verdict, at rest under another law",
     ),
+    ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and what is known about others"),
 )
 CONVERT = examples(
     ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, contacts in a second file"),
@@ -91,8 +92,16 @@ def stability(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
     options: dict,
     method: Annotated[
-        str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=complete_from(METHODS))
+        str,
+        typer.Option(
+            "--method", help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS)
+        ),
     ] = "auto",
+    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest growing pair only.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False,
+    certify: Annotated[
+        bool, typer.Option("--certify", help="Also certify the real eigenvalues; reports the estimated time first.")
+    ] = False,
     settle: Annotated[
         bool, typer.Option("--settle", help="Let it come to rest under this law first; analyse that state.")
     ] = False,
@@ -119,6 +128,10 @@ def stability(
     from ..experiments import terminal
     from ..experiments.packing import report as stability_report
 
+    asked = [name for name, on in (("fastest", fastest), ("all", every), ("certify", certify)) if on]
+    if len(asked) + (method != "auto") > 1:
+        raise ValueError("more than one of --fastest, --all, --certify and --method was given: give one")
+    method = asked[0] if asked else method
     shapes = modes or Path(f"{file.stem}-modes.npz")
     if modes or not as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)

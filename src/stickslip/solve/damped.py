@@ -124,7 +124,7 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     Parameters
     ----------
     state : State, accepted and at rest
-    method : "dense" (all exponents, up to 4000 coordinates), "pairs" or "fastest" (exponents near those of the undamped
+    method : "dense" (all exponents, up to 4000 coordinates), "pairs", "all" or "fastest" (exponents near those of the undamped
         motion, which `stability` finds with this method; growth caused by dashpots alone is not sought); "auto" takes
         the first that is feasible
     report : called as report(stage, share done, words)
@@ -148,6 +148,8 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     3
     """
     size = _max_coordinates(state)
+    if method == "certify":
+        raise ValueError("method 'certify' was given for a law with dashpots: use 'all', or a law without dashpots")
     if method == "dense" and size > DENSE_AT_MOST:
         raise ValueError(
             f"{size} coordinates were given: the method 'dense' with dashpots takes at most {DENSE_AT_MOST}; use "
@@ -171,7 +173,7 @@ def _analyse(state: State, law: Law, undamped: Stability, method: str, report) -
     drag = sparse.csr_array(sparse.diags_array(-root) @ assembled(state, blocks, free) @ sparse.diags_array(root))
     unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in this unit both blocks are of order one
     pull, drag = pull / unit**2, drag / unit
-    if method == "dense" or (method == "auto" and size <= DENSE_UP_TO):
+    if method == "dense" or (method in ("auto", "all", "fastest") and size <= DENSE_UP_TO):
         values, vectors, slowest, scope = *_solve_dense(pull, drag), unloading_scope(law)
     else:
         starts = np.concatenate([-1j * np.sqrt(undamped.pairs), np.sqrt(-undamped.negative.astype(complex))]) / unit

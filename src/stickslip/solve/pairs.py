@@ -11,7 +11,7 @@ from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
-from .certificate import Certificate, gershgorin_certificate
+from .certificate import Certificate, certificate_seconds, format_seconds, gershgorin_certificate
 from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
@@ -71,7 +71,7 @@ def complex_pairs(
     Parameters
     ----------
     certificate : whether real eigenvalues are certified by Gershgorin discs; needs double precision and several times
-        the run time
+        the run time, an estimate of which is reported first
     report : called as report(share done, words)
     dense_below : number of coordinates below which LAPACK is used
 
@@ -96,9 +96,12 @@ def complex_pairs(
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
     if n > LARGEST:
+        time = f", and the certificate would take about {format_seconds(certificate_seconds(n))}" if certificate else ""
         raise ValueError(
-            f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}; use `fastest_pair` instead"
+            f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}{time}; use `fastest_pair` instead"
         )
+    if certificate:
+        tell(0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")
     matrix = dynamical_matrix(state, law, free)
     # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))

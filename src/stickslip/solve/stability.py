@@ -20,6 +20,7 @@ from .balance import (
     no_equilibrium_message,
     with_modes_under,
 )
+from .certificate import certificate_seconds, format_seconds
 from .fastest import fastest_pair
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, translations, unsupported_grains
 from .linear import suitable_threads
@@ -31,7 +32,13 @@ MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
 )
 UNLOADED = "decreasing overlaps, for which this law shortens slips, were not considered: overlaps were assumed to grow"
-DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
+DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # coordinates: LAPACK is the fastest below the first
+METHODS = {  # what was computed, in words
+    "dense": "all eigenvalues by LAPACK",
+    "pairs": "all complex pairs from the modes of the symmetric part",
+    "certify": "all complex pairs, and a certificate of the real eigenvalues",
+    "fastest": "the lowest modes by shift and invert, and tangent dynamics for the rest of the spectrum",
+}
 
 
 @readable(head=lambda found: _summary(found))
@@ -52,11 +59,16 @@ class Stability(NamedTuple):
     rigid: int  # zero modes that are translations of the whole packing
     modes: np.ndarray  # (n, P + K) generalised displacements of the pairs, then of the negative λ
     free: Freedom
-    method: str  # "dense", "pairs" or "fastest"
+    method: str  # the way used: "dense", "pairs", "certify" or "fastest"; `way` describes it
     scope: str  # limits of the analysis, in words
     causes: tuple[str, ...]  # possible reasons why forces do not balance, see `likely_causes`; empty if they do
     at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
+
+    @property
+    def way(self) -> str:
+        """What was computed, in words."""
+        return METHODS[self.method]
 
     @property
     def balanced(self) -> bool:
@@ -150,8 +162,10 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
 
     Parameters
     ----------
-    method : "dense" (everything, for at most 10,000 coordinates; takes seconds for up to 2500), "pairs" (all complex
-        pairs, up to 12,000), "fastest" (the fastest pair that can be excited); "auto" takes the first that is feasible
+    method : what is asked: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a certificate
+        of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000 coordinates,
+        "fastest" beyond). Each takes the cheapest way, which `Stability.method` names: LAPACK up to 1500 coordinates.
+        "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) choose a way themselves
     report : called as report(stage, share done, words)
 
     Raises
@@ -171,8 +185,8 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     >>> ss.stability(state, law).verdict
     'stable'
     """
-    if method not in ("auto", "dense", "pairs", "fastest"):
-        raise ValueError(f"method {method!r} was given: use auto, dense, pairs or fastest")
+    if method not in (known := ("auto", "fastest", "all", "certify", "dense", "pairs")):
+        raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
     state = with_modes_under(state, law)
     found, rows = _analyse(state, law, method, report), contacts_at_limit(state, law)
     if not len(rows):
@@ -211,16 +225,7 @@ def _analyse(state: State, law: Law, method: str, report) -> Stability:
     size = len(free)
     if not size:
         raise ValueError("the packing has only rattlers: stability needs grains that support each other")
-    if method == "auto":
-        method = "dense" if size <= DENSE_UP_TO else "pairs" if size <= PAIRS_UP_TO else "fastest"
-    if method == "dense" and size > 10_000:
-        raise ValueError(
-            f"{size} coordinates were given: the method 'dense' takes at most 10000; use 'pairs' or 'fastest'"
-        )
-    if method == "pairs" and size > PAIRS_UP_TO:
-        raise ValueError(
-            f"{size} coordinates were given: the method 'pairs' takes at most {PAIRS_UP_TO}; use 'fastest'"
-        )
+    method = _cheapest_way(method, size)
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
         pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
@@ -240,6 +245,22 @@ def _analyse(state: State, law: Law, method: str, report) -> Stability:
     )  # fmt: skip
 
 
+def _cheapest_way(method: str, size: int) -> str:
+    """The cheapest way to answer what is asked of `size` coordinates: a key of METHODS."""
+    if method == "dense" and size > 10_000:
+        raise ValueError(
+            f"{size} coordinates were given: the method 'dense' takes at most 10000; use 'pairs' or 'fastest'"
+        )
+    if method in ("all", "pairs", "certify") and size > PAIRS_UP_TO:
+        time = f", and would take about {format_seconds(certificate_seconds(size))}" if method == "certify" else ""
+        raise ValueError(
+            f"{size} coordinates were given: the method {method!r} takes at most {PAIRS_UP_TO}{time}; use 'fastest'"
+        )
+    if method in ("auto", "fastest", "all") and size <= DENSE_UP_TO:
+        return "dense"
+    return {"auto": "pairs" if size <= PAIRS_UP_TO else "fastest", "all": "pairs"}.get(method, method)
+
+
 def _analyse_dense(matrix):
     with suitable_threads(matrix.shape[0]):
         values, vectors = eig(matrix.toarray(), overwrite_a=True)
@@ -255,9 +276,12 @@ def _analyse_dense(matrix):
 
 def _analyse_large(state: State, law: Law, free: Freedom, method: str, report):
     """Pairs, their modes in the coordinates `free`, and the scope of the search."""
-    if method == "pairs":
-        found = complex_pairs(state, law, report=report and partial(report, "complex pairs"))
+    if method in ("pairs", "certify"):
+        tell, certify = report and partial(report, "complex pairs"), method == "certify"
+        found = complex_pairs(state, law, certificate=certify, report=tell)
         values, modes, scope = found.eigenvalues, found.modes, "all complex pairs that floating point can resolve"
+        if certify:
+            scope = f"{scope}; certificate: {found.certified}"
     else:
         one = fastest_pair(state, law, report=report)
         there = one.eigenvalue is not None and one.eigenvalue.imag != 0

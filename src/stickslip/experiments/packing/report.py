@@ -126,6 +126,8 @@ def to_dict(
         "growing" if isinstance(found, DampedStability) else "negative": negative,
         "zero_modes": static.zero_modes,
         "spectrum": "damped" if isinstance(found, DampedStability) else "undamped",
+        "method": static.method,
+        "scope": found.scope,
     }
     if more:
         out["more"] = stability_more.to_dict(more)
@@ -161,6 +163,7 @@ def show(
     if isinstance(found, DampedStability):
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
         console.print(f"without the dashpots it would be: {static.motion}")
+    console.print(f"method: {static.way}")
     if found.scope:
         console.print(f"scope: {found.scope}")
     if len(static.rattlers):
