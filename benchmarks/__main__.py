@@ -143,15 +143,17 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--packings`, `--spheres`, `--steps`, `--status`, `--gouge`, `--friction`, `--start` and `--writing`
-    select time steps of many grains, the preparation of packings, quasi-static sphere packings, strain steps of
-    frictional packings, contact status, time steps of fault gouge, the spring-slider with rate-and-state friction, the
-    time to the first result with and without compiled kernels, or archives, movies and reports.
+    `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--gouge`, `--friction`, `--start` and
+    `--writing` select time steps of many grains, the preparation of packings, quasi-static sphere packings, their
+    spectra only, strain steps of frictional packings, contact status, time steps of fault gouge, the spring-slider with
+    rate-and-state friction, the time to the first result with and without compiled kernels, or archives, movies and
+    reports.
     """
     rows, quick = [], "--quick" in sys.argv
-    chosen = {
-        "--engine", "--packings", "--spheres", "--steps", "--status", "--gouge", "--friction", "--start", "--writing",
-    } & set(sys.argv)  # fmt: skip
+    chosen = set(sys.argv) & {
+        "--engine", "--packings", "--spheres", "--spectra", "--steps", "--status", "--gouge", "--friction", "--start",
+        "--writing",
+    }  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
@@ -159,6 +161,8 @@ def main() -> None:
         rows += ([array] if array else []) + budgets(full=not quick)
     if "--packings" in chosen or not (chosen or quick):
         rows += packings.rows("--large" in sys.argv)
+    if "--spectra" in chosen:
+        rows += spheres.spectra("--large" in sys.argv)
     if "--spheres" in chosen or not (chosen or quick):
         rows += spheres.rows("--large" in sys.argv)
     if "--steps" in chosen or not (chosen or quick):

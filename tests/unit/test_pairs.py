@@ -200,3 +200,38 @@ def test_windows_miss_nothing_on_independent_packings(seed):
     full = spectrum(state, LAW)
     assert len(full.pairs) > 3
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
+
+
+def test_a_certificate_announces_its_time_first(packing):
+    told = []
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, words: told.append(words))
+    assert "certificate" in told[0] and "estimated time" in told[0]
+
+
+def test_an_unaffordable_certificate_is_refused_with_its_time(packing, monkeypatch):
+    monkeypatch.setattr(module, "LARGEST", 10)
+    with pytest.raises(ValueError, match="certificate would take about"):
+        complex_pairs(packing[0], LAW, certificate=True)
+
+
+@pytest.mark.parametrize(("asked", "way"), [("fastest", "dense"), ("all", "dense"), ("certify", "certify")])
+def test_stability_takes_the_cheapest_way_and_names_it(packing, asked, way):
+    state, full = packing
+    found = ss.stability(state, LAW, method=asked)
+    assert found.method == way and found.way
+    np.testing.assert_allclose(found.pairs[0], full.pairs[0], rtol=0, atol=1e-12 * np.abs(full.eigenvalues).max())
+
+
+@pytest.mark.parametrize(("asked", "way"), [("fastest", "fastest"), ("all", "pairs"), ("auto", "pairs")])
+def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way):
+    state, full = packing
+    monkeypatch.setattr("stickslip.solve.stability.DENSE_UP_TO", 10)
+    found = ss.stability(state, LAW, method=asked)
+    assert found.method == way and found.scope
+    np.testing.assert_allclose(found.pairs[0], full.pairs[0], rtol=1e-9)
+
+
+def test_too_many_coordinates_for_a_certificate_name_the_other_way(packing, monkeypatch):
+    monkeypatch.setattr("stickslip.solve.stability.PAIRS_UP_TO", 10)
+    with pytest.raises(ValueError, match=r"would take about .* use 'fastest'"):
+        ss.stability(packing[0], LAW, method="certify")

@@ -35,7 +35,7 @@ class Certificate(NamedTuple):
 
 
 def certificate_seconds(size: int) -> float:
-    """Estimated time of a certificate for `size` coordinates, from the speed of a matrix product on this machine [s]."""
+    """Estimated time of a certificate for `size` coordinates, from the speed of a matrix product here [s]."""
     some = np.ones((1000, 1000))
     times = []
     for _ in range(2):  # the first product also starts the threads of BLAS

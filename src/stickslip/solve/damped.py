@@ -124,9 +124,9 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     Parameters
     ----------
     state : State, accepted and at rest
-    method : "dense" (all exponents, up to 4000 coordinates), "pairs", "all" or "fastest" (exponents near those of the undamped
-        motion, which `stability` finds with this method; growth caused by dashpots alone is not sought); "auto" takes
-        the first that is feasible
+    method : "dense" (all exponents, up to 4000 coordinates), "pairs", "all" or "fastest" (exponents near those of the
+        undamped motion, which `stability` finds with this method; growth caused by dashpots alone is not sought);
+        "auto" takes the first that is feasible
     report : called as report(stage, share done, words)
 
     Raises

@@ -162,10 +162,10 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
 
     Parameters
     ----------
-    method : what is asked: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a certificate
-        of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000 coordinates,
-        "fastest" beyond). Each takes the cheapest way, which `Stability.method` names: LAPACK up to 1500 coordinates.
-        "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) choose a way themselves
+    method : what is asked: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a
+        certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
+        coordinates, "fastest" beyond). Each takes the cheapest way, which `Stability.method` names: LAPACK up to 1500
+        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) name a way themselves
     report : called as report(stage, share done, words)
 
     Raises
