@@ -155,7 +155,7 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     documented = {
         "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
             "at_limit", "if_stuck", "pairs",
-        "negative", "zero_modes", "spectrum",
+        "negative", "zero_modes", "spectrum", "method", "scope",
     }  # fmt: skip
     of_every_command = {"command", "status", "folder", "files", "versions"}
     assert set(found) == documented | of_every_command | {"notes", "verdict"}

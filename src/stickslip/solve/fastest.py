@@ -209,19 +209,28 @@ def _search_above(windows: ShiftWindows, amplification: float, rate: float, prob
     -------
     duration [time], number of probes, and number of peaks that were not verified
     """
-    longest = max(amplification / max(rate, windows.growth) / time_step(windows.norm), SHORTEST)
-    runs = int(np.log(longest / SHORTEST) / np.log(LONGER))
-    for steps in longest / LONGER ** np.arange(runs, -1, -1.0):  # short runs first: they are cheap and may suffice
+    steps = needed = _steps_needed(windows, amplification, rate)
+    while steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
+        steps /= LONGER
+    while True:
         run = ProbeRun(windows.matrix, windows.norm, int(np.ceil(steps / SPANS)), probes, rng)
-        unverified = _run_stage(run, windows, amplification, longest, report)
-        if windows.growth * run.time >= amplification:
+        unverified = _run_stage(run, windows, amplification, needed, report)
+        if steps >= needed or windows.growth * run.time >= amplification:
             break
+        needed = _steps_needed(windows, amplification, rate)  # fewer, if a faster mode was verified
+        steps = min(LONGER * steps, needed)
     return run.time, run.probes, unverified
+
+
+def _steps_needed(windows: ShiftWindows, amplification: float, rate: float) -> float:
+    return max(amplification / max(rate, windows.growth) / time_step(windows.norm), SHORTEST)
 
 
 def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longest: float, report) -> int:
     """Run the probes once; return the number of hopeful peaks at the end that no window has verified."""
     ends = np.inf
+    # a much longer run resolves more
+    windows.narrow = [(value, width) for value, width in windows.narrow if width < 4 * run.resolution(value)]
     while True:
         run.advance()
         if report:
