@@ -6,6 +6,7 @@ Complex pairs
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity effect of each contact on a pair
+    birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 
 With dashpots and drag
     damped_stability    stability with the dashpots of the law
@@ -29,6 +30,7 @@ Matrices
 from .core.contacts.jacobian import contact_blocks
 from .lazy import unknown
 from .loading.protocols import track_pairs
+from .solve.birth import birth_form
 from .solve.damped import damped_stability
 from .solve.density import density_of_states, participation_ratio
 from .solve.equilibrate import UnstableEquilibriumWarning
@@ -44,6 +46,7 @@ __all__ = [
     "UnstableEquilibriumWarning",
     "assembled",
     "backbone",
+    "birth_form",
     "complex_pairs",
     "contact_blocks",
     "contact_sensitivity",

@@ -1,7 +1,8 @@
 """Types of results, for annotations and `isinstance`; the function that returns each is in parentheses.
 
 Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity, DampedStability,
-    DensityOfStates, ElasticModuli, TransientGrowth (functions of `modes`), Freedom (freedom), Factorisation (newton)
+    DensityOfStates, ElasticModuli, TransientGrowth, BirthForm (functions of `modes`), Freedom (freedom),
+    Factorisation (newton)
 Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release),
     PackingInfo (packings.jammed, packings.compressed), Poured (packings.poured), Record, Ledger (run),
     Collision (laws.collision)
@@ -46,6 +47,7 @@ from .quasirigid.null_modes import Mechanism
 from .quasirigid.path import LoadPath
 from .quasirigid.status import ContactStatus, Verdict
 from .quasirigid.uniqueness import Uniqueness
+from .solve.birth import BirthForm
 from .solve.collision import Collision
 from .solve.damped import DampedStability
 from .solve.density import DensityOfStates
@@ -61,6 +63,7 @@ from .solve.transient import TransientGrowth
 
 __all__ = [
     "Apex",
+    "BirthForm",
     "Collision",
     "Complementarity",
     "ComplexPairs",

@@ -25,6 +25,7 @@ REMEDY = (
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
+    ("stability pushed_disks.npz --after", "bursts or runaway, and the contact that is lost first"),
     ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, decisive contacts"),
     (
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
@@ -114,6 +115,9 @@ def stability(
     beyond: Annotated[
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
     ] = False,
+    after: Annotated[
+        bool, typer.Option("--after", help="Also what follows the instability: bursts, or a contact that is lost.")
+    ] = False,
     quiet: Quiet = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object; write modes only with --modes.")
@@ -148,6 +152,7 @@ def stability(
                 from ..experiments.packing.details import compute_details
 
                 more = compute_details(state, its_law, found, report=tell)
+            form = stability_report.find_birth_form(state, its_law) if after else None
         why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]
@@ -158,11 +163,11 @@ def stability(
             print(f"stickslip: {line}", file=sys.stderr)
         verdict = stability_report.verdict(found, calm)
         about = json_output.common_fields("stability", files=paths) | {"notes": words, "verdict": verdict}
-        print(json_output.to_json(about | stability_report.to_dict(found, more, calm=calm, why=why)))
+        print(json_output.to_json(about | stability_report.to_dict(found, more, form, calm=calm, why=why)))
     elif quiet:
         print(stability_report.verdict(found, calm))
     else:
-        stability_report.show(found, its_law, words, more, calm=calm, why=why, remedy="" if settle else REMEDY)
+        stability_report.show(found, its_law, words, more, form, calm=calm, why=why, remedy="" if settle else REMEDY)
         if paths:
             terminal.show_paths(paths)
     if found.stable is None:

@@ -17,6 +17,7 @@ from ...core.readable import pluralize
 from ...core.state import State
 from ...data.atomic import replace_atomically
 from ...solve.balance import BALANCED_BELOW, imbalance
+from ...solve.birth import BirthForm, birth_form
 from ...solve.damped import DampedStability, damped_stability
 from ...solve.equilibrate import equilibrate
 from ...solve.freedom import backbone
@@ -52,6 +53,14 @@ class Settling(NamedTuple):
 def analyse_stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
     """Analyse stability with the spectrum that suits the law: the damped one if there are dashpots."""
     return (damped_stability if damping_model(law) else stability)(state, law, method=method, report=report)
+
+
+def find_birth_form(state: State, law: Law) -> BirthForm | str:
+    """Return the normal form of the fastest pair, or the reason why there is none."""
+    try:
+        return birth_form(state, law)
+    except ValueError as problem:
+        return str(problem)
 
 
 def settled(state: State, law: Law) -> tuple[State, Settling]:
@@ -92,8 +101,8 @@ def likely_causes(found: Stability | DampedStability, options: dict, words: list
 
 
 def to_dict(
-    found: Stability | DampedStability, more: stability_more.Details | None = None, *,
-    calm: Settling | None = None, why=(),
+    found: Stability | DampedStability, more: stability_more.Details | None = None,
+    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(),
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
     static = found.undamped if isinstance(found, DampedStability) else found
@@ -131,6 +140,21 @@ def to_dict(
     }
     if more:
         out["more"] = stability_more.to_dict(more)
+    if form:
+        out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
+    return out
+
+
+def _form_dict(form: BirthForm) -> dict:
+    """Numbers of the normal form; what is infinite is null."""
+    out = {"fate": form.fate, "verdict": form.verdict, "limit_contact": list(form.limit_contact)}
+    out["opening_contact"] = list(form.opening_contact)
+    for name in (
+        "frequency", "growth_rate", "nearness", "beta", "bare", "peak", "cubic_peak", "limit", "opening", "resonance",
+        "detuned",
+    ):  # fmt: skip
+        value = getattr(form, name)
+        out[name] = value if np.isfinite(value) else None
     return out
 
 
@@ -139,8 +163,8 @@ def _settling_dict(calm: Settling) -> dict:
 
 
 def show(
-    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.Details | None = None, *,
-    calm: Settling | None = None, why=(), remedy: str = "",
+    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.Details | None = None,
+    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
@@ -175,6 +199,29 @@ def show(
         _show_pairs(found)
     if more:
         stability_more.show(more, found)
+    if form:
+        _show_form(form)
+
+
+def _show_form(form: BirthForm | str) -> None:
+    if isinstance(form, str):
+        console.print(f"what follows the instability is not known: {form}")
+        return
+    console.print(f"what follows the instability: {form.verdict}", style="bold")
+    console.print(
+        f"normal form of the fastest pair: σ = {form.growth_rate:.4g}, β = {form.beta:.4g} ({form.bare:.4g} without "
+        f"slaved modes), |q|/|p| = {form.nearness:.2g}; the mode nearest to 2ω is {100 * form.resonance:.2g} % away, "
+        f"which leaves β uncertain by {100 * form.detuned:.2g} %"
+    )
+    if len(form.rates):
+        table = Table(**STYLE)
+        for column in ("amplitude", "growth rate", "over σ"):
+            table.add_column(column, justify="right")
+        for k in range(len(form.rates) // 4 - 1, len(form.rates), len(form.rates) // 4):
+            if np.isfinite(form.rates[k]):
+                ratio = form.rates[k] / form.growth_rate
+                table.add_row(f"{form.amplitudes[k]:.4g}", f"{form.rates[k]:.4g}", f"{ratio:.3g}")
+        show_table(table)
 
 
 def _show_imbalance(found: Stability | DampedStability, why, remedy: str) -> None:

@@ -1,0 +1,398 @@
+"""Normal form of the oscillatory instability near the birth of a complex pair.
+
+In mass-weighted coordinates y the motion around an equilibrium is ÿ = −A y + N(y). A pair λ_r ± iλ_i has the
+eigenvector p + iq, with the phase at which p·q = 0 and p is the longer part. The vectors u₀ = p and u₁ = q/λ_i satisfy
+
+    (A − λ_r) u₁ = u₀,   (A − λ_r) u₀ = −λ_i² u₁,
+
+and their duals w₀, w₁ (wᵢ·uⱼ = δᵢⱼ) span the left invariant plane. At the birth, λ_i = 0, two modes of equal frequency
+ω = √λ_r coalesce (a reversible 1:1 resonance; no potential is needed). With y = 2 Re(a e^{iωt}) u₀ + …, the amplitude a
+varies slowly, and at third order
+
+    a″ = σ² a + β |a|² a,   σ² = λ_i²/(4λ_r),   β = w₁·[½ C(u₀, u₀, u₀) + B(u₀, m) + B(u₀, s)]/(4λ_r),
+
+where N = ½ B(y, y) + C(y, y, y)/6, and m and s are the mean displacement and the second harmonic that the quadratic
+forces cause: A m = B(u₀, u₀), (A − 4λ_r) s = ½ B(u₀, u₀). If β < 0, the growth ends at |a| = σ √(2/|β|) and the motion
+returns: a burst. If β > 0, growth becomes faster. There is no term of first order in a′, because the motion between
+sticking contacts is reversible in time.
+
+At finite amplitude, harmonic balance of a motion with all harmonics gives σ²(a) = [λ_i² + w₁·N₁(a)/a]/(4λ_r), where N₁
+is the first harmonic of N; then a′² = 2 ∫ σ²(a) a da.
+
+Sources: the 1:1 resonance of reversible systems: Iooss & Pérouème, doi:10.1006/jdeq.1993.1034; slaved modes and
+amplitude equations: Nayfeh & Mook, doi:10.1002/9783527617586, Ch. 6.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.interpolate import CubicSpline
+from scipy.linalg import LinAlgError, eigvals
+from scipy.sparse.linalg import eigs, splu
+
+from ..core.arguments import checked
+from ..core.contacts.forces import forces
+from ..core.contacts.jacobian import linearise
+from ..core.contacts.mechanics import FREE
+from ..core.laws.builtin import Law, damping_model
+from ..core.measure import branch_vectors, touching
+from ..core.readable import pluralize, readable
+from ..core.state import State
+from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
+from .freedom import Freedom, backbone, displaced, dynamical_matrix, jacobian, residual_vector, translations
+from .linear import DENSE_BELOW, one_thread
+from .stability import contacts_at_limit, stability
+
+NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
+MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
+PHASES = 24  # of the mode, along which the first limit is sought
+TIMES = 32  # points of a period in the harmonic balance; harmonics up to a third of it
+SAMPLES = 24  # amplitudes at which the growth rate is computed
+MOST_ROUNDS, SETTLED = 60, 1e-8  # of the harmonic balance: iterations, and the relative change at which it ends
+PROBE = 0.02  # displacement at which nonlinear forces are measured, as a share of the amplitude of the first limit
+
+
+class Motion(NamedTuple):
+    """Mass-weighted motion ÿ = −A y + N(y) around an equilibrium."""
+
+    matrix: sparse.csr_array  # (n, n) A
+    force: Callable[[np.ndarray], np.ndarray]  # −A y + N(y)
+    tangent: Callable[[np.ndarray], sparse.csr_array]  # −∂force/∂y at y
+    rigid: np.ndarray  # (n, k) zero modes that are held fixed
+
+
+class Plane(NamedTuple):
+    """Invariant plane of a pair: vectors and duals."""
+
+    value: complex  # λ [1/time²]
+    u0: np.ndarray  # (n,)
+    u1: np.ndarray  # (n,)
+    w0: np.ndarray  # (n,)
+    w1: np.ndarray  # (n,)
+
+    @property
+    def nearness(self) -> float:
+        """|q|/|p|, zero at the birth of the pair and 1 for a circular mode."""
+        return float(self.value.imag * np.linalg.norm(self.u1) / np.linalg.norm(self.u0))
+
+
+@readable(head=lambda found: found.verdict)
+class BirthForm(NamedTuple):
+    """Normal form of a pair: how its growth continues at finite amplitude, and what ends it.
+
+    An amplitude a means a displacement 2 a cos(ω t) along `mode`, in the mass-weighted scalar product; its unit is
+    that of length times √mass.
+    """
+
+    eigenvalue: complex  # λ_r + iλ_i [1/time²]
+    frequency: float  # ω = √λ_r [1/time]
+    growth_rate: float  # σ = λ_i/(2ω), of infinitesimal amplitudes [1/time]
+    nearness: float  # 0 at the birth, 1 for a circular mode; the form is valid near the birth
+    beta: float  # cubic coefficient β [1/(amplitude time)²]
+    bare: float  # β without slaved modes
+    peak: float  # amplitude at which a burst turns back, from the harmonic balance up to `first`, beyond from β
+    cubic_peak: float  # σ √(2/|β|), its limit near the birth; infinite for β > 0
+    amplitudes: np.ndarray  # (S,) at which the harmonic balance converged, up to `first` or twice `cubic_peak`
+    rates: np.ndarray  # (S,) growth rate a′/a at each amplitude, NaN beyond the peak [1/time]
+    limit: float  # amplitude at which a contact first reaches the Coulomb limit; infinite if none does
+    limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) without
+    opening: float  # amplitude at which a contact first opens
+    opening_contact: tuple[int, int]
+    resonance: float  # |ω_k − 2ω|/(2ω) of the mode nearest to the second harmonic
+    detuned: float  # relative change of β if the second harmonic grows at 2σ: the error of a slaved one
+    mode: np.ndarray  # (n,) u₀/√mass: displacement at unit 2a [length/amplitude]
+    free: Freedom  # coordinates of `mode`, without rattlers
+
+    @property
+    def first(self) -> float:
+        """Amplitude at which a contact first opens or reaches the Coulomb limit."""
+        return min(self.limit, self.opening)
+
+    def displacement(self, amplitude: float) -> float:
+        """Largest displacement of a grain in one direction at an amplitude [length]."""
+        return float(2 * amplitude * np.abs(self.mode[self.free.axis < 3]).max())
+
+    @property
+    def fate(self) -> str:
+        """Bounded bursts, runaway, limit first, or not near a birth."""
+        if not self.nearness <= NEAR_BIRTH:
+            return "not near a birth"
+        if self.peak < self.first:
+            return "bounded bursts"
+        return "runaway" if not np.isfinite(self.peak) else "limit first"
+
+    @property
+    def verdict(self) -> str:
+        """What the form predicts, in words."""
+        i, j = self.limit_contact if self.limit <= self.opening else self.opening_contact
+        what = "reaches the Coulomb limit" if self.limit <= self.opening else "opens"
+        end = "no contact is lost"
+        if np.isfinite(self.first):
+            end = f"contact {i}–{j} {what}, when grains move by {self.displacement(self.first):.3g}"
+        words = {
+            "bounded bursts": f"bounded bursts, in which grains move by up to {self.displacement(self.peak):.3g}; no "
+            f"contact is lost (the first would be {i}–{j} at {self.displacement(self.first):.3g})",
+            "runaway": f"runaway: growth becomes faster until {end}",
+            "limit first": f"limit first: {end}; the burst would go on to {self.displacement(self.peak):.3g}",
+            "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth until {end}",
+        }
+        return words[self.fate]
+
+
+@checked
+def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
+    """Normal form of a complex pair near its birth: bursts or runaway, and the contact that is lost first.
+
+    Forces are those of the trial memory around the accepted state. Rattlers are held fixed.
+
+    Parameters
+    ----------
+    pair : index of the pair, the fastest growing first
+
+    Raises
+    ------
+    ValueError
+        if the state is not in equilibrium or has no such pair; if a mode at twice the frequency is so near that the
+        form has no meaning.
+
+    Source
+    ------
+    See the module: doi:10.1006/jdeq.1993.1034.
+    """
+    if damping_model(law):
+        raise ValueError("a law with dashpots was given: the normal form is that of motion without them; omit damping")
+    state = with_modes_under(state, law)
+    residual, at_limit = imbalance(state, law), len(contacts_at_limit(state, law))
+    if not residual <= BALANCED_BELOW:
+        raise ValueError(no_equilibrium_message(residual, 0.0))
+    if at_limit:
+        raise ValueError(
+            f"{pluralize(at_limit, 'contact')} at the Coulomb limit: forces have a kink here, and no normal form"
+        )
+    pairs = stability(state, law).pairs
+    if not 0 <= pair < len(pairs):
+        raise ValueError(f"pair {pair} was asked for, but the state has {pluralize(len(pairs), 'complex pair')}")
+    if not pairs[pair].real > 0:
+        raise ValueError(f"λ = {pairs[pair]:.3g} was found for pair {pair}: it does not oscillate before it grows")
+    free = backbone(state, law)
+    motion = _motion(state, law, free)
+    plane = invariant_plane(motion.matrix, pairs[pair])
+    root = np.sqrt(free.mass)
+    limit, limit_contact, opening, opening_contact = first_changes(state, law, free, plane)
+    value, omega = plane.value, np.sqrt(plane.value.real)
+    sigma = value.imag / (2 * omega)
+    scale = min(limit, opening)
+    scale = scale if np.isfinite(scale) else _mean_overlap(state) * root.max() / np.abs(plane.u0).max()
+    beta, bare, retarded = cubic_coefficient(motion, plane, 2 * PROBE * scale)
+    detuned = abs(retarded - beta) / abs(beta)
+    if detuned > MOST_DETUNED:
+        raise ValueError(
+            f"β changes by {100 * detuned:.0f} % if the second harmonic grows with the pair, since a mode lies within "
+            f"{100 * resonance_gap(motion.matrix, omega):.2g} % of twice its frequency: the normal form has no meaning"
+        )
+    cubic_peak = sigma * np.sqrt(2 / -beta) if beta < 0 else np.inf
+    reach = min(scale, 2 * cubic_peak)
+    amplitudes, rates, peak = growth_by_amplitude(motion, plane, np.linspace(0, reach, SAMPLES + 1)[1:])
+    peak = peak if np.isfinite(peak) else float(cubic_peak)
+    return BirthForm(
+        value, float(omega), float(sigma), plane.nearness, beta, bare, peak, float(cubic_peak), amplitudes, rates,
+        limit, limit_contact, opening, opening_contact, resonance_gap(motion.matrix, omega), float(detuned),
+        plane.u0 / root, free,
+    )  # fmt: skip
+
+
+def _motion(state: State, law: Law, free: Freedom) -> Motion:
+    """Mass-weighted motion of a state with trial memory."""
+    root = np.sqrt(free.mass)
+
+    def force(y):
+        moved = displaced(state, free, y / root)
+        return residual_vector(moved, forces(moved, law)[0], free) / root
+
+    def tangent(y):
+        scale = sparse.diags_array(1 / root)
+        return sparse.csr_array(-scale @ jacobian(displaced(state, free, y / root), law, free, memory=FREE) @ scale)
+
+    matrix = dynamical_matrix(state, law, free)
+    return Motion(matrix, force, tangent, translations(matrix, free))
+
+
+def invariant_plane(matrix, value: complex) -> Plane:
+    """Vectors u₀, u₁ and duals of the pair nearest to a value, by inverse iteration."""
+    size = matrix.shape[0]
+    shift = value * (1 + 1e-9)
+    solve = splu(sparse.csc_array(matrix - shift * sparse.eye_array(size), dtype=complex))
+    rng = np.random.default_rng(0)
+    right, left = (rng.normal(size=size) + 1j * rng.normal(size=size) for _ in range(2))
+    for _ in range(6):
+        right, left = solve.solve(right), solve.solve(left, trans="T")
+        right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
+    value = (left @ (matrix @ right)) / (left @ right)
+    if value.imag < 0:
+        value, right, left = value.conjugate(), right.conjugate(), left.conjugate()
+    right = right * np.exp(-0.5j * np.angle(right @ right))
+    right = right / np.linalg.norm(right.real)
+    u = np.stack([right.real, right.imag / value.imag], axis=1)
+    span, _ = np.linalg.qr(np.stack([left.real, left.imag], axis=1))
+    w0, w1 = np.linalg.solve(span.T @ u, span.T)
+    return Plane(complex(value), u[:, 0], u[:, 1], w0, w1)
+
+
+def _solver(matrix, shift: float, columns=None, rows=None):
+    """Solve (A − shift) y + columns c = b with rowsᵀ y = 0."""
+    size = matrix.shape[0]
+    whole, extra = matrix - shift * sparse.eye_array(size), 0
+    if columns is not None and columns.shape[1]:
+        extra = columns.shape[1]
+        whole = sparse.block_array([[whole, sparse.csr_array(columns)], [sparse.csr_array(rows.T), None]])
+    try:
+        factor = splu(sparse.csc_array(whole))
+    except RuntimeError:
+        raise LinAlgError("floppy modes") from None
+    return lambda b: factor.solve(np.append(b, np.zeros(extra)))[:size]
+
+
+def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float, float, float]:
+    """β, its value without slaved modes, and its value if the second harmonic grows at twice the rate of the pair.
+
+    They follow from exact Jacobians displaced by `probe` along u₀, and by half of it.
+    """
+    u0, w1, square = plane.u0, plane.w1, plane.value.real
+    plus, minus = ([motion.tangent(sign * size * u0) for size in (probe, 0.5 * probe)] for sign in (1, -1))
+    first = [(p - m) / (2 * size) for p, m, size in zip(plus, minus, (probe, 0.5 * probe), strict=True)]
+    quadratic = (first[0] - 4 * first[1]) / 3  # Richardson: −B(u₀, ·) to fourth order
+    second = [
+        ((p @ u0) + (m @ u0) - 2 * (motion.matrix @ u0)) / size**2
+        for p, m, size in zip(plus, minus, (probe, 0.5 * probe), strict=True)
+    ]
+    cubic = (second[0] - 4 * second[1]) / 3  # −C(u₀, u₀, u₀)
+    forced = -(quadratic @ u0)
+    mean = _solver(motion.matrix, 0.0, motion.rigid, motion.rigid)(forced)
+    double = _solver(motion.matrix, 4 * square)(0.5 * forced)
+    grown = (2 * np.sqrt(square) - 1j * plane.value.imag / np.sqrt(square)) ** 2
+    growing = splu(sparse.csc_array(motion.matrix - grown * sparse.eye_array(len(u0)))).solve(0.5 * forced + 0j).real
+    bare, *slaved = np.array([0.5 * (w1 @ cubic), *(-w1 @ (quadratic @ s) for s in (mean, double, growing))]) / (
+        4 * square
+    )
+    return float(bare + slaved[0] + slaved[1]), float(bare), float(bare + slaved[0] + slaved[2])
+
+
+def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> tuple[np.ndarray, np.ndarray, float]:
+    """Growth rate at finite amplitudes by harmonic balance.
+
+    Returns the amplitudes (S,) at which it converged, the growth rates (S,), and the amplitude at which growth ends
+    (infinite if it does not).
+    """
+    square, half = plane.value.real, TIMES // 2
+    harmonics = np.arange(TIMES // 3)
+    waves = np.cos(np.pi * np.outer(harmonics, np.arange(half + 1)) / half)  # the motion is even in time
+    weights = np.full(half + 1, 1.0 / half)
+    weights[[0, -1]] *= 0.5
+    u, w = np.stack([plane.u0, plane.u1], axis=1), np.stack([plane.w0, plane.w1], axis=1)
+    solvers = [_solver(motion.matrix, 0.0, motion.rigid, motion.rigid), _solver(motion.matrix, square, u, w)]
+    solvers += [_solver(motion.matrix, h * h * square) for h in harmonics[2:]]
+    rest, slaved = motion.force(0 * plane.u0), np.zeros((len(harmonics), len(plane.u0)))
+    squares, kept = [plane.value.imag**2 / (4 * square)], [0.0]
+    for a in amplitudes:
+        slaved = slaved * ((a / kept[-1]) ** 2 if kept[-1] else 0.0)
+        for _ in range(MOST_ROUNDS):
+            y = 2 * waves[1:].T @ slaved[1:] + slaved[0] + 2 * a * waves[1][:, None] * plane.u0
+            pushed = np.array([motion.force(x) - rest + motion.matrix @ x for x in y])
+            spectrum = (waves * weights) @ pushed
+            before, slaved = slaved, np.array([solve(b) for solve, b in zip(solvers, spectrum, strict=True)])
+            if np.abs(slaved - before).max() <= SETTLED * a * np.abs(plane.u0).max():
+                break
+        else:
+            break
+        kept.append(a)
+        squares.append((plane.value.imag**2 + plane.w1 @ spectrum[1] / a) / (4 * square))
+    kept, squares = np.array(kept), np.array(squares)
+    if len(kept) < 4:
+        return np.zeros(0), np.zeros(0), np.inf
+    energy = CubicSpline(kept, squares * kept).antiderivative()(kept)
+    ends = CubicSpline(kept, energy).roots(extrapolate=False)
+    peak = float(ends[ends > 0.5 * kept[1]].min(initial=np.inf))
+    rates = np.sqrt(np.where(kept < peak, np.maximum(2 * energy, 0.0), np.nan))[1:] / kept[1:]
+    return kept[1:], rates, peak
+
+
+def resonance_gap(matrix, omega: float) -> float:
+    """Relative distance |ω_k − 2ω|/(2ω) of the mode nearest to twice a frequency."""
+    size = matrix.shape[0]
+    if size < DENSE_BELOW:
+        with one_thread():
+            values = eigvals(matrix.toarray())
+    else:
+        values = eigs(matrix, k=6, sigma=4 * omega**2, v0=np.ones(size), return_eigenvectors=False)
+    frequency = np.sqrt(values.astype(complex)).real
+    return float(np.abs(frequency - 2 * omega).min() / (2 * omega))
+
+
+def first_changes(state: State, law: Law, free: Freedom, plane: Plane):
+    """Amplitudes at which a contact first reaches the Coulomb limit, and first opens, along the mode.
+
+    The mode moves on an ellipse, p cos φ + q sin φ, of which PHASES directions are followed.
+
+    Returns
+    -------
+    float, (int, int), float, (int, int)
+        each amplitude with the bodies of the contact
+    """
+    p, q = plane.u0, plane.value.imag * plane.u1
+    contacts, root = state.contacts, np.sqrt(free.mass)
+
+    def to_limit(moved, c):
+        return np.where(
+            (c.closed > 0) & (c.limit > 0), c.limit - c.stiffness_t * np.linalg.norm(c.slip, axis=1), np.inf
+        )
+
+    def to_opening(moved, c):
+        return _overlaps(moved)
+
+    start = linearise(state, law)
+    stuck = (start.closed > 0) & (start.slides == 0) & (start.limit > 0)
+    out = []
+    for distance, watched in ((to_limit, stuck), (to_opening, start.closed > 0)):
+        rows, best, at = np.flatnonzero(watched), np.inf, (-1, -1)
+        here = distance(state, start)[rows]
+        for phase in 2 * np.pi * np.arange(PHASES) / PHASES:
+            way = 2 * (p * np.cos(phase) + q * np.sin(phase)) / root
+            a, row = _first_root(state, law, free, way, distance, rows, here, best)
+            if a < best:
+                best, at = a, (int(contacts.i[row]), int(contacts.j[row]))
+        out += [float(best), at]
+    return tuple(out)
+
+
+def _overlaps(state: State) -> np.ndarray:
+    """(C,) overlap of every pair in the list [length]."""
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    return radius[contacts.i[:count]] + radius[contacts.j[:count]] - np.linalg.norm(branch_vectors(state), axis=1)
+
+
+def _mean_overlap(state: State) -> float:
+    return float(_overlaps(state)[touching(state)].mean())
+
+
+def _first_root(state, law, free, way, distance, rows, here, most):
+    """Smallest multiple of a displacement at which one of the distances of contacts is zero, and its row."""
+    if not len(rows):
+        return np.inf, -1
+    widest = np.abs(way).max()
+    a, row, most = 1e-3 * _mean_overlap(state) / widest, -1, min(most, 0.25 * state.contacts.skin[0] / widest)
+    for _ in range(MOST_ROUNDS):
+        moved = displaced(state, free, a * way)
+        there = distance(moved, linearise(moved, law, memory=FREE))[rows]
+        falls = there < here
+        root = np.full(len(rows), np.inf)
+        root[falls] = a * here[falls] / (here - there)[falls]
+        k = int(np.argmin(root))
+        if not root[k] < most:
+            return np.inf, -1
+        if abs(root[k] - a) <= SETTLED * a:
+            return float(root[k]), int(rows[k])
+        a, row = float(root[k]), int(rows[k])
+    return a, row

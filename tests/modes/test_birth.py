@@ -1,0 +1,225 @@
+"""Normal form at the birth of a pair: identities, a model with known coefficients, and free runs of the disk array."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import sparse
+from typer.testing import CliRunner
+
+import stickslip as ss
+from stickslip.cli.app import app
+from stickslip.solve import birth
+from stickslip.solve.freedom import backbone
+
+UNIT = 1 / 2000
+LAW = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
+
+
+@cache
+def pushed(load: float):
+    """The array of paper 000 pushed with a force, in the paper's units, in equilibrium under drag."""
+    state = ss.packings.disk_array(10, press=0.1 * UNIT)
+    for push in (*np.arange(0.0, load, 5e-4), load):
+        force = state.control.force.copy()
+        force[0, 0] = push * UNIT
+        state, outcome = ss.relax(state._replace(control=state.control._replace(force=force)), LAW, tolerance=1e-13)
+        assert outcome.ok
+    return state
+
+
+@cache
+def form(load: float):
+    return ss.modes.birth_form(pushed(load), LAW)
+
+
+def plane_of(state):
+    motion = birth._motion(state, LAW, backbone(state, LAW))
+    return motion, birth.invariant_plane(motion.matrix, ss.stability(state, LAW).pairs[0])
+
+
+def model(real=2.0, imaginary=0.02, stiff=3.0, cubic=0.7, given=0.4, taken=-1.3):
+    """a₀'' = −λ a₀ − a₁, a₁'' = −λ a₁ + λ_i² a₀ + κ a₀³ + g a₀ b, b'' = −Λ b + h a₀²."""
+    matrix = sparse.csr_array([[real, 1, 0], [-(imaginary**2), real, 0], [0, 0, stiff]])
+
+    def force(y):
+        return -matrix @ y + np.array([0.0, cubic * y[0] ** 3 + given * y[0] * y[2], taken * y[0] ** 2])
+
+    def tangent(y):
+        by_y = [[0, 0, 0], [3 * cubic * y[0] ** 2 + given * y[2], 0, given * y[0]], [2 * taken * y[0], 0, 0]]
+        return matrix - sparse.csr_array(np.array(by_y, float))
+
+    return birth.Motion(matrix, force, tangent, np.zeros((3, 0)))
+
+
+def test_vectors_and_duals_of_a_pair_obey_their_definitions():
+    motion, plane = plane_of(pushed(0.0062))
+    u, w = np.stack([plane.u0, plane.u1], axis=1), np.stack([plane.w0, plane.w1], axis=1)
+    real, imaginary = plane.value.real, plane.value.imag
+    scale = np.linalg.norm(plane.u0)
+    assert abs(scale - 1) < 1e-12
+    assert np.abs(w.T @ u - np.eye(2)).max() < 1e-9
+    assert np.linalg.norm(motion.matrix @ plane.u1 - real * plane.u1 - plane.u0) < 1e-9
+    assert np.linalg.norm(motion.matrix @ plane.u0 - real * plane.u0 + imaginary**2 * plane.u1) < 1e-9
+    assert abs(plane.u0 @ plane.u1) < 1e-6 * np.linalg.norm(plane.u1)
+    for dual in (plane.w0, plane.w1):  # the left plane is invariant
+        left = motion.matrix.T @ dual
+        assert np.linalg.norm(left - w @ (u.T @ left)) < 1e-8 * np.linalg.norm(dual)
+
+
+def test_beta_of_a_model_with_known_coefficients():
+    real, stiff, cubic, given, taken = 2.0, 3.0, 0.7, 0.4, -1.3
+    motion = model(real, 0.02, stiff, cubic, given, taken)
+    plane = birth.invariant_plane(motion.matrix, real + 0.02j)
+    size = abs(plane.u0[0])  # u₀ has unit length, and its amplitude is that of a₀ but for a part of order λ_i
+    beta, bare, _ = birth.cubic_coefficient(motion, plane, 1e-3)
+    slaved = given * taken * (2 / stiff + 1 / (stiff - 4 * real))
+    assert beta == pytest.approx((3 * cubic + slaved) / (4 * real) * size**2, rel=1e-5)
+    assert bare == pytest.approx(3 * cubic / (4 * real) * size**2, rel=1e-5)
+
+
+def test_the_amplitude_equation_follows_by_symbolic_algebra():
+    """Multiple scales of the model: d/dt = ∂_t + ε ∂_T, λ_i = ε l, a₀ of order ε; first harmonic at order ε³."""
+    sympy = pytest.importorskip("sympy")
+    t, late, eps, omega = sympy.symbols("t T epsilon omega", positive=True)
+    stiff, cubic, given, taken, small = sympy.symbols("Lambda kappa g h l", real=True)
+    a, conjugate = sympy.Function("A")(late), sympy.Function("B")(late)
+
+    def wave(n, amplitude, other):
+        return amplitude * sympy.exp(n * sympy.I * omega * t) + other * sympy.exp(-n * sympy.I * omega * t)
+
+    def rate(x):
+        return sympy.diff(x, t) + eps * sympy.diff(x, late)
+
+    a0 = eps * wave(1, a, conjugate)
+    mean, double = 2 * taken / stiff, taken / (stiff - 4 * omega**2)
+    b = eps**2 * (mean * a * conjugate + wave(2, double * a**2, double * conjugate**2))
+    order = sympy.expand(rate(rate(b)) + stiff * b - taken * a0**2).coeff(eps, 2)
+    assert sympy.simplify(order) == 0  # slaved
+    a1 = -(rate(rate(a0)) + omega**2 * a0)
+    left = rate(rate(a1)) + omega**2 * a1
+    right = eps**2 * small**2 * a0 + cubic * a0**3 + given * a0 * b
+    third = sympy.expand(left - right).coeff(eps, 3)
+    first = sympy.expand(third * sympy.exp(-sympy.I * omega * t)).subs(t, 0) - sum(
+        sympy.expand(third).coeff(sympy.exp(n * sympy.I * omega * t)) for n in (-3, -1, 3)
+    )
+    (found,) = sympy.solve(first, sympy.diff(a, late, 2))
+    beta = sympy.simplify(sympy.expand(found).coeff(a, 2).coeff(conjugate, 1))
+    values = {omega: np.sqrt(2.0), stiff: 3.0, cubic: 0.7, given: 0.4, taken: -1.3}
+    motion = model()
+    plane = birth.invariant_plane(motion.matrix, 2.0 + 0.02j)
+    ours, _, _ = birth.cubic_coefficient(motion, plane, 1e-3)
+    assert ours / plane.u0[0] ** 2 == pytest.approx(float(beta.subs(values)), rel=1e-5)
+    assert sympy.simplify(sympy.expand(found).coeff(a, 1).coeff(conjugate, 0) - small**2 / (4 * omega**2)) == 0
+
+
+def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
+    """β < 0: the amplitude of the exact motion along a₀ is compared with the harmonic balance."""
+    from scipy.integrate import solve_ivp
+
+    motion = model(cubic=-1.1)
+    plane = birth.invariant_plane(motion.matrix, 2.0 + 0.02j)
+    beta, _, detuned = birth.cubic_coefficient(motion, plane, 1e-3)
+    assert beta < 0 and abs(detuned / beta - 1) < 0.01
+    sigma = 0.02 / (2 * np.sqrt(2.0))
+    cubic_peak = sigma * np.sqrt(-2 / beta)
+    amplitudes, rates, peak = birth.growth_by_amplitude(motion, plane, np.linspace(0, 2 * cubic_peak, 25)[1:])
+    assert peak == pytest.approx(cubic_peak, rel=0.01)
+    assert rates[0] == pytest.approx(sigma, rel=0.01) and np.isnan(rates[-1])
+    exponent = np.sqrt(-plane.value + 0j)
+    exponent *= np.sign(exponent.real)
+    u = plane.u0 + 1j * plane.value.imag * plane.u1
+    start = 0.02 * peak
+    first = np.concatenate([2 * start * u.real, 2 * start * (exponent * u).real])
+    times = np.linspace(0, 10 / sigma, 20_001)
+    found = solve_ivp(
+        lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-10,
+        atol=1e-14,
+    )  # fmt: skip
+    assert np.abs(plane.u0 @ found.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
+
+
+def test_squared_peaks_extrapolate_to_the_birth():
+    """peak² is linear in the distance from the birth: it vanishes where λ_i² does."""
+    loads = np.array([0.006, 0.0061, 0.0062])
+    square = [form(load).cubic_peak ** 2 for load in loads]
+    lines = [np.polyfit(loads, values, 1) for values in (square, [form(load).eigenvalue.imag ** 2 for load in loads])]
+    births = [-b / a for a, b in lines]
+    assert births[0] == pytest.approx(births[1], abs=1e-5)
+    assert not len(ss.stability(pushed(0.00595), LAW).pairs) and births[1] == pytest.approx(0.00598, abs=4e-5)
+
+
+def grown(state, found, plane, share):
+    """State on the growing mode at a share of an amplitude, and coordinates."""
+    free, exponent = found.free, np.sqrt(-plane.value + 0j)
+    exponent *= np.sign(exponent.real)
+    u = (plane.u0 + 1j * plane.value.imag * plane.u1) / np.sqrt(free.mass)
+    grains = state.grains
+    moved = ss.modes.displaced(state, free, 2 * share * u.real)
+    speed = free.spread(2 * share * (exponent * u).real)[: len(grains.radius)]
+    turning = speed[:, 3:] / grains.radius[:, None]
+    return moved._replace(grains=moved.grains._replace(velocity=speed[:, :3], spin=turning))
+
+
+def amplitude(state, record, found, plane):
+    """Amplitude along u₀ at the samples of a run, from displacements in the mass-weighted scalar product."""
+    grains = state.grains
+    way = np.concatenate(
+        [record.position - grains.position, (record.angle - grains.angle) * grains.radius[:, None]], axis=2
+    )
+    y = way.reshape(len(way), -1)[:, found.free.component] * np.sqrt(found.free.mass)
+    return y @ plane.u0 / 2
+
+
+def test_a_burst_of_the_disk_array_ends_where_predicted():
+    state, found = pushed(0.0061), form(0.0061)
+    assert found.fate == "bounded bursts" and found.beta < 0
+    _, plane = plane_of(state)
+    start = grown(state, found, plane, 0.02 * found.peak)
+    _, record, outcome = ss.run(start, LAW, round(9 / found.growth_rate / 0.2), 0.2, every=4, probes=range(10), events=True)
+    assert outcome.ok and not (record.events["kind"] == "limit").any()
+    assert np.abs(amplitude(state, record, found, plane)).max() == pytest.approx(found.peak, rel=0.02)
+
+
+@pytest.mark.parametrize(("load", "fate"), [(0.007, "limit first"), (0.046, "runaway")])
+@pytest.mark.slow
+def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
+    state, found = pushed(load), form(load)
+    assert found.fate == fate
+    _, plane = plane_of(state)
+    start = grown(state, found, plane, 0.02 * found.first)
+    _, record, _ = ss.run(start, LAW, round(12 / found.growth_rate / 0.2), 0.2, every=4, probes=range(10), events=True)
+    limit = record.events[record.events["kind"] == "limit"][0]
+    assert (limit["i"], limit["j"]) == found.limit_contact
+    before = record.time < limit["time"]
+    swing = np.abs(amplitude(state, record, found, plane)[before]).max()
+    assert swing == pytest.approx(found.limit, rel=0.08)
+
+
+def test_what_has_no_normal_form_is_refused():
+    with pytest.raises(ValueError, match="pair 0 was asked for, but the state has 0 complex pairs"):
+        ss.modes.birth_form(pushed(0.0055), LAW)
+    with pytest.raises(ValueError, match="pair 3 was asked for"):
+        ss.modes.birth_form(pushed(0.0062), LAW, pair=3)
+    state = pushed(0.0062)
+    moved = state._replace(grains=state.grains._replace(position=state.grains.position * [1, 1.00001, 1]))
+    loads, trial = ss.forces(moved, LAW)
+    with pytest.raises(ValueError, match="not in equilibrium|balance"):
+        ss.modes.birth_form(ss.accept(moved, trial), LAW)
+    with pytest.raises(ValueError, match="dashpots"):
+        ss.modes.birth_form(state, ss.laws.for_pair(LAW, 0, 1, damping_n=0.1))
+
+
+def test_the_command_says_what_follows(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ss.io.write_packing("array.h5", pushed(0.0062), LAW)
+    done = CliRunner().invoke(app, ["stability", "array.h5", "--after"])
+    assert done.exit_code == 0, done.output
+    assert "bounded bursts, in which grains move by up to" in done.output
+    done = CliRunner().invoke(app, ["stability", "array.h5", "--after", "--json"])
+    after = json.loads(done.stdout)["after"]
+    assert after["fate"] == "bounded bursts" and after["limit_contact"] == [2, 3]
+    ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
+    done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
+    assert "0 complex pairs" in json.loads(done.stdout)["after"]["reason"]
