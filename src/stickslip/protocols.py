@@ -7,6 +7,7 @@ aqs             protocol of athermal quasi-static shear
 stable_window   range of loads without complex pairs nearest to a given load
 free_run        Newtonian dynamics from a state, with M(t) and events
 fit_growth      growth rate and frequency fitted to M(t)
+kinetic_threshold   load from which on kicked samples slide, and at which sliding ones stop
 release         undamped run from an unstable state, with snapshots of its spectrum
 """
 
@@ -14,7 +15,18 @@ from .lazy import unknown
 from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
 from .loading.release import release
 from .loading.shear import aqs
+from .loading.threshold import kinetic_threshold
 
-__all__ = ["Protocol", "aqs", "fit_growth", "free_run", "load_path", "ramp", "release", "stable_window"]
+__all__ = [
+    "Protocol",
+    "aqs",
+    "fit_growth",
+    "free_run",
+    "kinetic_threshold",
+    "load_path",
+    "ramp",
+    "release",
+    "stable_window",
+]
 
 __getattr__ = unknown(__name__)

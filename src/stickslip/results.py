@@ -3,7 +3,7 @@
 Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity, DampedStability,
     DensityOfStates, ElasticModuli, TransientGrowth, BirthForm (functions of `modes`), Freedom (freedom),
     Factorisation (newton)
-Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release),
+Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release), KineticThreshold,
     PackingInfo (packings.jammed, packings.compressed), Poured (packings.poured), Record, Ledger (run),
     Collision (laws.collision)
 Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
@@ -39,6 +39,7 @@ from .loading.packing import PackingInfo as PackingInfo
 from .loading.protocols import Equilibrium
 from .loading.release import Released
 from .loading.slow import SlowRun
+from .loading.threshold import KineticThreshold
 from .quasirigid.cone_apex import Apex, StatusSolution
 from .quasirigid.enumeration import StatusMap
 from .quasirigid.lcp import Complementarity
@@ -86,6 +87,7 @@ __all__ = [
     "GougeResult",
     "Healing",
     "HoldResponse",
+    "KineticThreshold",
     "LawComparison",
     "Ledger",
     "LinearSystem",

@@ -6,6 +6,11 @@ Any packing
     view                   three-dimensional view for a notebook (a K3D plot)
     movie                  animation of the frames of a run, written to a file
 
+What follows an instability
+
+    growth_by_amplitude    growth rate of a pair at finite amplitude
+    static_and_kinetic     share of kicked runs that slide, with static thresholds
+
 Disk array (paper 000)
 
     complex_pairs          Im λ of all complex pairs against the push

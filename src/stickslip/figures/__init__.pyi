@@ -16,6 +16,8 @@ from .gouge import sample as sample
 from .gouge import steady_sliding as steady_sliding
 from .gouge import velocity_steps as velocity_steps
 from .grains import packing as packing
+from .instability import growth_by_amplitude as growth_by_amplitude
+from .instability import static_and_kinetic as static_and_kinetic
 from .quasi_rigid import cone as cone
 from .quasi_rigid import curves as curves
 from .quasi_rigid import errors as errors
