@@ -124,7 +124,7 @@ def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
     assert beta < 0 and abs(detuned / beta - 1) < 0.01
     sigma = 0.02 / (2 * np.sqrt(2.0))
     cubic_peak = sigma * np.sqrt(-2 / beta)
-    amplitudes, rates, peak = birth.growth_by_amplitude(motion, plane, np.linspace(0, 2 * cubic_peak, 25)[1:])
+    _, rates, peak = birth.growth_by_amplitude(motion, plane, np.linspace(0, 2 * cubic_peak, 25)[1:])
     assert peak == pytest.approx(cubic_peak, rel=0.01)
     assert rates[0] == pytest.approx(sigma, rel=0.01) and np.isnan(rates[-1])
     exponent = np.sqrt(-plane.value + 0j)
@@ -177,7 +177,8 @@ def test_a_burst_of_the_disk_array_ends_where_predicted():
     assert found.fate == "bounded bursts" and found.beta < 0
     _, plane = plane_of(state)
     start = grown(state, found, plane, 0.02 * found.peak)
-    _, record, outcome = ss.run(start, LAW, round(9 / found.growth_rate / 0.2), 0.2, every=4, probes=range(10), events=True)
+    steps = round(9 / found.growth_rate / 0.2)
+    _, record, outcome = ss.run(start, LAW, steps, 0.2, every=4, probes=range(10), events=True)
     assert outcome.ok and not (record.events["kind"] == "limit").any()
     assert np.abs(amplitude(state, record, found, plane)).max() == pytest.approx(found.peak, rel=0.02)
 
@@ -204,8 +205,8 @@ def test_what_has_no_normal_form_is_refused():
         ss.modes.birth_form(pushed(0.0062), LAW, pair=3)
     state = pushed(0.0062)
     moved = state._replace(grains=state.grains._replace(position=state.grains.position * [1, 1.00001, 1]))
-    loads, trial = ss.forces(moved, LAW)
-    with pytest.raises(ValueError, match="not in equilibrium|balance"):
+    _, trial = ss.forces(moved, LAW)
+    with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.birth_form(ss.accept(moved, trial), LAW)
     with pytest.raises(ValueError, match="dashpots"):
         ss.modes.birth_form(state, ss.laws.for_pair(LAW, 0, 1, damping_n=0.1))
