@@ -252,8 +252,9 @@ def _write_summation_order(contacts, slot, place, internal, start, code, nothing
             load = (np.uint64(place[s // lanes]) + s % lanes) * np.uint64(ROW)
             a = np.uint64(internal[np.uint64(contacts.i[c])]) + one
             z = np.uint64(internal[np.uint64(contacts.j[c])]) + one
-            code[np.uint64(start[z])], code[np.uint64(start[a])] = load, load + np.uint64(IS_I)
-            start[z] += 1
+            code[np.uint64(start[z])] = load
+            start[z] += 1  # before the next line, as a grain may touch its own image
+            code[np.uint64(start[a])] = load + np.uint64(IS_I)
             start[a] += 1
     for a in range(len(internal)):
         code[start[a]] += IS_FIRST
