@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.dynamics import driver as integrate
+from stickslip.core.dynamics import driver
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 
@@ -74,7 +74,7 @@ CASES = [
 def test_blocks_agree_with_rows(law_name, coulomb, dim, more, walls, monkeypatch):
     law, state = make_law(law_name, coulomb, **more), flowing(dim=dim, walls=walls)
     fast, record, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
-    monkeypatch.setattr(integrate, "MIN_BODIES", 10**9)
+    monkeypatch.setattr(driver, "MIN_BODIES", 10**9)
     slow, plain, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
     assert plain.sliding[-1] > 10
     assert {"closed", "opened", "limit"} <= set(plain.events["kind"])
@@ -126,7 +126,7 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     plain, _, _ = ss.run(state, law, 120, 0.05)
     order = np.append(np.random.default_rng(size).permutation(300), [300, 301])
     tiles = np.append(np.arange(0, 300, size), 300)
-    monkeypatch.setattr(integrate, "_memory_order", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(driver, "_memory_order", lambda state, threads: (order, tiles))
     shuffled, _, _ = ss.run(state, law, 120, 0.05)
     assert same_bits(plain, shuffled)
 
@@ -139,7 +139,7 @@ def test_where_arrays_lie_in_memory_does_not_matter(law_name, coulomb, dim, more
     """Those of the blocks end to end, one after any other: loops that ask whether two overlap get the same answer."""
     law, state = make_law(law_name, coulomb, **more), flowing(n=100, dim=dim, walls=walls)
     plain, _, _ = ss.run(state, law, 120, 0.05)
-    choose, ways = integrate.block_chooser, []
+    choose, ways = driver.block_chooser, []
 
     def end_to_end(blocks, seed):
         ways.append(seed)
@@ -153,7 +153,7 @@ def test_where_arrays_lie_in_memory_does_not_matter(law_name, coulomb, dim, more
         return blocks._replace(**placed)
 
     for seed in range(12):
-        monkeypatch.setattr(integrate, "block_chooser", lambda *a, seed=seed: lambda *b: end_to_end(choose(*a)(*b), seed))
+        monkeypatch.setattr(driver, "block_chooser", lambda *a, seed=seed: lambda *b: end_to_end(choose(*a)(*b), seed))
         moved, _, _ = ss.run(state, law, 120, 0.05)
         assert same_bits(plain, moved)
     assert len(ways) >= 12
@@ -168,8 +168,8 @@ def test_how_tiles_are_shared_out_does_not_matter(monkeypatch):
         taken.append(1 + len(taken) % 7)
         return np.array([0, taken[-1], share[-1]])
 
-    monkeypatch.setattr(integrate, "_memory_order", lambda state, threads: (order, tiles))
-    monkeypatch.setattr(integrate, "balance_threads", shared)
+    monkeypatch.setattr(driver, "_memory_order", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(driver, "balance_threads", shared)
     uneven, _, _ = ss.run(state, law, 240, 0.05, threads=2)
     assert len(taken) > 1
     assert same_bits(plain, uneven)
@@ -214,7 +214,7 @@ def test_grains_that_touch_their_own_images_move_alike_in_blocks_and_by_rows(mon
     state = ss.assembly(grains, cell=ss.box([1.96, 0.98], [True, True], dim=2))
     ends = []
     for least in (0, 10**9):
-        monkeypatch.setattr(integrate, "MIN_BODIES", least)
+        monkeypatch.setattr(driver, "MIN_BODIES", least)
         ends.append(ss.run(state, law, 200, 0.05)[0])
     assert (ends[0].contacts.i == ends[0].contacts.j)[: ends[0].contacts.count[0]].any()
     np.testing.assert_allclose(ends[0].grains.position, ends[1].grains.position, atol=1e-12)
