@@ -28,7 +28,9 @@ FEW = 3000  # steps of damped dynamics in a stage before it starts again from th
 PATIENCE = (8, 1)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
-WEAK_DRAG = 0.01  # with which the softest modes of a nearly unjammed packing come to rest sooner
+# further drags, tried one after the other: the softest modes of a nearly unjammed packing come to rest sooner, and a
+# packing that creeps without end along one path may find a balance along another
+WEAK_DRAGS = (0.03, 0.01, 0.003)
 
 
 class UnstableEquilibriumWarning(UserWarning):
@@ -51,7 +53,7 @@ def equilibrate(
     until the residual is 30 % of what it was, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
     3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended; at last, this is
-    repeated with a weaker drag.
+    repeated with weaker and weaker drag.
 
     Parameters
     ----------
@@ -116,7 +118,7 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
     held = accept(here, forces(here, law)[1])
     force = mean_normal_force(held, law) or residual(state, law)[0]
     stages = [share * force for share in STAGES]
-    for drag in (DRAG, WEAK_DRAG):
+    for drag in (DRAG, *WEAK_DRAGS):
         end, outcome = _damped_dynamics(state, law, tolerance, stages, patience, steps, first, drag)
         if outcome.ok:
             break
