@@ -124,7 +124,7 @@ def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
     assert beta < 0 and abs(detuned / beta - 1) < 0.01
     sigma = 0.02 / (2 * np.sqrt(2.0))
     cubic_peak = sigma * np.sqrt(-2 / beta)
-    _, rates, peak = birth.growth_by_amplitude(motion, plane, np.linspace(0, 2 * cubic_peak, 25)[1:])
+    _, rates, peak, _ = birth.growth_by_amplitude(motion, plane, np.linspace(0, 2 * cubic_peak, 25)[1:])
     assert peak == pytest.approx(cubic_peak, rel=0.01)
     assert rates[0] == pytest.approx(sigma, rel=0.01) and np.isnan(rates[-1])
     exponent = np.sqrt(-plane.value + 0j)

@@ -41,16 +41,28 @@ from ..core.measure import branch_vectors, touching
 from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
-from .freedom import Freedom, backbone, displaced, dynamical_matrix, jacobian, residual_vector, translations
+from .freedom import (
+    Freedom,
+    backbone,
+    displaced,
+    dynamical_matrix,
+    jacobian,
+    residual_vector,
+    translations,
+    unsupported_grains,
+)
 from .linear import DENSE_BELOW, one_thread
 from .stability import contacts_at_limit, stability
 
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
 PHASES = 24  # of the mode, along which the first limit is sought
+LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # factor between amplitudes of this search, its accuracy, its first amplitude
+AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
 TIMES = 32  # points of a period in the harmonic balance; harmonics up to a third of it
-SAMPLES = 24  # amplitudes at which the growth rate is computed
+SAMPLES = 36  # amplitudes at which the growth rate is computed
 MOST_ROUNDS, SETTLED = 60, 1e-8  # of the harmonic balance: iterations, and the relative change at which it ends
+LARGEST = 1.0  # slaved motion over that along the mode, beyond which the harmonic balance has no meaning
 PROBE = 0.02  # displacement at which nonlinear forces are measured, as a share of the amplitude of the first limit
 
 
@@ -61,6 +73,15 @@ class Motion(NamedTuple):
     force: Callable[[np.ndarray], np.ndarray]  # −A y + N(y)
     tangent: Callable[[np.ndarray], sparse.csr_array]  # −∂force/∂y at y
     rigid: np.ndarray  # (n, k) zero modes that are held fixed
+
+
+class Balance(NamedTuple):
+    """Growth at finite amplitude, from harmonic balance."""
+
+    amplitudes: np.ndarray  # (S,) at which it converged
+    rates: np.ndarray  # (S,) growth rate a′/a; NaN beyond the peak [1/time]
+    peak: float  # amplitude at which growth ends; infinite if it does not
+    harmonics: np.ndarray  # (S + 1, H, n) mean displacement and harmonics of the slaved motion, from amplitude zero on
 
 
 class Plane(NamedTuple):
@@ -100,6 +121,8 @@ class BirthForm(NamedTuple):
     limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) without
     opening: float  # amplitude at which a contact first opens
     opening_contact: tuple[int, int]
+    closing: float  # amplitude at which two grains first come into contact, after which nothing is predicted
+    closing_contact: tuple[int, int]
     resonance: float  # |ω_k − 2ω|/(2ω) of the mode nearest to the second harmonic
     detuned: float  # relative change of β if the second harmonic grows at 2σ: the error of a slaved one
     mode: np.ndarray  # (n,) u₀/√mass: displacement at unit 2a [length/amplitude]
@@ -116,9 +139,11 @@ class BirthForm(NamedTuple):
 
     @property
     def fate(self) -> str:
-        """Bounded bursts, runaway, limit first, or not near a birth."""
+        """Bounded bursts, runaway, limit first, not near a birth, or resonance."""
         if not self.nearness <= NEAR_BIRTH:
             return "not near a birth"
+        if not self.detuned <= MOST_DETUNED:
+            return "resonance"
         if self.peak < self.first:
             return "bounded bursts"
         return "runaway" if not np.isfinite(self.peak) else "limit first"
@@ -137,8 +162,14 @@ class BirthForm(NamedTuple):
             "runaway": f"runaway: growth becomes faster until {end}",
             "limit first": f"limit first: {end}; the burst would go on to {self.displacement(self.peak):.3g}",
             "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth until {end}",
+            "resonance": f"no normal form, since a mode {100 * self.resonance:.2g} % from twice the frequency leaves β "
+            f"uncertain by {100 * self.detuned:.0f} %: linear growth until {end}",
         }
-        return words[self.fate]
+        closes = ""
+        if self.closing < min(self.first, self.peak if self.fate == "bounded bursts" else np.inf):
+            i, j = self.closing_contact
+            closes = f"; before that, {i} and {j} come into contact, at {self.displacement(self.closing):.3g}"
+        return words[self.fate] + closes
 
 
 @checked
@@ -154,8 +185,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     Raises
     ------
     ValueError
-        if the state is not in equilibrium or has no such pair; if a mode at twice the frequency is so near that the
-        form has no meaning.
+        if the state is not in equilibrium, has contacts at the Coulomb limit, or has no such pair.
 
     Source
     ------
@@ -180,25 +210,26 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     motion = _motion(state, law, free)
     plane = invariant_plane(motion.matrix, pairs[pair])
     root = np.sqrt(free.mass)
-    limit, limit_contact, opening, opening_contact = first_changes(state, law, free, plane)
+    size = _mean_overlap(state) * root.max() / np.abs(plane.u0).max()
+    changes = first_changes(state, law, free, ellipse(plane), SMALLEST * size)
     value, omega = plane.value, np.sqrt(plane.value.real)
     sigma = value.imag / (2 * omega)
-    scale = min(limit, opening)
-    scale = scale if np.isfinite(scale) else _mean_overlap(state) * root.max() / np.abs(plane.u0).max()
+    scale = min(amplitude for amplitude, _ in changes[:2])
+    scale = scale if np.isfinite(scale) else size
     beta, bare, retarded = cubic_coefficient(motion, plane, 2 * PROBE * scale)
-    detuned = abs(retarded - beta) / abs(beta)
-    if detuned > MOST_DETUNED:
-        raise ValueError(
-            f"β changes by {100 * detuned:.0f} % if the second harmonic grows with the pair, since a mode lies within "
-            f"{100 * resonance_gap(motion.matrix, omega):.2g} % of twice its frequency: the normal form has no meaning"
-        )
+    detuned = abs(retarded - beta) / max(abs(beta), np.finfo(float).tiny)
     cubic_peak = sigma * np.sqrt(2 / -beta) if beta < 0 else np.inf
-    reach = min(scale, 2 * cubic_peak)
-    amplitudes, rates, peak = growth_by_amplitude(motion, plane, np.linspace(0, reach, SAMPLES + 1)[1:])
-    peak = peak if np.isfinite(peak) else float(cubic_peak)
+    reach = min(AFTER * scale, 2 * cubic_peak)
+    balance = growth_by_amplitude(motion, plane, np.linspace(0, reach, SAMPLES + 1)[1:])
+    peak = balance.peak if np.isfinite(balance.peak) else float(cubic_peak)
+    if plane.nearness <= NEAR_BIRTH and detuned <= MOST_DETUNED and len(balance.amplitudes):
+        later = first_changes(state, law, free, balanced_motion(plane, balance, sigma), 0.1 * scale)
+        changes = [new if np.isfinite(new[0]) else old for old, new in zip(changes, later, strict=True)]
+    before = balance.amplitudes <= min(amplitude for amplitude, _ in changes[:2])
     return BirthForm(
-        value, float(omega), float(sigma), plane.nearness, beta, bare, peak, float(cubic_peak), amplitudes, rates,
-        limit, limit_contact, opening, opening_contact, resonance_gap(motion.matrix, omega), float(detuned),
+        value, float(omega), float(sigma), plane.nearness, beta, bare, peak, float(cubic_peak),
+        balance.amplitudes[before], balance.rates[before],
+        *(x for change in changes for x in change), resonance_gap(motion.matrix, omega), float(detuned),
         plane.u0 / root, free,
     )  # fmt: skip
 
@@ -279,12 +310,8 @@ def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float
     return float(bare + slaved[0] + slaved[1]), float(bare), float(bare + slaved[0] + slaved[2])
 
 
-def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> tuple[np.ndarray, np.ndarray, float]:
-    """Growth rate at finite amplitudes by harmonic balance.
-
-    Returns the amplitudes (S,) at which it converged, the growth rates (S,), and the amplitude at which growth ends
-    (infinite if it does not).
-    """
+def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
+    """Growth rate at finite amplitudes by harmonic balance, up to the first amplitude at which it does not converge."""
     square, half = plane.value.real, TIMES // 2
     harmonics = np.arange(TIMES // 3)
     waves = np.cos(np.pi * np.outer(harmonics, np.arange(half + 1)) / half)  # the motion is even in time
@@ -294,7 +321,7 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> tuple[np.nd
     solvers = [_solver(motion.matrix, 0.0, motion.rigid, motion.rigid), _solver(motion.matrix, square, u, w)]
     solvers += [_solver(motion.matrix, h * h * square) for h in harmonics[2:]]
     rest, slaved = motion.force(0 * plane.u0), np.zeros((len(harmonics), len(plane.u0)))
-    squares, kept = [plane.value.imag**2 / (4 * square)], [0.0]
+    squares, kept, shapes = [plane.value.imag**2 / (4 * square)], [0.0], [slaved]
     for a in amplitudes:
         slaved = slaved * ((a / kept[-1]) ** 2 if kept[-1] else 0.0)
         for _ in range(MOST_ROUNDS):
@@ -302,20 +329,22 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> tuple[np.nd
             pushed = np.array([motion.force(x) - rest + motion.matrix @ x for x in y])
             spectrum = (waves * weights) @ pushed
             before, slaved = slaved, np.array([solve(b) for solve, b in zip(solvers, spectrum, strict=True)])
-            if np.abs(slaved - before).max() <= SETTLED * a * np.abs(plane.u0).max():
+            change = np.abs(slaved - before).max()
+            if change <= SETTLED * a * np.abs(plane.u0).max() or not np.linalg.norm(slaved) <= LARGEST * 2 * a:
                 break
-        else:
+        if not change <= SETTLED * a * np.abs(plane.u0).max():
             break
         kept.append(a)
+        shapes.append(slaved)
         squares.append((plane.value.imag**2 + plane.w1 @ spectrum[1] / a) / (4 * square))
     kept, squares = np.array(kept), np.array(squares)
     if len(kept) < 4:
-        return np.zeros(0), np.zeros(0), np.inf
+        return Balance(np.zeros(0), np.zeros(0), np.inf, np.array(shapes[:1]))
     energy = CubicSpline(kept, squares * kept).antiderivative()(kept)
     ends = CubicSpline(kept, energy).roots(extrapolate=False)
     peak = float(ends[ends > 0.5 * kept[1]].min(initial=np.inf))
     rates = np.sqrt(np.where(kept < peak, np.maximum(2 * energy, 0.0), np.nan))[1:] / kept[1:]
-    return kept[1:], rates, peak
+    return Balance(kept[1:], rates, peak, np.array(shapes))
 
 
 def resonance_gap(matrix, omega: float) -> float:
@@ -330,69 +359,92 @@ def resonance_gap(matrix, omega: float) -> float:
     return float(np.abs(frequency - 2 * omega).min() / (2 * omega))
 
 
-def first_changes(state: State, law: Law, free: Freedom, plane: Plane):
-    """Amplitudes at which a contact first reaches the Coulomb limit, and first opens, along the mode.
+def first_changes(state: State, law: Law, free: Freedom, motion, start: float) -> list[tuple[float, tuple[int, int]]]:
+    """Amplitudes at which a contact first reaches the Coulomb limit, opens, and closes, along a motion.
 
-    The mode moves on an ellipse, p cos φ + q sin φ, of which PHASES directions are followed.
+    Amplitudes are raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of the
+    skin of the list of contacts; then they are bisected. Contacts of rattlers are left out.
+
+    Parameters
+    ----------
+    motion : motion(a) gives (K, n) displacements in the course of a period, mass-weighted, or None if it is not known
 
     Returns
     -------
-    float, (int, int), float, (int, int)
-        each amplitude with the bodies of the contact
+    list of three (float, (int, int))
+        each amplitude with the bodies of the contact; infinite and (−1, −1) if there is none
     """
-    p, q = plane.u0, plane.value.imag * plane.u1
-    contacts, root = state.contacts, np.sqrt(free.mass)
+    contacts, root, first = state.contacts, np.sqrt(free.mass), linearise(state, law)
+    loose = np.append(unsupported_grains(state, law), np.zeros(len(state.walls.mass), bool))
+    count = len(first.closed)
+    watched = ~loose[contacts.i[:count]] & ~loose[contacts.j[:count]]
+    closed, apart = watched & (first.closed > 0), watched & (first.closed == 0)
+    stuck = closed & (first.slides == 0) & (first.limit > 0)
 
-    def to_limit(moved, c):
-        return np.where(
-            (c.closed > 0) & (c.limit > 0), c.limit - c.stiffness_t * np.linalg.norm(c.slip, axis=1), np.inf
-        )
+    def changed(a):
+        """(3, C) contacts that leave the sticking state, open, and close; None beyond the range of the motion."""
+        out, ways = np.zeros((3, count), bool), motion(a)
+        if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin[0]:
+            return None
+        for way in ways:
+            there = linearise(displaced(state, free, way / root), law, memory=FREE)
+            opened = closed & (there.closed == 0)
+            out |= np.stack([stuck & (opened | (there.slides > 0)), opened, apart & (there.closed > 0)])
+        return out
 
-    def to_opening(moved, c):
-        return _overlaps(moved)
-
-    start = linearise(state, law)
-    stuck = (start.closed > 0) & (start.slides == 0) & (start.limit > 0)
-    out = []
-    for distance, watched in ((to_limit, stuck), (to_opening, start.closed > 0)):
-        rows, best, at = np.flatnonzero(watched), np.inf, (-1, -1)
-        here = distance(state, start)[rows]
-        for phase in 2 * np.pi * np.arange(PHASES) / PHASES:
-            way = 2 * (p * np.cos(phase) + q * np.sin(phase)) / root
-            a, row = _first_root(state, law, free, way, distance, rows, here, best)
-            if a < best:
-                best, at = a, (int(contacts.i[row]), int(contacts.j[row]))
-        out += [float(best), at]
-    return tuple(out)
+    found, low, high = [(np.inf, -1)] * 3, 0.0, start
+    while not np.isfinite([found[0][0], found[1][0]]).all() and (now := changed(high)) is not None:
+        for kind in range(3):
+            if found[kind][1] < 0 and now[kind].any():
+                found[kind] = _bisect(lambda a, kind=kind: changed(a)[kind], low, high, now[kind])
+        low, high = high, LADDER * high
+    return [(a, (int(contacts.i[c]), int(contacts.j[c])) if c >= 0 else (-1, -1)) for a, c in found]
 
 
-def _overlaps(state: State) -> np.ndarray:
-    """(C,) overlap of every pair in the list [length]."""
-    contacts, count = state.contacts, int(state.contacts.count[0])
-    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    return radius[contacts.i[:count]] + radius[contacts.j[:count]] - np.linalg.norm(branch_vectors(state), axis=1)
+def _bisect(lost, low: float, high: float, rows) -> tuple[float, int]:
+    """Smallest amplitude between two at which a contact is lost, and that contact; `rows` are lost at the upper one."""
+    while high - low > ROOT * high:
+        middle = 0.5 * (low + high)
+        now = lost(middle)
+        if now.any():
+            high, rows = middle, now
+        else:
+            low = middle
+    return high, int(np.argmax(rows))
+
+
+def ellipse(plane: Plane):
+    """Motion of linear growth: p cos φ + q sin φ in PHASES directions."""
+    angle = 2 * np.pi * np.arange(PHASES)[:, None] / PHASES
+    unit = 2 * (np.cos(angle) * plane.u0 + np.sin(angle) * plane.value.imag * plane.u1)
+    return lambda a: a * unit
+
+
+def balanced_motion(plane: Plane, balance: Balance, sigma: float):
+    """Motion of the harmonic balance; its part along q has grown with the rate of growth."""
+    amplitudes = np.append(0.0, balance.amplitudes)
+    shapes = balance.harmonics / np.maximum(amplitudes, amplitudes[1])[:, None, None] ** 2
+    shapes[0] = shapes[1]
+    rates = np.append(sigma, np.nan_to_num(balance.rates)) / sigma
+    angle = 2 * np.pi * np.arange(TIMES)[:, None] / TIMES
+    waves = np.cos(angle * np.arange(balance.harmonics.shape[1]))
+    waves[:, 1:] *= 2
+
+    def motion(a):
+        if a > amplitudes[-1]:
+            return None
+        k = max(1, int(np.searchsorted(amplitudes, a)))
+        share = (a - amplitudes[k - 1]) / (amplitudes[k] - amplitudes[k - 1])
+        slaved, rate = (x[k - 1] + share * (x[k] - x[k - 1]) for x in (shapes, rates))
+        turning = np.cos(angle) * plane.u0 + rate * np.sin(angle) * plane.value.imag * plane.u1
+        return a**2 * (waves @ slaved) + 2 * a * turning
+
+    return motion
 
 
 def _mean_overlap(state: State) -> float:
-    return float(_overlaps(state)[touching(state)].mean())
-
-
-def _first_root(state, law, free, way, distance, rows, here, most):
-    """Smallest multiple of a displacement at which one of the distances of contacts is zero, and its row."""
-    if not len(rows):
-        return np.inf, -1
-    widest = np.abs(way).max()
-    a, row, most = 1e-3 * _mean_overlap(state) / widest, -1, min(most, 0.25 * state.contacts.skin[0] / widest)
-    for _ in range(MOST_ROUNDS):
-        moved = displaced(state, free, a * way)
-        there = distance(moved, linearise(moved, law, memory=FREE))[rows]
-        falls = there < here
-        root = np.full(len(rows), np.inf)
-        root[falls] = a * here[falls] / (here - there)[falls]
-        k = int(np.argmin(root))
-        if not root[k] < most:
-            return np.inf, -1
-        if abs(root[k] - a) <= SETTLED * a:
-            return float(root[k]), int(rows[k])
-        a, row = float(root[k]), int(rows[k])
-    return a, row
+    """Mean overlap of touching contacts [length]."""
+    rows, contacts = touching(state), state.contacts
+    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    apart = np.linalg.norm(branch_vectors(state)[rows], axis=1)
+    return float(np.abs(radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())

@@ -148,10 +148,10 @@ def to_dict(
 def _form_dict(form: BirthForm) -> dict:
     """Numbers of the normal form; what is infinite is null."""
     out = {"fate": form.fate, "verdict": form.verdict, "limit_contact": list(form.limit_contact)}
-    out["opening_contact"] = list(form.opening_contact)
+    out |= {"opening_contact": list(form.opening_contact), "closing_contact": list(form.closing_contact)}
     for name in (
-        "frequency", "growth_rate", "nearness", "beta", "bare", "peak", "cubic_peak", "limit", "opening", "resonance",
-        "detuned",
+        "frequency", "growth_rate", "nearness", "beta", "bare", "peak", "cubic_peak", "limit", "opening", "closing",
+        "resonance", "detuned",
     ):  # fmt: skip
         value = getattr(form, name)
         out[name] = value if np.isfinite(value) else None
