@@ -1,16 +1,17 @@
-"""What follows an instability: predictions of `birth_form` against free runs of many states.
+"""What follows an instability: predictions of `birth_form` against free runs of many states; ten minutes.
 
-    python -m benchmarks.after_instability [seconds] [grains of disks, of spheres]
+    python -m benchmarks.after_instability [states of each kind, by default 24]
 
-Packings of disks and of spheres are jammed without friction and sheared quasi-statically with smooth friction, and arrays
-of disks on a substrate are pushed. States are kept in which one complex pair dominates: nothing else grows at half its
-rate or faster. Each is run twice without damping: from the growing mode at a small share of the predicted amplitude, and
-from random velocities. The first contact that opens or reaches the Coulomb limit is compared with the predicted one.
+Packings of disks and of spheres are jammed without friction and sheared quasi-statically with smooth friction, and
+arrays of disks on a substrate are pushed. States are kept in which one complex pair dominates: nothing else grows at half its
+rate or faster. Half of them are the ones nearest to a birth in their packing. Each is run twice without damping: from
+the growing mode at a small share of the predicted amplitude, and from random velocities. The first contact that opens
+or reaches the Coulomb limit is compared with the predicted one.
 """
 
 import sys
-import time
 import warnings
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -37,10 +38,8 @@ class Seen(NamedTuple):
 class Row(NamedTuple):
     """One state: prediction and two runs."""
 
-    dim: int
     n: int
     mu: float
-    ratio: float  # growth rate over that of the second-fastest growth
     form: ss.results.BirthForm
     on_mode: Seen
     random: Seen
@@ -60,6 +59,13 @@ def dominated(state, law) -> float:
     return rates[0] / rates[1] if len(rates) > 1 else np.inf
 
 
+def chosen(states: list, law, rng):
+    """One of the states: by chance a random one, or the one with the smallest Im λ/Re λ."""
+    if rng.random() < 0.5:
+        return states[int(rng.integers(len(states)))]
+    return min(states, key=lambda state: (lambda pair: pair.imag / pair.real)(ss.stability(state, law).pairs[0]))
+
+
 def sheared_packings(dim: int, sizes, rng):
     """Yield sheared packings dominated by one pair, at most one for each packing; None after each that has none."""
     while True:
@@ -77,7 +83,7 @@ def sheared_packings(dim: int, sizes, rng):
                     kept.append(point.state)
         except (ss.NotInEquilibriumError, ValueError):
             pass
-        yield (kept[int(rng.integers(len(kept)))], law) if kept else None
+        yield (chosen(kept, law, rng), law) if kept else None
 
 
 def pushed_arrays(rng):
@@ -98,7 +104,7 @@ def pushed_arrays(rng):
                     kept.append(state)
         except (ss.NotInEquilibriumError, ValueError):
             pass
-        yield (kept[int(rng.integers(len(kept)))], law) if kept else None
+        yield (chosen(kept, law, rng), law) if kept else None
 
 
 def on_mode(state, form, plane, amplitude: float):
@@ -151,69 +157,96 @@ def first_loss(state, start, law, form, plane, e_foldings: float) -> Seen:
     return Seen("none", (-1, -1), top, closed)
 
 
-def compare(state, law, seed: int) -> Row | str | None:
-    """Prediction and runs of a state; None if there is no prediction or runs would take too long."""
+def compare(state, law, seed: int) -> Row | str:
+    """Prediction and runs of a state, or the reason why there are none."""
     try:
         form = ss.modes.birth_form(state, law)
     except ValueError as problem:
-        return str(problem)
+        return str(problem).split(":")[0].lstrip("0123456789 ")
     plane = birth.invariant_plane(ss.modes.dynamical_matrix(state, law, form.free), form.eigenvalue)
-    target = min(form.first, form.peak)
+    target = min(form.first, form.peak if form.fate == "bounded bursts" else np.inf)
     grown = first_loss(state, on_mode(state, form, plane, SHARE * target), law, form, plane, -np.log(SHARE) + BEYOND)
     kick = NOISE * form.displacement(target) * form.frequency
     moving = ss.packings.perturbed(state, velocity=kick, seed=seed)
     noisy = first_loss(state, moving, law, form, plane, -np.log(NOISE) + BEYOND)
     if grown is None or noisy is None:
-        return "the runs need too many steps or blow up"
-    return Row(state.cell.dim, len(state.grains.radius), float(law.table[..., 2].max()), dominated(state, law), form,
-               grown, noisy)  # fmt: skip
+        return "the runs would need more than a million steps"
+    return Row(len(state.grains.radius), float(law.table[..., 2].max()), form, grown, noisy)
 
 
-def predicted(form):
-    """Kind and contact of the predicted first loss."""
-    return ("limit", form.limit_contact) if form.limit <= form.opening else ("open", form.opening_contact)
+def verdicts(row: Row, seen: Seen) -> tuple[bool | None, bool]:
+    """Whether the first contact is right (None if no loss was predicted and none was seen), and the fate."""
+    form = row.form
+    contact = form.limit_contact if form.limit <= form.opening else form.opening_contact
+    lost, expected = seen.kind != "none", form.fate != "bounded bursts"
+    return (seen.contact == contact if lost else False) if lost or expected else None, lost == expected
 
 
-def main(seconds: float = 600.0, disks=(10, 41), spheres=(20, 51)) -> None:
-    """Gather states of three kinds for a time, in turn, and print the tables."""
-    import pickle
+def describe(name: str, row: Row) -> str:
+    """One line for one state."""
+    form, words = row.form, []
+    for seen in (row.on_mode, row.random):
+        right, fate = verdicts(row, seen)
+        contact = {None: "no contact", True: "right", False: "wrong"}[right]
+        words.append(f"{contact}, fate {'right' if fate else 'wrong'}, amplitude {seen.amplitude / form.first:.2f}")
+    return (
+        f"{name}: {row.n} grains, μ {row.mu:.2f}, |q|/|p| {form.nearness:.2f}, σ/ω "
+        f"{form.growth_rate / form.frequency:.1e}, {form.fate}, peak {form.peak / form.first:.2f}, closing "
+        f"{form.closing / form.first:.2f} | on the mode: {words[0]} | random: {words[1]}"
+    )
 
-    out = sys.argv[2] if len(sys.argv) > 2 else None
-    rng, end = np.random.default_rng(int(sys.argv[3]) if len(sys.argv) > 3 else 0), time.monotonic() + seconds
+
+def summarise(name: str, rows: list[Row]) -> str:
+    """One line for a group of states."""
+    if not rows:
+        return f"{name}: no states"
+    parts = []
+    for word, run in (("on the mode", "on_mode"), ("random", "random")):
+        found = [verdicts(row, getattr(row, run)) for row in rows]
+        contacts = [right for right, _ in found if right is not None]
+        ratios = [
+            getattr(row, run).amplitude / row.form.first for row, (right, _) in zip(rows, found, strict=True) if right
+        ]
+        spread = ", ".join(f"{x:.2f}" for x in np.quantile(ratios, (0.1, 0.5, 0.9))) if ratios else "none"
+        parts.append(
+            f"{word}: first contact right in {sum(contacts)} of {len(contacts)}, amplitude over prediction "
+            f"(10, 50, 90 %) {spread}, fate right in {sum(fate for _, fate in found)} of {len(found)}"
+        )
+    return f"{name}: {len(rows)} states; " + "; ".join(parts)
+
+
+def main(each: int = 24) -> None:
+    """Compare as many states of each kind, and print one line for each and the shares of right predictions."""
+    rng, rows, without = np.random.default_rng(0), {}, Counter()
     kinds = {
-        "disks": sheared_packings(2, disks, rng), "spheres": sheared_packings(3, spheres, rng),
-        "arrays": pushed_arrays(rng),
+        "arrays": pushed_arrays(rng), "disks": sheared_packings(2, (10, 41), rng),
+        "spheres": sheared_packings(3, (20, 51), rng),
     }  # fmt: skip
-    pick = sys.argv[4].split(",") if len(sys.argv) > 4 else list(kinds)
-    rows, turn = [], 0
-    while time.monotonic() < end:
-        name = pick[turn % len(pick)]
-        turn += 1
-        t = time.process_time()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ss.modes.UnstableEquilibriumWarning)
-            got = next(kinds[name])
-        t1 = time.process_time()
-        if got is None:
-            print(name, "none", f"{t1 - t:.1f}", flush=True)
-            continue
-        row = compare(*got, turn)
-        if isinstance(row, str):
-            print(name, row, flush=True)
-            rows.append((name, got, row))
-        else:
-            f = row.form
-            kind, contact = predicted(f)
-            print(
-                f"{name} n {row.n} mu {row.mu:.2f} near {f.nearness:.2f} ratio {row.ratio:.2g} {f.fate} beta {f.beta:.2g} det {f.detuned:.2g} sig/w {f.growth_rate / f.frequency:.1e}"
-                f" pred {kind}{contact} {f.first:.2e} peak {f.peak:.2e} | mode {row.on_mode.kind}{row.on_mode.contact} {row.on_mode.amplitude / f.first:.2f} c{row.on_mode.closed}"
-                f" | noise {row.random.kind}{row.random.contact} {row.random.amplitude / f.first:.2f} c{row.random.closed} | {t1 - t:.1f} {time.process_time() - t1:.1f}s",
-                flush=True,
-            )
-            rows.append((name, got, row))
-        if out:
-            pickle.dump(rows, open(out, "wb"))
+    for name, states in kinds.items():
+        rows[name], tried = [], 0
+        while len(rows[name]) < each:
+            tried += 1
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ss.modes.UnstableEquilibriumWarning)
+                found = next(states)
+            if found is None:
+                continue
+            row = compare(*found, tried)
+            if isinstance(row, str):
+                without[f"{name}: {row}"] += 1
+                continue
+            rows[name].append(row)
+            print(describe(name, row), flush=True)
+    for name, group in rows.items():
+        for where, near in (("|q|/|p| ≤ 1/3", True), ("|q|/|p| > 1/3", False)):
+            chosen_rows = [row for row in group if (row.form.nearness <= birth.NEAR_BIRTH) == near]
+            print(summarise(f"{name}, {where}", chosen_rows))
+    every = [row for group in rows.values() for row in group]
+    print(summarise("all", every))
+    print(summarise("all in which no contact closes before", [r for r in every if r.form.closing > r.form.first]))
+    for reason, count in without.items():
+        print(f"left out, {reason}: {count}")
 
 
 if __name__ == "__main__":
-    main(*(float(word) for word in sys.argv[1:2]))
+    main(*(int(word) for word in sys.argv[1:2]))

@@ -11,8 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import run
+from ..core.dynamics.timestep import check_time_step
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
@@ -91,8 +93,9 @@ def kinetic_threshold(
     Raises
     ------
     ValueError
-        if no load was given that lies on the path.
-    NotInEquilibriumError
+        if a given load does not lie on the path, if loads do not rise along it, if a kick is negative or not finite,
+        or if dt is longer than `stable_time_step` or a fortieth of `duration`.
+    RuntimeError
         if a run blows up.
 
     Examples
@@ -108,12 +111,19 @@ def kinetic_threshold(
     [[0], [0], [0]]
     """
     require_positive(duration=duration, dt=dt, realizations=realizations, distance=distance)
-    kicks = np.atleast_1d(np.asarray(kicks, float))
-    known = np.array([point.load for point in path])
+    require_not_negative(drag=drag, seed=seed)
+    realizations, seed = int(realizations), int(seed)
+    if duration < LEGS * dt:
+        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
+    kicks, known = _velocities(kicks), np.array([point.load for point in path])
+    if not len(known) or (np.diff(known) <= 0).any():
+        raise ValueError(f"a path with the loads {known.tolist()} was given: it needs loads that rise")
     wanted = known if loads is None else np.unique(np.asarray(loads, float))
     places = [int(np.argmin(np.abs(known - load))) for load in wanted]
-    if not len(wanted) or np.abs(known[places] - wanted).max() > 1e-9 * np.abs(known).max():
+    if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
         raise ValueError(f"loads = {wanted.tolist()} were given: the path has {known.tolist()}")
+    for place in places:
+        check_time_step(path[place].state, protocol.law, driven_bodies(path[place].state), dt)
     how = (protocol.law, duration, dt, distance, drag)
     tasks = [
         (path[place].state, kick, seed + k, *how) for place in places for kick in kicks for k in range(realizations)
@@ -124,7 +134,7 @@ def kinetic_threshold(
     )  # fmt: skip
     for one in done:
         if one.failure:
-            raise NotInEquilibriumError(one.failure, None)
+            raise RuntimeError(one.failure)
     times = np.array([one.result for one in done]).reshape(len(places), len(kicks), realizations)
     slid = np.isfinite(times).sum(axis=2)
     lifetime = np.full(slid.shape, np.nan)
@@ -134,13 +144,24 @@ def kinetic_threshold(
     threshold, interval, width = (np.array(values) for values in zip(*fits, strict=True))
     arrest = None
     if ramp_down and slid.any():
-        arrest = _ramp_down(path, places, slid.sum(axis=1), kicks, seed, protocol, how, report)
+        arrest = _ramp_down(path, places, slid, times, kicks, seed, protocol, how, report)
     pair = [point.load for point in path if len(point.spectrum.pairs)]
     limit = [point.load for point in path if _at_limit(point.state)]
     return KineticThreshold(
         known[places], kicks, slid, runs, lifetime, threshold, interval, width, arrest, min(pair, default=np.nan),
         min(limit, default=np.nan), duration,
     )  # fmt: skip
+
+
+def _velocities(kicks) -> np.ndarray:
+    """(K,) standard deviations of velocities."""
+    try:
+        out = np.atleast_1d(np.asarray(kicks, float))
+    except (TypeError, ValueError):
+        out = np.zeros(0)
+    if out.ndim > 1 or not len(out) or not (np.isfinite(out) & (out >= 0)).all():
+        raise ValueError(f"kicks = {kicks!r} were given: one or more velocities are needed, none of them negative")
+    return out
 
 
 def fit_threshold(loads, slid, runs) -> tuple[float, tuple[float, float], float]:
@@ -200,21 +221,17 @@ def _run_until_slid(start: State, law: Law, duration: float, dt: float, distance
     return end, np.nan
 
 
-def _ramp_down(path, places, slid, kicks, seed, protocol: Protocol, how, report) -> tuple[float, float] | None:
+def _ramp_down(path, places, slid, times, kicks, seed, protocol: Protocol, how, report) -> tuple[float, float] | None:
     """Loads between which a sample that slides at the highest load that lets it slide comes to rest."""
-    law, duration, dt, distance, drag = how
-    last = int(np.flatnonzero(slid)[-1])
-    moving = np.nan
-    for k in range(100):  # one of the runs slid
-        state, time = _run_until_slid(perturbed(path[places[last]].state, seed + k, kicks.max()), *how)
-        if np.isfinite(time):
-            moving = path[places[last]].load
-            break
+    last = int(np.flatnonzero(slid.any(axis=1))[-1])
+    kick, k = np.argwhere(np.isfinite(times[last]))[-1]
+    moving = path[places[last]].load
+    state, _ = _run_until_slid(perturbed(path[places[last]].state, seed + int(k), kicks[kick]), *how)
     for place in places[:last][::-1]:
         load = path[place].load
         state = protocol.apply(state, load)
-        end, time = _run_until_slid(state, law, duration, dt, distance, drag)
-        calm, again = _run_until_slid(end, law, duration, dt, distance, drag) if np.isnan(time) else (end, time)
+        end, time = _run_until_slid(state, *how)
+        calm, again = _run_until_slid(end, *how) if np.isnan(time) else (end, time)
         rests = bool(np.isnan(time) and np.isnan(again))  # twice, as it may just have been slowing down
         if report:
             report(1.0, f"ramp down, load {load:.4g}: {'stopped' if rests else 'slides'}")

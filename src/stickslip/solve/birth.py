@@ -52,7 +52,7 @@ from .freedom import (
     unsupported_grains,
 )
 from .linear import DENSE_BELOW, one_thread
-from .stability import contacts_at_limit, stability
+from .stability import stability
 
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
@@ -108,14 +108,14 @@ class BirthForm(NamedTuple):
     """
 
     eigenvalue: complex  # λ_r + iλ_i [1/time²]
-    frequency: float  # ω = √λ_r [1/time]
-    growth_rate: float  # σ = λ_i/(2ω), of infinitesimal amplitudes [1/time]
+    frequency: float  # Re √λ, near the birth ω = √λ_r [1/time]
+    growth_rate: float  # |Im √λ| of infinitesimal amplitudes, near the birth σ = λ_i/(2ω) [1/time]
     nearness: float  # 0 at the birth, 1 for a circular mode; the form is valid near the birth
     beta: float  # cubic coefficient β [1/(amplitude time)²]
     bare: float  # β without slaved modes
-    peak: float  # amplitude at which a burst turns back, from the harmonic balance up to `first`, beyond from β
+    peak: float  # amplitude at which a burst turns back, from the harmonic balance, or beyond its range from β
     cubic_peak: float  # σ √(2/|β|), its limit near the birth; infinite for β > 0
-    amplitudes: np.ndarray  # (S,) at which the harmonic balance converged, up to `first` or twice `cubic_peak`
+    amplitudes: np.ndarray  # (S,) at which the harmonic balance converged, up to `first`
     rates: np.ndarray  # (S,) growth rate a′/a at each amplitude, NaN beyond the peak [1/time]
     limit: float  # amplitude at which a contact first reaches the Coulomb limit; infinite if none does
     limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) without
@@ -146,7 +146,8 @@ class BirthForm(NamedTuple):
             return "resonance"
         if self.peak < self.first:
             return "bounded bursts"
-        return "runaway" if not np.isfinite(self.peak) else "limit first"
+        faster = self.rates[-1] > self.growth_rate if len(self.rates) else self.beta > 0
+        return "runaway" if faster else "limit first"
 
     @property
     def verdict(self) -> str:
@@ -160,7 +161,8 @@ class BirthForm(NamedTuple):
             "bounded bursts": f"bounded bursts, in which grains move by up to {self.displacement(self.peak):.3g}; no "
             f"contact is lost (the first would be {i}–{j} at {self.displacement(self.first):.3g})",
             "runaway": f"runaway: growth becomes faster until {end}",
-            "limit first": f"limit first: {end}; the burst would go on to {self.displacement(self.peak):.3g}",
+            "limit first": f"limit first: growth becomes slower until {end}"
+            + (f"; the burst would go on to {self.displacement(self.peak):.3g}" if np.isfinite(self.peak) else ""),
             "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth until {end}",
             "resonance": f"no normal form, since a mode {100 * self.resonance:.2g} % from twice the frequency leaves β "
             f"uncertain by {100 * self.detuned:.0f} %: linear growth until {end}",
@@ -194,7 +196,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     if damping_model(law):
         raise ValueError("a law with dashpots was given: the normal form is that of motion without them; omit damping")
     state = with_modes_under(state, law)
-    residual, at_limit = imbalance(state, law), len(contacts_at_limit(state, law))
+    residual, at_limit = imbalance(state, law), int(_at_limit(state, law).sum())
     if not residual <= BALANCED_BELOW:
         raise ValueError(no_equilibrium_message(residual, 0.0))
     if at_limit:
@@ -202,6 +204,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
             f"{pluralize(at_limit, 'contact')} at the Coulomb limit: forces have a kink here, and no normal form"
         )
     pairs = stability(state, law).pairs
+    pair = int(pair)
     if not 0 <= pair < len(pairs):
         raise ValueError(f"pair {pair} was asked for, but the state has {pluralize(len(pairs), 'complex pair')}")
     if not pairs[pair].real > 0:
@@ -213,25 +216,39 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     size = _mean_overlap(state) * root.max() / np.abs(plane.u0).max()
     changes = first_changes(state, law, free, ellipse(plane), SMALLEST * size)
     value, omega = plane.value, np.sqrt(plane.value.real)
-    sigma = value.imag / (2 * omega)
+    sigma, exact = value.imag / (2 * omega), np.sqrt(value)
     scale = min(amplitude for amplitude, _ in changes[:2])
     scale = scale if np.isfinite(scale) else size
-    beta, bare, retarded = cubic_coefficient(motion, plane, 2 * PROBE * scale)
+    beta, bare, retarded = cubic_coefficient(motion, plane, 2 * min(PROBE * scale, 0.5 * changes[3][0]))
     detuned = abs(retarded - beta) / max(abs(beta), np.finfo(float).tiny)
     cubic_peak = sigma * np.sqrt(2 / -beta) if beta < 0 else np.inf
-    reach = min(AFTER * scale, 2 * cubic_peak)
-    balance = growth_by_amplitude(motion, plane, np.linspace(0, reach, SAMPLES + 1)[1:])
-    peak = balance.peak if np.isfinite(balance.peak) else float(cubic_peak)
+    balance = growth_by_amplitude(motion, plane, AFTER * scale * (np.arange(1, SAMPLES + 1) / SAMPLES) ** 2)
+    reached, peak = balance.amplitudes.max(initial=0.0), balance.peak
+    if not np.isfinite(peak) and cubic_peak > reached:
+        peak = float(cubic_peak)
     if plane.nearness <= NEAR_BIRTH and detuned <= MOST_DETUNED and len(balance.amplitudes):
         later = first_changes(state, law, free, balanced_motion(plane, balance, sigma), 0.1 * scale)
-        changes = [new if np.isfinite(new[0]) else old for old, new in zip(changes, later, strict=True)]
+        changes[:3] = [new if np.isfinite(new[0]) else old for old, new in zip(changes[:3], later[:3], strict=True)]
     before = balance.amplitudes <= min(amplitude for amplitude, _ in changes[:2])
     return BirthForm(
-        value, float(omega), float(sigma), plane.nearness, beta, bare, peak, float(cubic_peak),
+        value, float(exact.real), float(abs(exact.imag)), plane.nearness, beta, bare, peak, float(cubic_peak),
         balance.amplitudes[before], balance.rates[before],
-        *(x for change in changes for x in change), resonance_gap(motion.matrix, omega), float(detuned),
+        *(x for change in changes[:3] for x in change), resonance_gap(motion.matrix, omega), float(detuned),
         plane.u0 / root, free,
     )  # fmt: skip
+
+
+def _at_limit(state: State, law: Law) -> np.ndarray:
+    """(C,) contacts at the Coulomb limit, without those of rattlers; smooth friction has a kink of curvature there."""
+    found = linearise(state, law)
+    return (found.closed > 0) & (found.slides > 0) & (found.limit > 0) & _supported(state, law)
+
+
+def _supported(state: State, law: Law) -> np.ndarray:
+    """(C,) pairs in the list without rattlers."""
+    loose = np.append(unsupported_grains(state, law), np.zeros(len(state.walls.mass), bool))
+    count = int(state.contacts.count[0])
+    return ~loose[state.contacts.i[:count]] & ~loose[state.contacts.j[:count]]
 
 
 def _motion(state: State, law: Law, free: Freedom) -> Motion:
@@ -311,7 +328,7 @@ def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float
 
 
 def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
-    """Growth rate at finite amplitudes by harmonic balance, up to the first amplitude at which it does not converge."""
+    """Growth rate at finite amplitudes by harmonic balance, up to an amplitude at which it diverges."""
     square, half = plane.value.real, TIMES // 2
     harmonics = np.arange(TIMES // 3)
     waves = np.cos(np.pi * np.outer(harmonics, np.arange(half + 1)) / half)  # the motion is even in time
@@ -333,7 +350,10 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
             if change <= SETTLED * a * np.abs(plane.u0).max() or not np.linalg.norm(slaved) <= LARGEST * 2 * a:
                 break
         if not change <= SETTLED * a * np.abs(plane.u0).max():
-            break
+            if len(kept) > 1:
+                break
+            slaved = 0 * slaved  # so small an amplitude that round-off matters
+            continue
         kept.append(a)
         shapes.append(slaved)
         squares.append((plane.value.imag**2 + plane.w1 @ spectrum[1] / a) / (4 * square))
@@ -360,7 +380,7 @@ def resonance_gap(matrix, omega: float) -> float:
 
 
 def first_changes(state: State, law: Law, free: Freedom, motion, start: float) -> list[tuple[float, tuple[int, int]]]:
-    """Amplitudes at which a contact first reaches the Coulomb limit, opens, and closes, along a motion.
+    """Amplitudes at which a contact first reaches the Coulomb limit, opens, closes, or reverses its slip.
 
     Amplitudes are raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of the
     skin of the list of contacts; then they are bisected. Contacts of rattlers are left out.
@@ -371,30 +391,29 @@ def first_changes(state: State, law: Law, free: Freedom, motion, start: float) -
 
     Returns
     -------
-    list of three (float, (int, int))
+    list of four (float, (int, int))
         each amplitude with the bodies of the contact; infinite and (−1, −1) if there is none
     """
     contacts, root, first = state.contacts, np.sqrt(free.mass), linearise(state, law)
-    loose = np.append(unsupported_grains(state, law), np.zeros(len(state.walls.mass), bool))
-    count = len(first.closed)
-    watched = ~loose[contacts.i[:count]] & ~loose[contacts.j[:count]]
+    count, watched = len(first.closed), _supported(state, law)
     closed, apart = watched & (first.closed > 0), watched & (first.closed == 0)
     stuck = closed & (first.slides == 0) & (first.limit > 0)
 
     def changed(a):
-        """(3, C) contacts that leave the sticking state, open, and close; None beyond the range of the motion."""
-        out, ways = np.zeros((3, count), bool), motion(a)
+        """(4, C) contacts that leave the sticking state, open, close, reverse; None beyond the range of the motion."""
+        out, ways = np.zeros((4, count), bool), motion(a)
         if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin[0]:
             return None
         for way in ways:
             there = linearise(displaced(state, free, way / root), law, memory=FREE)
             opened = closed & (there.closed == 0)
-            out |= np.stack([stuck & (opened | (there.slides > 0)), opened, apart & (there.closed > 0)])
+            reversed_ = stuck & ((there.slip * first.slip).sum(axis=1) < 0)
+            out |= np.stack([stuck & (opened | (there.slides > 0)), opened, apart & (there.closed > 0), reversed_])
         return out
 
-    found, low, high = [(np.inf, -1)] * 3, 0.0, start
+    found, low, high = [(np.inf, -1)] * 4, 0.0, start
     while not np.isfinite([found[0][0], found[1][0]]).all() and (now := changed(high)) is not None:
-        for kind in range(3):
+        for kind in range(4):
             if found[kind][1] < 0 and now[kind].any():
                 found[kind] = _bisect(lambda a, kind=kind: changed(a)[kind], low, high, now[kind])
         low, high = high, LADDER * high
