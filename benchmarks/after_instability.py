@@ -2,8 +2,8 @@
 
     python -m benchmarks.after_instability [states of each kind, by default 24]
 
-Packings of disks and of spheres are jammed without friction and sheared quasi-statically with smooth friction, and
-arrays of disks on a substrate are pushed. States are kept in which one complex pair dominates: nothing else grows at half its
+Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction, and arrays
+of disks on a substrate are pushed. States are kept in which one complex pair dominates: nothing else grows at half its
 rate or faster. Half of them are the ones nearest to a birth in their packing. Each is run twice without damping: from
 the growing mode at a small share of the predicted amplitude, and from random velocities. The first contact that opens
 or reaches the Coulomb limit is compared with the predicted one.

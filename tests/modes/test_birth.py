@@ -183,8 +183,9 @@ def test_a_burst_of_the_disk_array_ends_where_predicted():
     assert np.abs(amplitude(state, record, found, plane)).max() == pytest.approx(found.peak, rel=0.02)
 
 
-@pytest.mark.parametrize(("load", "fate"), [(0.007, "limit first"), (0.046, "runaway")])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("load", "fate"), [pytest.param(0.007, "limit first", marks=pytest.mark.slow), (0.046, "runaway")]
+)
 def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
     state, found = pushed(load), form(load)
     assert found.fate == fate
@@ -198,7 +199,62 @@ def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
     assert swing == pytest.approx(found.limit, rel=0.08)
 
 
+def test_rates_are_those_of_the_spectrum_also_far_from_a_birth():
+    found, spectrum = form(0.046), ss.stability(pushed(0.046), LAW)
+    assert found.growth_rate == pytest.approx(spectrum.growth_rate[0], rel=1e-6)
+    assert found.frequency == pytest.approx(spectrum.frequency[0], rel=1e-6)
+    assert found._replace(detuned=2.0).fate == "resonance"
+
+
+def test_a_balance_that_diverges_ends_before():
+    motion = model(cubic=40.0, given=30.0)
+    plane = birth.invariant_plane(motion.matrix, 2.0 + 0.02j)
+    found = birth.growth_by_amplitude(motion, plane, np.geomspace(1e-3, 1e6, 40))
+    assert 4 < len(found.amplitudes) < 39 and np.isfinite(found.harmonics).all()
+
+
+def test_motions_have_the_amplitude_and_the_slaved_parts_that_theory_gives():
+    real, stiff, taken = 2.0, 3.0, -1.3
+    motion = model(real=real, stiff=stiff, taken=taken)
+    plane = birth.invariant_plane(motion.matrix, real + 0.02j)
+    line, a = birth.ellipse(plane)(0.3), 2e-4
+    assert (plane.w0 @ line[0], plane.w0 @ line[birth.PHASES // 2]) == pytest.approx((0.6, -0.6))
+    assert np.abs(line @ plane.w1).max() == pytest.approx(0.6 * plane.value.imag)
+    found = birth.growth_by_amplitude(motion, plane, np.linspace(0, 4e-4, 9)[1:])
+    ways = birth.balanced_motion(plane, found, 0.02 / np.sqrt(8.0))(a)
+    phase, size = 2 * np.pi * np.arange(len(ways)) / len(ways), (a * plane.u0[0]) ** 2
+    assert 2 * (ways @ plane.w0 * np.cos(phase)).mean() == pytest.approx(2 * a, rel=1e-3)
+    assert ways[:, 2].mean() == pytest.approx(2 * taken / stiff * size, rel=1e-2)
+    assert 2 * (ways[:, 2] * np.cos(2 * phase)).mean() == pytest.approx(2 * taken / (stiff - 4 * real) * size, rel=1e-2)
+
+
+def test_the_first_change_of_a_contact_along_a_line_has_a_closed_form(monkeypatch):
+    """A disk that is pushed sideways by x slips at x = μ F_n/k_t, reverses its slip, and opens if it is lifted."""
+    law = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=0.5, mu=0.4, coulomb="sharp"), 0, 1)
+    state = ss.packings.disk_array(1, press=0.01, push=0.001, gap=0.5)
+    held = state.control.free.copy()
+    held[0, 3:] = False
+    state, outcome = ss.relax(state._replace(control=state.control._replace(free=held)), law, tolerance=1e-13)
+    assert outcome.ok
+    monkeypatch.setattr(birth, "_supported", lambda state, law: np.ones(1, bool))  # one contact makes a rattler
+    free, slip = ss.freedom(state), state.contacts.slip[0, 0]
+    unit = np.zeros(len(free))
+    unit[free.axis == 0] = 1.0
+    right, _, _, none = birth.first_changes(state, law, free, lambda a: a * unit[None], 1e-6)
+    assert right[0] == pytest.approx(0.4 * 0.01 / 0.5 - slip, rel=1e-4) and not np.isfinite(none[0])
+    left, _, _, back = birth.first_changes(state, law, free, lambda a: -a * unit[None], 1e-6)
+    assert left[0] == pytest.approx(0.4 * 0.01 / 0.5 + slip, rel=1e-4) and back[0] == pytest.approx(slip, rel=1e-4)
+    unit = np.zeros(len(free))
+    unit[free.axis == 1] = 1.0
+    _, up, _, _ = birth.first_changes(state, law, free, lambda a: a * unit[None], 1e-6)
+    assert up[0] == pytest.approx(0.01, rel=1e-4) and up[1] == (0, 1)
+
+
 def test_what_has_no_normal_form_is_refused():
+    with pytest.raises(ValueError, match="pair -1 was asked for"):
+        ss.modes.birth_form(pushed(0.0062), LAW, pair=-1)
+    with pytest.raises(ValueError, match="whole number"):
+        ss.modes.birth_form(pushed(0.0062), LAW, pair=0.5)
     with pytest.raises(ValueError, match="pair 0 was asked for, but the state has 0 complex pairs"):
         ss.modes.birth_form(pushed(0.0055), LAW)
     with pytest.raises(ValueError, match="pair 3 was asked for"):
@@ -208,6 +264,9 @@ def test_what_has_no_normal_form_is_refused():
     _, trial = ss.forces(moved, LAW)
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.birth_form(ss.accept(moved, trial), LAW)
+    sliding = state.contacts._replace(mode=np.where(state.contacts.mode == ss.STICK, ss.SLIDE, state.contacts.mode))
+    weak = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=0.5, coulomb="smooth"), 0, 1)
+    assert birth._at_limit(state._replace(contacts=sliding), weak).any()
     with pytest.raises(ValueError, match="dashpots"):
         ss.modes.birth_form(state, ss.laws.for_pair(LAW, 0, 1, damping_n=0.1))
 

@@ -59,6 +59,20 @@ def test_a_sliding_block_stops_below_the_static_limit():
     assert found.arrest[1] <= MU * PRESS  # friction is the same at rest and in motion
 
 
+def test_the_lifetime_is_the_end_of_the_leg_in_which_the_block_had_slid():
+    kick, duration = 0.05, 400.0
+    path, protocol = path_and_protocol([0.0, 0.001])
+    found = ss.protocols.kinetic_threshold(
+        path, protocol, kicks=kick, realizations=1, duration=duration, dt=0.1, workers=1, seed=5, ramp_down=False
+    )
+    velocity = np.random.default_rng(5).normal(0.0, kick, (1, 6))[0, 0]
+    for load, lifetime in zip(found.loads, found.lifetime[:, 0], strict=True):
+        slower = (MU * PRESS - np.sign(velocity) * load) / MASS
+        time = (abs(velocity) - np.sqrt(velocity**2 - 2 * slower * 0.1)) / slower
+        leg = duration / 40
+        assert lifetime == pytest.approx(leg * np.ceil(time / leg)) and time % leg > 0.2 * leg
+
+
 @pytest.mark.parametrize("width", [0.02, 0.2])
 def test_thresholds_of_known_curves_lie_within_their_intervals(width):
     loads, runs, true, inside = np.linspace(0.0, 1.0, 11), 20, 0.43, 0
@@ -84,5 +98,18 @@ def test_loads_off_the_path_are_refused():
     path, protocol = path_and_protocol([0.0, 0.001])
     with pytest.raises(ValueError, match=r"loads = \[0.5\] were given: the path has"):
         ss.protocols.kinetic_threshold(path, protocol, loads=[0.5], duration=10.0, dt=0.1)
+    for wrong in ([], [np.nan], -0.1, np.inf, "fast", [[0.1]]):
+        with pytest.raises(ValueError, match="one or more velocities"):
+            ss.protocols.kinetic_threshold(path, protocol, kicks=wrong, duration=10.0, dt=0.1)
+    with pytest.raises(ValueError, match="were given: the path has"):
+        ss.protocols.kinetic_threshold(path, protocol, loads=[np.nan], duration=10.0, dt=0.1)
+    with pytest.raises(ValueError, match="at least 40 steps"):
+        ss.protocols.kinetic_threshold(path, protocol, duration=1.0, dt=0.1)
+    with pytest.raises(ValueError, match="stable only up to"):
+        ss.protocols.kinetic_threshold(path, protocol, duration=1e4, dt=50.0)
+    with pytest.raises(ValueError, match="loads that rise"):
+        ss.protocols.kinetic_threshold(path[::-1], protocol, duration=10.0, dt=0.1)
+    with pytest.raises(ValueError, match="seed"):
+        ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, seed=-1)
     with pytest.raises(ValueError, match="duration"):
         ss.protocols.kinetic_threshold(path, protocol, duration=-1.0, dt=0.1)
