@@ -19,6 +19,9 @@ sticking contacts is reversible in time.
 At finite amplitude, harmonic balance of a motion with all harmonics gives σ²(a) = [λ_i² + w₁·N₁(a)/a]/(4λ_r), where N₁
 is the first harmonic of N; then a′² = 2 ∫ σ²(a) a da.
 
+Smooth friction has a term |s| s. Where a slip s changes sign it makes N₁ of second order, so that β describes smaller
+amplitudes only, and the harmonic balance decides between bursts and runaway.
+
 Sources: the 1:1 resonance of reversible systems: Iooss & Pérouème, doi:10.1006/jdeq.1993.1034; slaved modes and
 amplitude equations: Nayfeh & Mook, doi:10.1002/9783527617586, Ch. 6.
 """
