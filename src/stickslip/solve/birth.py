@@ -31,7 +31,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.interpolate import CubicSpline
 from scipy.linalg import LinAlgError, eigvals
 from scipy.sparse.linalg import eigs, splu
 
@@ -332,6 +331,8 @@ def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float
 
 def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
     """Growth rate at finite amplitudes by harmonic balance, up to an amplitude at which it diverges."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     square, half = plane.value.real, TIMES // 2
     harmonics = np.arange(TIMES // 3)
     waves = np.cos(np.pi * np.outer(harmonics, np.arange(half + 1)) / half)  # the motion is even in time
