@@ -25,7 +25,7 @@ REMEDY = (
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
-    ("stability pushed_disks.npz --after", "bursts or runaway, and the contact that is lost first"),
+    ("stability examples/sheared_spheres.npz --after", "bursts or runaway, and the contact that is lost first"),
     ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, decisive contacts"),
     (
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
