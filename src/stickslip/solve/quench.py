@@ -101,7 +101,7 @@ def _descend(kind, dim, bodies, contacts, shift, p, v, force, stiffness, pace, t
                 pace[DT], pace[MIX] = min(FASTER * pace[DT], pace[LIMIT]), LESS_MIXING * pace[MIX]
         else:
             pace[DOWNHILL], pace[MIX] = 0.0, MIXING
-            pace[DT] *= SLOWER if step + pace[DT] > LATENCY else 1.0
+            pace[DT] *= SLOWER if step > LATENCY else 1.0
             for q in range(len(f)):
                 x[q] -= 0.5 * pace[DT] * u[q]
                 u[q] = 0.0
