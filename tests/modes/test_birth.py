@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 import stickslip as ss
 from stickslip.cli.app import app
+from stickslip.experiments.packing.page import packing_content
 from stickslip.solve import birth
 from stickslip.solve.freedom import backbone
 
@@ -280,6 +282,8 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["stability", "array.h5", "--after", "--json"])
     after = json.loads(done.stdout)["after"]
     assert after["fate"] == "bounded bursts" and after["limit_contact"] == [2, 3]
+    page = packing_content(Path("array.h5"), options={})
+    assert "bounded bursts, in which grains move" in str(page.sections)
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
     done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
     assert "0 complex pairs" in json.loads(done.stdout)["after"]["reason"]

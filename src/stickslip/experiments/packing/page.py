@@ -25,12 +25,22 @@ from ...figures.quantities import DISPLACEMENT
 from ...figures.style import png
 from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ...solve.damped import DampedStability
+from ...solve.stability import DENSE_UP_TO
 from .. import claims as claims_table
 from ..registry import EXPERIMENTS
 from ..run_folder import CHART, CLAIMS, FILM, NUMBERS, list_files
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
 from .page_output import staged_file
-from .report import Settling, analyse_stability, describe_law, growing_modes, likely_causes, settled, verdict
+from .report import (
+    Settling,
+    analyse_stability,
+    describe_law,
+    find_birth_form,
+    growing_modes,
+    likely_causes,
+    settled,
+    verdict,
+)
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 DRAWN = 2000  # grains up to which a packing is also drawn as a figure
@@ -333,6 +343,9 @@ def packing_content(
         mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
         if found.balanced:
             sentence = verdict(found, calm)
+            if mine and len(found.free) <= DENSE_UP_TO:
+                form = find_birth_form(state, law)
+                facts.append(["after the instability", form if isinstance(form, str) else form.verdict])
         else:
             why = found.verdict
             warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
