@@ -189,7 +189,14 @@ def all_disagreements(numbers, most=12) -> tuple[list, Counter]:
 def test_200_random_cases_of_five_kinds_agree_with_enumeration():
     bad, classes = all_disagreements(range(200), most=7)
     assert bad == []
-    assert {kind.split()[0] for kind in classes} >= {"UNIQUE", "NOT_UNIQUE", "UNSTABLE", "MECHANISM", "NEGATIVE"}
+    assert {kind.split()[0] for kind in classes} >= {"UNIQUE", "NOT_UNIQUE", "UNSTABLE", "MECHANISM"}
+    # a rare class, whose cases differ among processors, as the packings do
+    for number in range(200, 400):
+        told, kind = disagreements(number, 7)
+        assert not told
+        if kind.startswith("NEGATIVE"):
+            return
+    raise AssertionError("no case with negative forces")
 
 
 @pytest.mark.slow

@@ -152,7 +152,10 @@ def _events(client, events, futures: dict, ask):
         if client.status != "running":
             raise SchedulerGoneError("the Dask scheduler is gone")
         if time.monotonic() - looked >= POLL:
-            looked, slots = time.monotonic(), sum(client.nthreads().values())
+            try:
+                looked, slots = time.monotonic(), sum(client.nthreads().values())
+            except OSError:  # it has just gone
+                raise SchedulerGoneError("the Dask scheduler is gone") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:
                 yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
