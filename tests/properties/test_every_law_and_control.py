@@ -298,7 +298,6 @@ FAST = [
     *(("wet", 2, "difference", control, "rows") for control in (springs, springs_in_a_cell)),
     *(("hertz_mindlin-sharp", 3, "difference", control, "blocks") for control in (*PLAIN, *FRAME)),
     *(("hertz_mindlin_reff-sharp-viscoelastic", 2, "rate", control, "rows") for control in FRAME[2:]),
-    *(("cohesive-damped", 3, "difference", control, "blocks") for control in (springs_in_a_cell,)),
 ]
 
 
