@@ -182,7 +182,7 @@ def _compress(state: State, law: Law, pressure: float, scales: _Scales, toleranc
             if outcome.ok:
                 return end
             level = next(levels, level)
-    raise _unreached(state, law, pressure, outcome)
+    raise _pressure_error(state, law, pressure, outcome)
 
 
 def _width(state: State) -> float:
@@ -208,7 +208,7 @@ def _progress(state: State, law: Law, wanted: float, outcome: Outcome) -> tuple[
     return float(np.clip(reached / wanted, 0.0, 1.0)), f"{words}, packing fraction {packing_fraction(state):.4f}"
 
 
-def _unreached(state: State, law: Law, wanted: float, outcome: Outcome) -> NotInEquilibriumError:
+def _pressure_error(state: State, law: Law, wanted: float, outcome: Outcome) -> NotInEquilibriumError:
     words = f"no packing at rest under a pressure of {wanted:g} was found"
     if not outcome.broken:
         reached, fraction = pressure_of(state, law), packing_fraction(state)
