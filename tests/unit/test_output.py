@@ -73,11 +73,12 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     assert "failures" not in whole
     assert (whole["claims"][0]["verdict"], whole["claims"][0]["measured"]) == ("undecided", None)
     swept = {"names": ["a", "b"], "failures": ["", "no equilibrium"], "reused": 1}
-    swept["sweep"] = SimpleNamespace(base={}, digest="0")
+    swept["sweep"] = SimpleNamespace(base={}, digest="0", refused=(("b > a", 3),))
     one = answers.describe_sweep("run", tmp_path, SimpleNamespace(**swept), {})
     assert one["status"] == "failed"
     assert one["members"] == {"total": 2, "finished": 1, "reused": 1, "failed": 1}
     assert one["failures"] == {"b": "no equilibrium"}
+    assert one["refused"] == {"b > a": 3}
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dic
     out = common_fields(command, files=[folder / DATASET, folder / MEMBERS], folder=folder, status=status)
     experiment = swept.sweep.base.get("experiment", "disk-array")
     about = {"experiment": experiment, "digest": swept.sweep.digest}
-    more = {"members": members | {"failed": len(failures)}, "ranges": ranges}
+    more = {"members": members | {"failed": len(failures)}, "refused": dict(swept.sweep.refused), "ranges": ranges}
     return out | {"scenario": about} | more | {"failures": failures}
 
 

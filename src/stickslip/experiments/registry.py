@@ -126,7 +126,7 @@ def read_tables(path: str | Path) -> dict:
     if path.suffix == ".json":
         require_checksum(tables, path)
         return tables
-    return _resolve_law_file(tables, path.parent)
+    return _resolve_files(tables, path.parent)
 
 
 def _parse(text: str, path: Path):
@@ -158,9 +158,10 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
         _check_whole_numbers(value, path, (*above, key))
 
 
-def _resolve_law_file(tables: dict, folder: Path) -> dict:
-    """Return the tables with the path of a law's file made absolute, relative to the folder of the scenario."""
-    law = tables.get("law")
-    if isinstance(law, dict) and isinstance(law.get("file"), str):
-        tables["law"] = law | {"file": str(folder.absolute() / law["file"])}
+def _resolve_files(tables: dict, folder: Path) -> dict:
+    """Return the tables with absolute paths of a law's file and of draws, which are relative to the scenario."""
+    for name, key in (("law", "file"), ("sweep", "draws")):
+        table = tables.get(name)
+        if isinstance(table, dict) and isinstance(table.get(key), str):
+            tables[name] = table | {key: str(folder.absolute() / table[key])}
     return tables

@@ -66,7 +66,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
         with one sentence that names the offending column, unit or line, and states what is allowed.
     """
     path = Path(path)
-    header, rows = _read_table(path, columns)
+    header, rows = read_table(path, columns)
     found = _match_columns(path, header, si=columns is not None)
     _check_columns(path, found)
     full = [row for row in rows if all(row[1][k] for k, _ in found.values())]
@@ -139,7 +139,7 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     return Data(time, record.friction, legs, before=before)
 
 
-def _read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Read the fields of the header, and the line number and fields of each row."""
     text = read_text(path, remedy="give a CSV file", fallback="cp1252")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]

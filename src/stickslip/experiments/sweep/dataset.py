@@ -12,10 +12,11 @@ from ... import __version__
 from ...data.dotted_keys import field_at
 from ...data.manifest import write_file
 from ..registry import scenario_class
-from .definition import Axis, Sweep
+from .axes import Axis
+from .definition import Sweep
 
 DATASET = "sweep.nc"
-POINT = "point"  # dimension along which several axes vary together
+POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
 WORDS = 300  # characters of a failure message that are saved
 
 
@@ -27,9 +28,9 @@ def is_sweep(folder: str | Path) -> bool:
 def open_sweep(folder: str | Path) -> xr.Dataset:
     """Load the results of a sweep from its folder or file.
 
-    In a grid, variables have a dimension for every swept key; otherwise their dimensions are `point`, and `seed` if it
-    is given as a count. Values of unfinished members are NaN. `member` is the folder of each member, and `failure` its
-    error message.
+    In a grid without conditions, variables have a dimension for every swept key, and `draw` for a table of draws;
+    otherwise their dimensions are `point`, and `seed` if it is given as a count. Values of unfinished members are NaN.
+    `member` is the folder of each member, and `failure` its error message.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], fai
     """Build the dataset of a sweep; arguments are those of `write_sweep`."""
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
-        dims.append(group[0].key if chosen.mode == "grid" or group[0].kind == "count" else POINT)
+        dims.append(_dimension(group, chosen.mode))
         for axis in group:
             coordinates[axis.key] = (dims[-1], _labels(axis), _attributes(field_at(kind, axis.key).description))
 
@@ -84,8 +85,14 @@ def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], fai
         "title": f"sweep of {kind.model_fields['experiment'].default}",
         "source": f"stickslip {__version__}",
         "sweep": chosen.text,
-    }
+    } | ({"refusals": chosen.refusals} if chosen.refusals else {})
     return xr.Dataset(variables, coordinates, about)
+
+
+def _dimension(group: tuple[Axis, ...], mode: str) -> str:
+    if mode == "grid" and group[0].kind == "column":
+        return DRAW
+    return group[0].key if mode == "grid" or group[0].kind == "count" else POINT
 
 
 def _labels(axis: Axis) -> np.ndarray:

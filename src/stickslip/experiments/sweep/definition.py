@@ -1,55 +1,50 @@
 """Definition of a sweep: many scenarios from one, where a [sweep] table lists values or distributions for some keys.
 
 A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
-`draw_seed` and their own key, so adding another key does not change them.
+`draw_seed` and their own key, so adding another key does not change them. Points that do not satisfy the conditions
+`where` are refused and counted.
 """
 
 import hashlib
 import json
 import math
 import re
-import zlib
 from collections.abc import Iterator
 from functools import reduce
+from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.readable import readable
 from ...data.dotted_keys import field_at, with_value
 from ...data.law_file import with_checksum
-from ...data.schema import LARGEST, ScenarioBase, ScenarioError
+from ...data.schema import ScenarioBase, ScenarioError
 from ..registry import read_tables, scenario, scenario_class
+from .axes import MOST, Axis, check_integer, column_values, flatten_entries, parse_axis
+from .condition import find_broken, parse_conditions
+from .draws import read_draws
+from .points import DRAWS, check_effort, describe_refusals, latin_hypercubes, quantiles, sobol_points
 
 MODES = ("grid", "zip", "sample")
-OPTIONS = ("mode", "number", "draw_seed")
-SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
-KINDS = (*SPACED, *DRAWN, "count")
-MOST = 1_000_000  # members, since their names and measures are held in memory
-
-
-class Axis(NamedTuple):
-    """A swept key and its values; `values` is empty for a distribution that is still to be sampled."""
-
-    key: str
-    values: tuple
-    kind: str  # "list", or one of KINDS
-    entry: Any  # of the table
+OPTIONS = ("mode", "number", "draw", "draw_seed", "where", "draws")
 
 
 @readable
 class Sweep(NamedTuple):
     """Many scenarios: `base`, with the values of `axes` substituted.
 
-    In a grid, every axis is a dimension. Otherwise all axes, except a seed given as a count, vary together along one
-    dimension, and every point is repeated for all seeds.
+    In a grid, every axis is a dimension, and the columns of a table of draws share one. Otherwise all axes, except a
+    seed given as a count, vary together along one dimension, and every point is repeated for all seeds.
     """
 
     base: dict
     axes: tuple[Axis, ...]
-    mode: str
+    mode: str  # "zip" for a grid with conditions, whose accepted points are a list
     text: str  # canonical; the order of keys is that of the dimensions
+    tried: int = 0  # points that conditions were applied to
+    refused: tuple[tuple[str, int], ...] = ()  # conditions and the number of points that each refused
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -60,7 +55,8 @@ class Sweep(NamedTuple):
     def groups(self) -> tuple[tuple[Axis, ...], ...]:
         """Axes that vary together, for each dimension."""
         if self.mode == "grid":
-            return tuple((axis,) for axis in self.axes)
+            columns = tuple(axis for axis in self.axes if axis.kind == "column")
+            return tuple(filter(None, (columns, *((axis,) for axis in self.axes if axis.kind != "column"))))
         points = tuple(axis for axis in self.axes if axis.kind != "count")
         return tuple(group for group in (points, *((a,) for a in self.axes if a.kind == "count")) if group)
 
@@ -68,6 +64,13 @@ class Sweep(NamedTuple):
     def count(self) -> int:
         """Number of members."""
         return math.prod(self.shape)
+
+    @property
+    def refusals(self) -> str:
+        """One sentence on the points that were refused; empty if there are none."""
+        count = sum(many for _, many in self.refused)
+        words = f"{count} of {self.tried} points were refused: {describe_refusals(dict(self.refused))}."
+        return words if count else ""
 
     @property
     def digest(self) -> str:
@@ -107,20 +110,20 @@ def sweep(**tables) -> Sweep:
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a [sweep] table whose keys have lists of values, or distributions")
     kind = scenario_class(base)
-    mode, number, seed = _read_options(table)
-    entries = _flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})
+    mode = _check_options(table)
+    entries = flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})
     if not entries:
         raise ScenarioError('[sweep] contains no keys: give one, such as "law.mu" = [0.2, 0.4]')
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
             raise ScenarioError(f"sweep.{key} was given, but law files cannot be swept: make one sweep for each file")
-    axes = tuple(_parse_axis(key, entry, base, mode, number, seed) for key, entry in entries.items())
-    if mode == "sample":
-        axes = _draw_latin_hypercube(axes, number, seed)
+    table = _embed_draws(table, entries, kind)
+    tables = tables | {"sweep": table}
+    axes = tuple(parse_axis(key, entry, base, table) for key, entry in entries.items())
     if mode == "zip":
         _check_same_length(axes)
-    found = Sweep(base, axes, mode, json.dumps(tables, indent=1, default=str))
+    found = _select_points(Sweep(base, axes, mode, json.dumps(tables, indent=1, default=str)), table)
     if found.count > MOST:
         raise ScenarioError(f"[sweep] defines {found.count} members: at most {MOST} are allowed")
     return found
@@ -172,7 +175,7 @@ def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     """Return the dotted keys of the base with their values, the swept keys, and the mode."""
     table = tables.get("sweep", {})
     base = {"experiment": "disk-array"} | _flatten({k: v for k, v in tables.items() if k != "sweep"})
-    return base, list(_flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
+    return base, list(flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
 
 
 def _flatten(table: dict, above: str = "") -> dict:
@@ -187,160 +190,98 @@ def _member_name(values: dict, one: ScenarioBase) -> str:
     return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"
 
 
-def _read_options(table: dict) -> tuple[str, int | None, int]:
-    mode, number, seed = table.get("mode", "grid"), table.get("number"), table.get("draw_seed", 0)
+def _check_options(table: dict) -> str:
+    """Check the options of a [sweep] table and return its mode."""
+    mode, number, draw = table.get("mode", "grid"), table.get("number"), table.get("draw")
     if mode not in MODES:
         raise ScenarioError(f"sweep.mode = {mode!r} was given: use {', '.join(map(repr, MODES))}")
     if number is not None:
-        _check_integer("sweep.number", number, 1)
+        check_integer("sweep.number", number, 1, MOST)
     if mode == "sample" and number is None:
         raise ScenarioError('sweep.mode = "sample" needs the number of points: give sweep.number')
     if mode == "grid" and number is not None:
         raise ScenarioError("sweep.number is only for zip and sample: in a grid, give each distribution its own number")
-    return mode, number, _check_integer("sweep.draw_seed", seed, 0)
+    if draw is not None and draw not in DRAWS:
+        raise ScenarioError(f"sweep.draw = {draw!r} was given: use {', '.join(map(repr, DRAWS))}")
+    if draw is not None and mode != "sample":
+        raise ScenarioError('sweep.draw was given, but only points of a sample are drawn: set sweep.mode = "sample"')
+    check_integer("sweep.draw_seed", table.get("draw_seed", 0), 0)
+    return mode
 
 
-def _flatten_entries(table: dict, above: str = "") -> dict:
-    """Flatten tables to dotted keys: [sweep.law] mu = … is the same as "law.mu" = …"""
-    out = {}
-    for key, value in table.items():
-        if isinstance(value, dict) and not _is_distribution(value):
-            out |= _flatten_entries(value, f"{above}{key}.")
-        else:
-            out[above + key] = value
-    return out
+def _embed_draws(table: dict, entries: dict, kind) -> dict:
+    """Return the table with the columns of `draws` that are used, instead of the name of their file."""
+    users = {k: v for k, v in entries.items() if isinstance(v, dict) and "column" in v}
+    if "draws" not in table:
+        if users:
+            raise ScenarioError(f"sweep.{next(iter(users))} names a column: give the file with sweep.draws")
+        return table
+    return table | {"draws": read_draws(table["draws"], users, kind)}
 
 
-def _is_distribution(value: dict) -> bool:
-    return not value or not all(isinstance(item, list | dict) for item in value.values()) or bool(set(value) & {*KINDS})
+def _select_points(found: Sweep, table: dict) -> Sweep:
+    """Draw the points of a sample, and leave out the points that do not satisfy the conditions."""
+    free = [axis for axis in found.axes if axis.kind != "count"]
+    conditions = parse_conditions(table["where"], [axis.key for axis in free]) if "where" in table else ()
+    if found.mode == "sample" and free:
+        return _draw_sample(found, free, table, conditions)
+    if not conditions:
+        return found
+    many = math.prod(n for group, n in zip(found.groups, found.shape, strict=True) if group[0].kind != "count")
+    if many > MOST:
+        raise ScenarioError(f"[sweep] defines {many} points: at most {MOST} are allowed")
+    groups = [group for group in found.groups if group[0].kind != "count"]
+    rows = product(*(zip(*(axis.values for axis in group), strict=True) for group in groups))
+    keys = [axis.key for group in groups for axis in group]
+    points = [dict(zip(keys, sum(row, ()), strict=True)) for row in rows]
+    broken = [find_broken(point, conditions) for point in points]
+    counts = {one.text: broken.count(one.text) for one in conditions}
+    kept = [point for point, words in zip(points, broken, strict=True) if words is None]
+    if not kept:
+        raise ScenarioError(f"sweep.where refuses all {many} points: {describe_refusals(counts)}")
+    return _with_points(found, kept)._replace(mode="zip", tried=many, refused=tuple(counts.items()))
 
 
-def _parse_axis(key: str, entry, base: dict, mode: str, number: int | None, seed: int) -> Axis:
-    """Parse the entry of a swept key; the values of a sample are drawn later."""
-    if isinstance(entry, list):
-        if not entry:
-            raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
-        if mode == "grid" and (twice := _find_duplicate(entry)):
-            raise ScenarioError(f"sweep.{key} contains {twice} twice: give each value once")
-        return Axis(key, tuple(entry), "list", entry)
-    if not isinstance(entry, dict):
-        raise ScenarioError(f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
-    kind, many = _values_kind(key, entry), entry.get("number", number)
-    if kind == "count":
-        if key != "seed":
-            raise ScenarioError(
-                f"sweep.{key} has count, which is valid only for seed: use a list, linspace or a distribution"
-            )
-        first = base.get("seed", 0)
-        count = _check_integer("sweep.seed.count", entry["count"], 1, MOST)
-        return Axis(key, tuple(range(_check_integer("seed", first, 0), first + count)), kind, entry)
-    _check_parameters(key, kind, entry[kind])
-    if mode == "sample":
-        if "number" in entry:
-            raise ScenarioError(
-                f"sweep.{key}.number was given: a sample has one number for all keys, given by sweep.number"
-            )
-        return Axis(key, (), kind, entry)
-    if many is None:
-        raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
-    many = _check_integer(f"sweep.{key}.number", many, 1, MOST)
-    if kind in SPACED:
-        return Axis(key, _spaced_values(kind, *entry[kind], many), kind, entry)
-    draws = np.random.default_rng([seed, zlib.crc32(key.encode())]).random(many)
-    return Axis(key, _quantiles(kind, entry[kind], np.sort(draws) if mode == "grid" else draws), kind, entry)
+def _with_points(found: Sweep, points: list[dict]) -> Sweep:
+    axes = (
+        axis if axis.kind == "count" else axis._replace(values=tuple(p[axis.key] for p in points))
+        for axis in found.axes
+    )
+    return found._replace(axes=tuple(axes))
 
 
-def _find_duplicate(values: list) -> str | None:
-    """Return the first value that occurs twice in a list, or None."""
-    seen = set()
-    for words in map(str, values):
-        if words in seen:
-            return words
-        seen.add(words)
-    return None
+def _draw_sample(found: Sweep, free: list[Axis], table: dict, conditions) -> Sweep:
+    """Draw points until enough satisfy the conditions."""
+    number, points, tried = table["number"], [], 0
+    refused = dict.fromkeys((one.text for one in conditions), 0)
+    keys, names = [axis.key for axis in free], list(dict.fromkeys(_coordinate(axis) for axis in free))
+    batches = sobol_points if table.get("draw") == "sobol" else latin_hypercubes
+    for share in batches(names, number, table.get("draw_seed", 0)):
+        columns = [_sample_values(axis, share[_coordinate(axis)], table.get("draws")) for axis in free]
+        for row in zip(*columns, strict=True):
+            point, tried = dict(zip(keys, row, strict=True)), tried + 1
+            broken = find_broken(point, conditions)
+            if broken is not None:
+                refused[broken] += 1
+                continue
+            points.append(point)
+            if len(points) == number:
+                counts = tuple(refused.items())
+                return _with_points(found, points)._replace(tried=tried if conditions else 0, refused=counts)
+        check_effort(len(points), tried, refused)
+    raise AssertionError("batches do not end")
 
 
-def _values_kind(key: str, entry: dict) -> str:
-    """Return the kind of values that a table in [sweep] defines."""
-    kinds, unknown = [k for k in entry if k in KINDS], [k for k in entry if k not in (*KINDS, "number")]
-    if unknown:
-        hint = "did you mean 'geomspace', which takes the end values themselves?" if unknown[0] == "logspace" else None
-        raise ScenarioError(f"sweep.{key} has no key {unknown[0]!r}: {hint or 'it has ' + ', '.join(KINDS)}")
-    if len(kinds) != 1:
-        raise ScenarioError(f"sweep.{key} has {len(kinds)} kinds of values: give one of {', '.join(KINDS)}")
-    return kinds[0]
+def _coordinate(axis: Axis) -> str:
+    """Name of the random coordinate of an axis; the columns of a table of draws share one, which chooses the row."""
+    return "draws" if axis.kind == "column" else axis.key
 
 
-def _check_parameters(key: str, kind: str, entry) -> None:
-    """Check the parameters of a distribution: two ends in order, or mean and sd."""
-    if kind == "normal":
-        right = isinstance(entry, dict) and set(entry) == {"mean", "sd"} and all(map(_is_number, entry.values()))
-        if not (right and entry["sd"] > 0):
-            raise ScenarioError(
-                f"sweep.{key}.normal = {entry} was given: use {{mean = 0.4, sd = 0.1}} with sd > 0, up to {LARGEST:g}"
-            )
-        return
-    if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry))):
-        raise ScenarioError(
-            f"sweep.{key}.{kind} = {entry} was given: use two numbers up to {LARGEST:g} as the two ends"
-        )
-    if not entry[0] < entry[1] and kind in DRAWN:
-        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: the first end must be below the second")
-    if kind in ("geomspace", "loguniform") and min(entry) <= 0:
-        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: both ends must be positive")
-    if kind == "integers" and not all(isinstance(value, int) for value in entry):
-        raise ScenarioError(f"sweep.{key}.integers = {entry} was given: use two whole numbers, both included")
-
-
-def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
-
-
-def _check_integer(name: str, value, least: int, most: int | None = None) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least or (most and value > most):
-        beyond = f" to {most}" if most else " or more"
-        raise ScenarioError(f"{name} = {value!r} was given: use a whole number, {least}{beyond}")
-    return value
-
-
-def _spaced_values(kind: str, first, last, number: int) -> tuple:
-    values = getattr(np, kind)(float(first), float(last), number)
-    whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
-    return tuple((values.astype(int) if whole else values).tolist())
-
-
-def _quantiles(kind: str, entry, share: np.ndarray) -> tuple:
-    """Return the quantiles of a distribution at given probabilities."""
-    if kind == "normal":
-        from scipy.special import ndtri
-
-        return tuple((entry["mean"] + entry["sd"] * ndtri(np.clip(share, 1e-16, 1 - 1e-16))).tolist())
-    low, high = entry
-    if kind == "integers":
-        return tuple(np.minimum(low + np.floor(share * (high - low + 1)), high).astype(int).tolist())
-    if kind in ("loguniform", "geomspace"):
-        return tuple(np.exp(math.log(low) + share * math.log(high / low)).tolist())
-    return tuple((low + share * (high - low)).tolist())
-
-
-def _draw_latin_hypercube(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]:
-    """Draw a Latin hypercube sample: each axis has `number` intervals of equal probability, with one value in each.
-
-    McKay, Beckman and Conover 1979, doi:10.1080/00401706.1979.10489755.
-    """
-    out = []
-    for axis in axes:
-        if axis.kind == "count":
-            out.append(axis)
-            continue
-        rng = np.random.default_rng([seed, zlib.crc32(axis.key.encode())])
-        share = (rng.permutation(number) + rng.random(number)) / number
-        if axis.kind == "list":
-            values = tuple(axis.entry[int(s * len(axis.entry))] for s in share)
-        else:
-            values = _quantiles(axis.kind, axis.entry[axis.kind], share)
-        out.append(axis._replace(values=values))
-    return tuple(out)
+def _sample_values(axis: Axis, share: np.ndarray, draws: dict | None) -> tuple:
+    if axis.kind in ("list", "column"):
+        values = axis.entry if axis.kind == "list" else column_values(axis.entry, draws)
+        return tuple(values[int(s * len(values))] for s in share)
+    return quantiles(axis.kind, axis.entry[axis.kind], share)
 
 
 def _check_same_length(axes: tuple[Axis, ...]) -> None:

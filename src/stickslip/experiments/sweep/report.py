@@ -80,7 +80,8 @@ def _describe_size(chosen: Sweep) -> str:
         f"{' with '.join(axis.key for axis in group)} ({n})"
         for group, n in zip(chosen.groups, chosen.shape, strict=True)
     )
-    return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
+    size = f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
+    return f"{size} {chosen.refusals}".rstrip()
 
 
 def _check_folder(out: Path, overwrite: bool) -> bool:
