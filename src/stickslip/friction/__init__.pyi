@@ -1,3 +1,14 @@
+from .fault import Fault as Fault
+from .fault import line_fault as line_fault
+from .fault_cycles import simulate_fault as simulate_fault
+from .fault_record import Recording as Recording
+from .fault_state import FaultState as FaultState
+from .fault_state import initial_state as initial_state
+from .fault_state import perturbed_state as perturbed_state
+from .fault_theory import cohesive_length as cohesive_length
+from .fault_theory import critical_wavelength as critical_wavelength
+from .fault_theory import nucleation as nucleation
+from .fault_theory import nucleation_half_length as nucleation_half_length
 from .fitting import fit as fit
 from .laboratory import LabRecord as LabRecord
 from .laboratory import read_csv as read_csv

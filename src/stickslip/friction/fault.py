@@ -1,0 +1,166 @@
+"""Straight faults with rate-and-state friction, loaded by plate motion.
+
+Friction depends on depth. The body is linear elastic, its inertia is approximated by radiation damping (quasi-dynamic;
+J. R. Rice, J. Geophys. Res. 98, 9885 (1993), doi:10.1029/93JB00191).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.arguments import checked, require_positive
+from ..core.readable import readable
+from . import fault_kernel as kernel
+from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
+
+SHEARS = ("antiplane", "in-plane")
+LONGEST_CELL = 1 / 3  # over the cohesive length
+
+
+@readable(head=lambda fault: f"{fault.shear}, {len(fault.depth)} cells of {fault.cell:g} m, {fault.law} law")
+class Fault(NamedTuple):
+    """A straight fault of N cells of equal length; see `line_fault`. Units are SI."""
+
+    depth: np.ndarray  # (N,) of the centres of the cells, or their positions along the fault [m]
+    a: np.ndarray  # (N,) direct effect
+    b: np.ndarray  # (N,) evolution effect
+    dc: np.ndarray  # (N,) characteristic slip [m]
+    normal: np.ndarray  # (N,) effective normal stress, compression is positive [Pa]
+    cell: float  # length of a cell [m]
+    mu0: float = 0.6  # steady friction at v0
+    v0: float = 1e-6  # [m/s]
+    law: str = "aging"  # or "slip"
+    form: str = "regularized"  # or "logarithmic"
+    shear: str = "antiplane"  # or "in-plane"
+    shear_modulus: float = 32.04e9  # [Pa]
+    wave_speed: float = 3464.0  # of shear waves; infinite: no radiation damping [m/s]
+    poisson: float = 0.25  # Poisson's ratio, for in-plane shear
+    plate_rate: float = 1e-9  # slip velocity of the rest of the plane, or of the plates [m/s]
+    boundary: str = "surface"  # or "infinite" or "periodic"
+    thickness: float = np.inf  # of each plate, for a periodic fault [m]
+
+    @property
+    def modulus(self) -> float:
+        """G for antiplane and G/(1 − ν) for in-plane shear [Pa]."""
+        return self.shear_modulus / (1 - self.poisson) if self.shear == "in-plane" else self.shear_modulus
+
+    @property
+    def damping(self) -> float:
+        """Radiation damping η = G/(2 c_s) [Pa s/m]."""
+        return self.shear_modulus / (2 * self.wave_speed)
+
+    @property
+    def width(self) -> float:
+        """Length of all cells [m]."""
+        return self.cell * len(self.depth)
+
+    @property
+    def transfer(self) -> StressTransfer:
+        """Map from slip to shear stress."""
+        return stress_transfer(len(self.depth), self.cell, self.modulus, self.boundary, self.thickness)
+
+
+@checked
+def line_fault(width: float, cell: float, *, a, b, dc, normal, **more) -> Fault:
+    """Fault whose properties vary piecewise linearly with depth.
+
+    Parameters
+    ----------
+    width : length of the part with rate-and-state friction; the rest of its plane slips at the plate rate [m]
+    cell : length of a cell; the width must be a whole number of them [m]
+    a, b, dc, normal : a number, or pairs (depth, value) in order of depth, between which values are interpolated
+        linearly; beyond the first and last depth they are constant. `dc` in m and `normal` in Pa
+    more : the other fields of `Fault`
+
+    Raises
+    ------
+    ValueError
+        if a parameter is not valid, or if cells are longer than a third of the cohesive length.
+
+    Examples
+    --------
+    The first benchmark problem of the SEAS initiative (Erickson et al. 2020, doi:10.1785/0220190248):
+
+    >>> fault = line_fault(40e3, 100.0, a=[(15e3, 0.010), (18e3, 0.025)], b=0.015, dc=8e-3, normal=50e6)
+    >>> fault
+    Fault: antiplane, 400 cells of 100 m, aging law
+    """
+    require_positive(width=width, cell=cell)
+    number = round(width / cell)
+    if number < 3 or abs(number * cell - width) > 1e-6 * width:
+        raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use a width of at least three whole cells")
+    depth = (np.arange(number) + 0.5) * cell
+    profiles = {name: profile(name, value, depth) for name, value in (("a", a), ("b", b), ("dc", dc))}
+    fault = Fault(depth, **profiles, normal=profile("normal", normal, depth), cell=cell, **more)
+    check_fault(fault)
+    return fault
+
+
+def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
+    """Values of a property at depths, from a number or from pairs (depth, value)."""
+    points = np.asarray(value, float)
+    if points.ndim == 0:
+        points = np.array([[0.0, float(points)]])
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
+        raise ValueError(f"{name} has shape {points.shape}: use a number, or pairs of depth and value")
+    if not np.isfinite(points).all():
+        raise ValueError(f"{name} contains {points[~np.isfinite(points)][0]}: use finite depths and values")
+    if (points[:, 0] < 0).any():
+        raise ValueError(f"{name} has a depth of {points[:, 0].min():g}: depths are counted from 0 downwards")
+    if (np.diff(points[:, 0]) < 0).any():
+        wrong = points[1:, 0][np.diff(points[:, 0]) < 0][0]
+        raise ValueError(f"the depths of {name} are not in order at {wrong:g}: sort them from the surface downwards")
+    return np.interp(depth, points[:, 0], points[:, 1])
+
+
+def check_fault(fault: Fault) -> None:
+    """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
+    choices = {"law": kernel.EVOLUTIONS, "form": kernel.FORMS, "shear": SHEARS, "boundary": BOUNDARIES}
+    for name, allowed in choices.items():
+        if getattr(fault, name) not in allowed:
+            raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+    for name in ("a", "dc", "normal"):
+        _check_values(name, getattr(fault, name), positive=True)
+    _check_values("b", fault.b, positive=False)
+    require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus, plate_rate=fault.plate_rate)
+    if not fault.wave_speed > 0:
+        raise ValueError(f"wave_speed = {fault.wave_speed} was given: it must be positive")
+    if not -1 < fault.poisson < 0.5:
+        raise ValueError(f"poisson = {fault.poisson} was given: use a number between −1 and 0.5")
+    if not np.isfinite(fault.mu0):
+        raise ValueError(f"mu0 = {fault.mu0} was given: use a finite number")
+    _check_geometry(fault)
+    _check_cells(fault)
+
+
+def _check_values(name: str, values: np.ndarray, *, positive: bool) -> None:
+    bad = ~np.isfinite(values) | ((values <= 0) if positive else (values < 0))
+    if bad.any():
+        allowed = "positive, finite values" if positive else "finite values that are not negative"
+        raise ValueError(f"{name} = {values[bad][0]:g} was given: use {allowed}")
+
+
+def _check_geometry(fault: Fault) -> None:
+    if fault.shear == "in-plane" and fault.boundary != "infinite":
+        raise ValueError(
+            f"boundary = {fault.boundary!r} was given with in-plane shear: use 'infinite', as images of in-plane slip "
+            f"are not implemented"
+        )
+    if fault.boundary == "periodic" and not (fault.thickness > 0 and np.isfinite(fault.thickness)):
+        raise ValueError(
+            f"thickness = {fault.thickness} was given: a periodic fault is loaded through plates, whose thickness must "
+            f"be positive and finite"
+        )
+
+
+def _check_cells(fault: Fault) -> None:
+    """Reject cells that do not resolve the tip of a rupture in a velocity-weakening part."""
+    weak = fault.a < fault.b
+    if not weak.any():
+        return
+    length = fault.modulus * fault.dc[weak] / (fault.b[weak] * fault.normal[weak])
+    if fault.cell > LONGEST_CELL * length.min() * (1 + 1e-9):
+        raise ValueError(
+            f"cell = {fault.cell:g} m was given, but the cohesive length G D_c/(b σ) is {length.min():.4g} m: use "
+            f"cells of at most a third of it, {LONGEST_CELL * length.min():.4g} m"
+        )

@@ -1,0 +1,220 @@
+"""Simulation of sequences of earthquakes and aseismic slip on a straight fault.
+
+The time step follows from an embedded Runge–Kutta formula of order 5(4) (Dormand and Prince) with compiled stages.
+`python -m benchmarks --fault` compares it with the solvers of SciPy at equal error.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.arguments import checked, require_positive
+from ..core.readable import readable
+from . import fault_kernel as kernel
+from .fault import Fault, check_fault
+from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
+from .fault_state import FaultState, Machine, initial_state
+
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
+TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
+REPORTED = 2000  # steps between two reports
+
+
+@readable
+class Energy(NamedTuple):
+    """Energy balance of a simulation, per length along strike [J/m]: loading = frictional + radiated + elastic."""
+
+    loading: float  # work of the plates
+    frictional: float
+    radiated: float  # work of radiation damping
+    elastic: float  # increase of elastic energy
+
+    @property
+    def residual(self) -> float:
+        """Loading minus the other terms, over loading: the error of the integration."""
+        return (self.loading - self.frictional - self.radiated - self.elastic) / self.loading
+
+
+@readable(head=lambda h: f"{len(h.events.start)} events in {h.state.time / YEAR:.6g} years, {h.steps} steps")
+class FaultHistory(NamedTuple):
+    """History of a fault: M samples at S stations, P profiles at Q points, and events."""
+
+    fault: Fault
+    time: np.ndarray  # (M,) [s]
+    max_velocity: np.ndarray  # (M,) over the fault [m/s]
+    moment_rate: np.ndarray  # (M,) per length along strike [N/s]
+    station: np.ndarray  # (S,) depths [m]
+    slip: np.ndarray  # (M, S) [m]
+    velocity: np.ndarray  # (M, S) [m/s]
+    stress: np.ndarray  # (M, S) frictional shear stress [Pa]
+    theta: np.ndarray  # (M, S) [s]
+    profile_time: np.ndarray  # (P,) [s]
+    profile_seismic: np.ndarray  # (P,) True within events
+    profile_max_velocity: np.ndarray  # (P,) [m/s]
+    profile_depth: np.ndarray  # (Q,) [m]
+    profile_slip: np.ndarray  # (P, Q) [m]
+    events: FaultEvents
+    energy: Energy
+    state: FaultState  # at the end
+    steps: int
+    rejected: int
+
+
+@checked
+def simulate_fault(
+    fault: Fault,
+    years: float,
+    *,
+    start: FaultState | None = None,
+    recording: Recording | None = None,
+    tolerance: float = TOLERANCE,
+    report: Callable[[float, str], None] | None = None,
+) -> FaultHistory:
+    """Simulate earthquakes and aseismic slip.
+
+    Equations (1)–(12) of the SEAS benchmark problem BP1-QD (Erickson et al. 2020, doi:10.1785/0220190248), with any
+    properties along the fault.
+
+    Parameters
+    ----------
+    years : the simulation ends with the first step after this time of 365.25 days that is not in an event
+    start : default: `initial_state(fault)`; with the `state` of a history, that simulation is continued bit for bit
+    recording : what is recorded; default: no stations, profiles of slip every 5 years and every second of an event
+    tolerance : error of each step in slip over D_c, and in ln θ
+    report : called as report(share done, words)
+
+    Raises
+    ------
+    ValueError
+        if a parameter is not valid.
+    RuntimeError
+        if the step becomes too small; the message is one sentence.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> fault = friction.line_fault(10e3, 100.0, a=0.02, b=0.015, dc=8e-3, normal=50e6)
+    >>> len(friction.simulate_fault(fault, 10.0).events.start)
+    0
+    """
+    check_fault(fault)
+    require_positive(years=years, tolerance=tolerance)
+    recording = recording or Recording()
+    check_recording(fault, recording)
+    state = initial_state(fault) if start is None else start
+    if len(state.excess_slip) != len(fault.depth):
+        raise ValueError(f"start has {len(state.excess_slip)} cells, and the fault {len(fault.depth)}: use its own")
+    recorder = Recorder(fault, recording, state.sampled)
+    if start is None or not np.isfinite(state.sampled[0]):
+        recorder.begin(_moment(fault, state))
+    end, steps, rejected = _integrate(fault, state, years * YEAR, recorder, tolerance, report)
+    return _history(fault, recorder, state, end, steps, rejected)
+
+
+def check_recording(fault: Fault, recording: Recording) -> None:
+    """Raise ValueError if stations or intervals are not valid."""
+    intervals = recording._asdict()
+    stations = np.asarray(intervals.pop("stations"), float)
+    require_positive(**intervals)
+    outside = ~((stations >= 0) & (stations <= fault.width))
+    if outside.any():
+        raise ValueError(f"a station at {stations[outside][0]:g} m was given: use depths from 0 to {fault.width:g} m")
+    if recording.threshold <= fault.plate_rate:
+        raise ValueError(
+            f"threshold = {recording.threshold:g} m/s was given, and the plates move at {fault.plate_rate:g} m/s: "
+            f"use a larger threshold, such as 1e-3"
+        )
+
+
+def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):
+    """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
+    machine = Machine(fault, state.prestress)
+    y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
+    stages, powers = np.empty((7, *y.shape)), np.zeros((7, 3))
+    stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
+    trial, w_trial = np.empty_like(y), w.copy()
+    time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
+    now = _moment(fault, state)
+    while time < until or recorder.event is not None:
+        w_trial[:] = w
+        error = _try_step(machine, y, w_trial, stages, powers, h, trial) / tolerance
+        if not error <= 1.0:
+            rejected += 1
+            h *= max(LEAST, SAFETY * error**-0.2) if np.isfinite(error) else LEAST
+            if time + h == time:
+                raise RuntimeError(f"the time step became too small at {time / YEAR:g} years: use shorter cells")
+            continue
+        energy += h * (kernel.STAGES[5] @ powers[:6])
+        time, steps = time + h, steps + 1
+        y, trial, w, w_trial = trial, y, w_trial, w
+        stages[0], powers[0] = stages[6], powers[6]
+        error = max(error, 1e-4)
+        h *= min(MOST, max(LEAST, SAFETY * error**-0.14 * last**0.08))
+        last = error
+        before, now = (
+            now,
+            Moment(
+                time, y[0].copy(), stages[0, 0].copy(), y[1], w, fault.v0 * float(np.exp(w.max())), float(energy[2])
+            ),
+        )
+        recorder.step(before, now)
+        if report is not None and steps % REPORTED == 0:
+            report(min(1.0, time / until), _words(now, recorder))
+    end = FaultState(
+        time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
+        recorder.sampled.copy(),
+    )  # fmt: skip
+    return end, steps, rejected
+
+
+def _try_step(machine: Machine, y, w, stages, powers, h: float, trial) -> float:
+    """Evaluate all stages of a step; return its estimated error, infinite if a stage fails."""
+    for i in range(6):
+        kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, trial)
+        if not machine.rates(trial, w, stages[i + 1], powers[i + 1]):
+            return np.inf
+    return kernel.error_norm(stages, h, machine.cells[2])
+
+
+def _moment(fault: Fault, state: FaultState) -> Moment:
+    fastest = fault.v0 * float(np.exp(state.log_velocity.max()))
+    return Moment(
+        state.time, state.excess_slip, state.rates[0], state.log_state, state.log_velocity, fastest, state.energy[2]
+    )
+
+
+def _words(now: Moment, recorder: Recorder) -> str:
+    return f"{now.time / YEAR:.1f} years, {len(recorder.events)} events, fastest {now.fastest:.1e} m/s"
+
+
+def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):
+    stations, points = recorder.stations.depth, recorder.profile.depth
+    columns = list(zip(*recorder.samples, strict=True)) or [()] * 7
+    series = [np.array(column, float) for column in columns[:3]]
+    tables = [np.array(column, float).reshape(len(series[0]), len(stations)) for column in columns[3:]]
+    times, seismic, fastest, slips = list(zip(*recorder.profiles, strict=True)) or [()] * 4
+    width = len(FaultEvents._fields)
+    events = FaultEvents(*np.array(recorder.events, float).reshape(-1, width).T)
+    work = end.energy - start.energy
+    energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
+    return FaultHistory(
+        fault, *series, stations, *tables, np.array(times, float), np.array(seismic, bool), np.array(fastest, float),
+        points, np.array(slips, float).reshape(len(times), len(points)), events, energy, end, steps, rejected,
+    )  # fmt: skip
+
+
+def join_histories(parts: list[FaultHistory]) -> FaultHistory:
+    """Join consecutive histories, each of which continued the one before it."""
+    first, last = parts[0], parts[-1]
+    along = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in FaultHistory._fields
+        if name not in ("fault", "station", "profile_depth", "events", "energy", "state", "steps", "rejected")
+    }
+    events = FaultEvents(*(np.concatenate(column) for column in zip(*(part.events for part in parts), strict=True)))
+    energy = Energy(*(sum(terms) for terms in zip(*(part.energy for part in parts), strict=True)))
+    return first._replace(
+        **along, events=events, energy=energy, state=last.state, steps=sum(p.steps for p in parts),
+        rejected=sum(p.rejected for p in parts),
+    )  # fmt: skip

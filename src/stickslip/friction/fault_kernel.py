@@ -1,0 +1,136 @@
+"""Compiled rates of a fault with rate-and-state friction, and the pieces of an embedded Runge–Kutta step.
+
+The unknowns of each cell are its slip in excess of plate motion, u = δ − V_p t, and s = ln(V0 θ/D_c). The slip velocity
+V = V0 e^w follows from the balance of stress and friction, τ₀ + τ(u) = σ f(w, s) + η V, by Newton's method for w.
+
+A friction law is two scalar functions: `friction` (a form, with its derivative) and `state_rate` (an evolution law).
+To add one, give it a number and a name here, and a branch.
+"""
+
+import numpy as np
+from numba import njit
+
+from .. import kernel_cache
+from .kernel import AGING, SLIP
+
+kernel_cache.install()
+
+REGULARIZED, LOGARITHMIC = 0, 1
+FORMS = {"regularized": REGULARIZED, "logarithmic": LOGARITHMIC}
+EVOLUTIONS = {"aging": AGING, "slip": SLIP}
+MOST_ITERATIONS = 60
+LARGE = 20.0  # exponent above which arcsinh(x) equals ln(2x) in double precision
+
+# Dormand and Prince 1980, doi:10.1016/0771-050X(80)90013-3: order 5, with an error estimate of order 4
+STAGES = np.zeros((6, 6))
+STAGES[0, :1] = 1 / 5
+STAGES[1, :2] = 3 / 40, 9 / 40
+STAGES[2, :3] = 44 / 45, -56 / 15, 32 / 9
+STAGES[3, :4] = 19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729
+STAGES[4, :5] = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
+STAGES[5, :6] = 35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
+ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+
+@njit(cache=True, error_model="numpy")
+def friction(form, w, s, a, b, mu0):
+    """Friction coefficient and its derivative with respect to w = ln(V/V0).
+
+    Regularized: f = a arcsinh[e^{(μ0 + a w + b s)/a}/2]; logarithmic: f = μ0 + a w + b s.
+    """
+    x = w + (mu0 + b * s) / a
+    if form == LOGARITHMIC or x > LARGE:
+        return a * x, a
+    y = 0.5 * np.exp(x)
+    return a * np.arcsinh(y), a * y / np.sqrt(1.0 + y * y)
+
+
+@njit(cache=True, error_model="numpy")
+def state_rate(law, w, s, speed):
+    """Time derivative of s = ln(V0 θ/D_c), with speed = V0/D_c."""
+    if law == AGING:
+        return speed * (np.exp(-s) - np.exp(w))
+    return -speed * np.exp(w) * (w + s)
+
+
+@njit(cache=True, error_model="numpy")
+def log_velocity(form, w, s, stress, a, b, mu0, normal, damping):
+    """Solve σ f(w, s) + η V0 e^w = stress for w, starting from a guess; NaN if Newton's method fails.
+
+    Parameters
+    ----------
+    damping : η V0 [stress]
+    """
+    for _ in range(MOST_ITERATIONS):
+        f, df = friction(form, w, s, a, b, mu0)
+        push = damping * np.exp(w)
+        step = (normal * f + push - stress) / (normal * df + push)
+        if step > 5.0:
+            step = 5.0
+        elif step < -5.0:
+            step = -5.0
+        w -= step
+        if abs(step) < 1e-12:
+            return w
+    return np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def rates(codes, constants, cells, transferred, y, w, out, power):
+    """Rates of u and s, and powers per unit length of the fault; return False if a velocity cannot be found.
+
+    Parameters
+    ----------
+    codes : form, evolution law
+    constants : mu0, v0, damping η, plate rate, cell length
+    cells : (5, N) a, b, dc, normal stress σ, initial stress τ₀
+    transferred : (N,) stress due to u
+    y : (2, N) u and s
+    w : (N,) ln(V/V0), a guess that is replaced by the solution
+    out : (2, N) rates of u and s, overwritten
+    power : (3,) of loading τ V_p, friction σ f V and radiation η V², overwritten
+    """
+    form, law = codes
+    mu0, v0, eta, plate, cell = constants
+    loading = rubbed = radiated = 0.0
+    for i in range(len(w)):
+        a, b, dc, normal = cells[0, i], cells[1, i], cells[2, i], cells[3, i]
+        stress, s = cells[4, i] + transferred[i], y[1, i]
+        x = log_velocity(form, w[i], s, stress, a, b, mu0, normal, eta * v0)
+        if not np.isfinite(x):
+            return False
+        w[i] = x
+        v = v0 * np.exp(x)
+        out[0, i] = v - plate
+        out[1, i] = state_rate(law, x, s, v0 / dc)
+        loading += stress
+        radiated += v * v
+        rubbed += (stress - eta * v) * v
+    power[0], power[1], power[2] = plate * cell * loading, cell * rubbed, eta * cell * radiated
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def advance(y, stages, number, weights, step, out):
+    """Add step × Σ weights × stages, over the first `number` stages, to y."""
+    for k in range(2):
+        for i in range(y.shape[1]):
+            total = 0.0
+            for j in range(number):
+                total += weights[j] * stages[j, k, i]
+            out[k, i] = y[k, i] + step * total
+
+
+@njit(cache=True, error_model="numpy")
+def error_norm(stages, step, dc):
+    """Largest estimated error of u/D_c and of s in a step."""
+    worst = 0.0
+    for i in range(len(dc)):
+        for k in range(2):
+            total = 0.0
+            for j in range(7):
+                total += ERROR[j] * stages[j, k, i]
+            size = abs(step * total) / (dc[i] if k == 0 else 1.0)
+            if not size <= worst:  # also catches NaN
+                worst = size
+    return worst

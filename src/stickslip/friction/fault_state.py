@@ -1,0 +1,136 @@
+"""State of a fault between two steps: all that is needed to continue a simulation bit for bit."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.arguments import checked, require_positive
+from ..core.readable import readable
+from . import fault_kernel as kernel
+from .fault import Fault, check_fault
+
+
+@readable(head=lambda state: f"{len(state.excess_slip)} cells at {state.time:.6g} s")
+class FaultState(NamedTuple):
+    """A fault at one time. `simulate_fault` continues from it exactly as if it had not stopped."""
+
+    time: float  # [s]
+    excess_slip: np.ndarray  # (N,) slip minus plate motion since the start, δ − V_p t [m]
+    log_state: np.ndarray  # (N,) ln(V0 θ/D_c)
+    log_velocity: np.ndarray  # (N,) ln(V/V0)
+    prestress: np.ndarray  # (N,) shear stress at the start [Pa]
+    rates: np.ndarray  # (2, N) time derivatives of excess_slip and log_state
+    power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
+    energy: np.ndarray  # (3,) their integrals since the start [J/m]
+    step: float  # proposed for the next step [s]
+    error: float  # of the last step, over the tolerance
+    sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
+
+    def slip(self, fault: Fault) -> np.ndarray:
+        """Slip since the start (N,) [m]."""
+        return self.excess_slip + fault.plate_rate * self.time
+
+    def velocity(self, fault: Fault) -> np.ndarray:
+        """Slip velocity (N,) [m/s]."""
+        return fault.v0 * np.exp(self.log_velocity)
+
+    def theta(self, fault: Fault) -> np.ndarray:
+        """State variable θ (N,) [s]."""
+        return fault.dc / fault.v0 * np.exp(self.log_state)
+
+    def stress(self, fault: Fault) -> np.ndarray:
+        """Shear stress that friction balances, τ₀ + τ(δ − V_p t) − η V (N,) [Pa]."""
+        return self.prestress + fault.transfer(self.excess_slip) - fault.damping * self.velocity(fault)
+
+    def elastic_energy(self, fault: Fault) -> float:
+        """Elastic energy per length along strike, relative to the start [J/m]."""
+        u = self.excess_slip
+        return float(-fault.cell * (u @ self.prestress + 0.5 * u @ fault.transfer(u)))
+
+
+def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
+    """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
+    w = np.log(velocity / fault.v0)
+    form = kernel.FORMS[fault.form]
+    f = [kernel.friction(form, w, -w, a, b, fault.mu0)[0] for a, b in zip(fault.a, fault.b, strict=True)]
+    return fault.normal * np.array(f) + fault.damping * velocity
+
+
+@checked
+def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -> FaultState:
+    """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
+
+    Parameters
+    ----------
+    velocity : default: the plate rate [m/s]
+    stress : a number or (N,); default: the steady stress at that velocity in the deepest cell, as in the SEAS benchmark
+        problems [Pa]
+
+    Raises
+    ------
+    ValueError
+        if the velocity or the stress is not positive.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> fault = friction.line_fault(40e3, 100.0, a=[(15e3, 0.01), (18e3, 0.025)], b=0.015, dc=8e-3, normal=50e6)
+    >>> print(round(initial_state(fault).prestress[0] / 1e6, 6))
+    26.546122
+    """
+    check_fault(fault)
+    velocity = fault.plate_rate if velocity is None else velocity
+    require_positive(velocity=velocity)
+    tau = np.broadcast_to(steady_stress(fault, velocity)[-1] if stress is None else stress, fault.depth.shape)
+    tau = np.array(tau, float)
+    strength = tau - fault.damping * velocity
+    if not (np.isfinite(strength).all() and (strength > 0).all()):
+        raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
+    w, x = np.log(velocity / fault.v0), strength / (fault.normal * fault.a)
+    if fault.form == "regularized":
+        x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
+    s = np.where(fault.b > 0, (fault.a * (x - w) - fault.mu0) / np.where(fault.b > 0, fault.b, 1.0), -w)
+    n = len(fault.depth)
+    state = FaultState(
+        0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((2, n)), np.zeros(3), np.zeros(3),
+        1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
+    )  # fmt: skip
+    return with_rates(fault, state)
+
+
+@checked
+def perturbed_state(fault: Fault, state: FaultState, log_velocity) -> FaultState:
+    """Change slip velocities at constant stress, by a change of θ; for studies of nucleation.
+
+    Parameters
+    ----------
+    log_velocity : change of ln V, a number or (N,)
+    """
+    change = np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
+    w = state.log_velocity + change
+    damped = fault.damping * fault.v0 * (np.exp(w) - np.exp(state.log_velocity))
+    s = state.log_state - (fault.a * change + damped / fault.normal) / fault.b
+    return with_rates(fault, state._replace(log_state=s, log_velocity=w))
+
+
+def with_rates(fault: Fault, state: FaultState) -> FaultState:
+    """Return the state with velocities and rates that follow from slip, θ and stress."""
+    machine, w = Machine(fault, state.prestress), state.log_velocity.copy()
+    out, power = np.zeros((2, len(w))), np.zeros(3)
+    if not machine.rates(np.array([state.excess_slip, state.log_state]), w, out, power):
+        raise ValueError("no slip velocity balances the stress: check the initial stress and the parameters")
+    return state._replace(log_velocity=w, rates=out, power=power)
+
+
+class Machine:
+    """Arguments of the compiled kernels, prepared once."""
+
+    def __init__(self, fault: Fault, prestress: np.ndarray):
+        self.transfer = fault.transfer
+        self.codes = kernel.FORMS[fault.form], kernel.EVOLUTIONS[fault.law]
+        self.constants = (fault.mu0, fault.v0, fault.damping, fault.plate_rate, fault.cell)
+        self.cells = np.array([fault.a, fault.b, fault.dc, fault.normal, prestress], float)
+
+    def rates(self, y, w, out, power) -> bool:
+        """Rates of the unknowns; see `fault_kernel.rates`."""
+        return kernel.rates(self.codes, self.constants, self.cells, self.transfer(y[0]), y, w, out, power)

@@ -1,0 +1,112 @@
+"""Lengths that decide whether slip on a fault is stable, and how long an earthquake takes to nucleate."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.arguments import checked, require_positive
+from ..core.readable import readable
+from .fault import Fault, check_fault
+
+LOCALIZED = 0.3781  # a/b below which nucleation zones have a fixed length
+FIXED = 1.3774  # half-length of such zones, over L_b
+
+
+@checked
+def cohesive_length(modulus: float, b: float, dc: float, normal: float) -> float:
+    """Length L_b = G D_c/(b σ) over which stress drops behind the tip of a rupture.
+
+    Rubin and Ampuero 2005, doi:10.1029/2005JB003686, equation 7. For in-plane shear, G is divided by 1 − ν.
+
+    Examples
+    --------
+    >>> print(round(cohesive_length(32.04e9, 0.015, 8e-3, 50e6), 1))
+    341.8
+    """
+    require_positive(modulus=modulus, b=b, dc=dc, normal=normal)
+    return modulus * dc / (b * normal)
+
+
+@checked
+def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
+    """Wavelength 2π/k above which steady slip of an infinite fault is unstable; infinite if a ≥ b.
+
+    The stiffness G k/2 of a sinusoid then equals the critical stiffness (b − a) σ/D_c of `critical_stiffness`, hence
+    π G D_c/[(b − a) σ], for both laws (J. R. Rice and A. L. Ruina 1983, doi:10.1115/1.3167042).
+
+    Examples
+    --------
+    >>> print(round(critical_wavelength(32.04e9, 0.010, 0.015, 8e-3, 50e6), 1))
+    3221.0
+    """
+    require_positive(modulus=modulus, a=a, dc=dc, normal=normal)
+    return np.pi * modulus * dc / ((b - a) * normal) if b > a else np.inf
+
+
+@checked
+def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
+    """Half-length of the nucleation zone of the aging law; infinite if a ≥ b.
+
+    1.3774 L_b for a/b < 0.3781, where zones keep this length while they accelerate, otherwise the length L_b/[π (1 −
+    a/b)²] towards which they grow (Rubin and Ampuero 2005, doi:10.1029/2005JB003686, equations 13 and 31), but no less
+    than the former. With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
+    doi:10.1029/2007JB005082).
+
+    Examples
+    --------
+    >>> print(round(nucleation_half_length(32.04e9, 0.010, 0.015, 8e-3, 50e6), 1))
+    979.0
+    """
+    length, ratio = cohesive_length(modulus, b, dc, normal), a / b
+    if ratio >= 1:
+        return np.inf
+    return FIXED * length if ratio < LOCALIZED else max(FIXED * length, length / (np.pi * (1 - ratio) ** 2))
+
+
+@readable
+class Nucleation(NamedTuple):
+    """Whether earthquakes can nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
+
+    possible: bool
+    weakening: float  # length of the longest velocity-weakening part [m]
+    cohesive_length: float
+    half_length: float  # of a nucleation zone
+    sentence: str
+
+
+@checked
+def nucleation(fault: Fault) -> Nucleation:
+    """Compare the velocity-weakening part of a fault with the length that an earthquake needs to nucleate.
+
+    The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
+    surface as half of one.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> strong = friction.line_fault(10e3, 100.0, a=0.02, b=0.015, dc=8e-3, normal=50e6)
+    >>> print(nucleation(strong).sentence)
+    no earthquake can nucleate: the fault is velocity-strengthening (a ≥ b) everywhere
+    """
+    check_fault(fault)
+    weak = fault.a < fault.b
+    if not weak.any():
+        words = "no earthquake can nucleate: the fault is velocity-strengthening (a ≥ b) everywhere"
+        return Nucleation(False, 0.0, np.inf, np.inf, words)
+    rows = zip(fault.a[weak], fault.b[weak], fault.dc[weak], fault.normal[weak], strict=True)
+    lengths = [
+        (nucleation_half_length(fault.modulus, *row), cohesive_length(fault.modulus, *row[1:]))
+        for row in {tuple(map(float, row)) for row in rows}
+    ]
+    half, cohesive = min(lengths)[0], min(one for _, one in lengths)
+    edges = np.flatnonzero(np.diff(np.r_[0, weak.astype(int), 0]))
+    spans = (edges[1::2] - edges[::2]) * fault.cell
+    if fault.boundary == "surface" and weak[0]:
+        spans[0] *= 2  # with its image
+    longest = float(spans.max())
+    ratio = (
+        f"its longest velocity-weakening part is {longest / (2 * half):.3g} times a nucleation zone of {2 * half:.4g} m"
+    )
+    possible = longest > 2 * half
+    words = f"earthquakes can nucleate: {ratio}" if possible else f"no earthquake is expected: {ratio}"
+    return Nucleation(possible, longest, cohesive, half, words)

@@ -1,0 +1,314 @@
+"""Faults: stress transfer, rates, energy balance, time stepper, restart and refusals."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.linalg import expm
+
+from stickslip import friction
+from stickslip.friction import fault_kernel as kernel
+from stickslip.friction.fault_cycles import join_histories
+from stickslip.friction.fault_record import YEAR, points
+from stickslip.friction.fault_state import Machine, initial_state, perturbed_state, steady_stress, with_rates
+from stickslip.friction.kernel import rate_derivatives
+from stickslip.friction.ratestate import RateState, Spring, kernel_parameters
+from stickslip.friction.stability import critical_stiffness, steady_sliding
+from stickslip.friction.stress_transfer import stress_matrix, stress_transfer
+
+G = 32.04e9
+SHORT = {"a": [(2000, 0.010), (3000, 0.025)], "b": 0.015, "dc": 1.5e-3, "normal": 10e6}
+
+
+def small(cell=100.0, **more):
+    """Fault of 5 km with events every few years."""
+    return friction.line_fault(5e3, cell, **(SHORT | more))
+
+
+# ---- stress transfer
+
+
+@pytest.mark.parametrize("boundary", ["surface", "infinite"])
+@pytest.mark.parametrize("number", [3, 64, 101])
+def test_transforms_agree_with_the_dense_matrix(boundary, number):
+    slip = np.random.default_rng(number).normal(size=number)
+    dense = stress_matrix(number, 25.0, G, boundary)
+    assert np.abs(stress_transfer(number, 25.0, G, boundary)(slip) - dense @ slip).max() < 1e-13 * np.abs(dense).max()
+    assert np.array_equal(dense, dense.T)
+
+
+def test_the_matrix_is_that_of_screw_dislocations():
+    """Each cell is a pair of screw dislocations of opposite sign, each with its image: σ = (G/2π) Δ/(z − z')."""
+    depth = (np.arange(5) + 0.5) * 3.0
+    for j, centre in enumerate(depth):
+        for i, z in enumerate(depth):
+            ends = ((centre + 1.5, 1), (centre - 1.5, -1), (-centre + 1.5, 1), (-centre - 1.5, -1))
+            expected = sum(sign * G / (2 * np.pi) / (z - end) for end, sign in ends)
+            assert stress_matrix(5, 3.0, G, "surface")[i, j] == pytest.approx(expected, rel=1e-12)
+
+
+def test_an_elliptic_crack_converges_to_its_uniform_stress_drop():
+    """δ(x) = (2 Δτ/G) √(L² − x²) lowers the stress by Δτ everywhere on an antiplane crack of half-length L."""
+    half, errors = 1000.0, []
+    for number in (100, 200, 400):
+        x = (np.arange(number) + 0.5) * (2 * half / number) - half
+        stress = stress_transfer(number, 2 * half / number, G, "infinite")(2e6 / G * np.sqrt(half**2 - x**2))
+        errors.append(np.abs(stress[np.abs(x) < 0.5 * half] + 1e6).max() / 1e6)
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] < 5e-3
+    assert ((slopes > 0.9) & (slopes < 1.6)).all()  # limited by the square root at the tips
+
+
+def test_a_crack_at_the_surface_is_half_of_one_in_an_infinite_body():
+    n, h = 60, 10.0
+    x = (np.arange(n) + 0.5) * h
+    slip = np.sqrt((n * h) ** 2 - x**2)
+    whole = stress_transfer(2 * n, h, G, "infinite")(np.r_[slip[::-1], slip])
+    assert np.allclose(stress_transfer(n, h, G, "surface")(slip), whole[n:], rtol=1e-11, atol=1e-3)
+
+
+def test_a_sinusoid_of_a_periodic_fault_has_the_stiffness_of_a_plate():
+    n, h, thickness = 64, 50.0, 900.0
+    x = np.arange(n) * h
+    transfer = stress_transfer(n, h, G, "periodic", thickness)
+    for waves in (0, 1, 5, 31):
+        k = 2 * np.pi * waves / (n * h)
+        stiffness = 0.5 * G * (k / np.tanh(k * thickness) if k else 1 / thickness)
+        assert np.allclose(transfer(np.cos(k * x)), -stiffness * np.cos(k * x), rtol=1e-11, atol=1e-9 * stiffness)
+
+
+def test_stress_of_a_smooth_bump_is_its_hilbert_transform():
+    """τ(x) = (G/2π) ∫ δ'(ξ)/(ξ − x) dξ, a principal value integrated by quadrature."""
+    n, h, x0 = 800, 5.0, 2000.0
+    x = (np.arange(n) + 0.5) * h
+
+    def bump(at):
+        return np.exp(-(((at - x0) / 200) ** 2))
+
+    def slope(at):
+        return -2 * (at - x0) / 200**2 * bump(at)
+
+    stress = stress_transfer(n, h, G, "infinite")(bump(x))
+    for i in (380, 399, 430, 500):
+        even = quad(lambda s, z=x[i]: (slope(z + s) - slope(z - s)) / s, 0, 3000, limit=400)[0]
+        assert stress[i] == pytest.approx(G / (2 * np.pi) * even, rel=2e-3, abs=1e-4 * np.abs(stress).max())
+
+
+# ---- rates
+
+
+@pytest.mark.parametrize("form", ["regularized", "logarithmic"])
+def test_velocities_balance_stress_and_friction(form):
+    fault = small(form=form, wave_speed=3000.0)
+    rng = np.random.default_rng(0)
+    n = len(fault.depth)
+    state = initial_state(fault)._replace(
+        excess_slip=rng.normal(0, 1e-3, n), log_state=initial_state(fault).log_state + rng.normal(0, 5, n)
+    )
+    state = with_rates(fault, state)
+    v, s = state.velocity(fault), state.log_state
+    x = (fault.mu0 + fault.a * np.log(v / fault.v0) + fault.b * s) / fault.a
+    f = fault.a * (np.arcsinh(np.exp(x) / 2) if form == "regularized" else x)
+    total = state.prestress + stress_matrix(n, fault.cell, fault.modulus, "surface") @ state.excess_slip
+    assert np.allclose(fault.normal * f + fault.damping * v, total, rtol=1e-9)
+    assert np.allclose(state.stress(fault), fault.normal * f, rtol=1e-9)
+    assert np.allclose(state.rates[0], v - fault.plate_rate, rtol=1e-12)
+    assert np.allclose(state.rates[1] * state.theta(fault), 1 - v * state.theta(fault) / fault.dc, rtol=1e-9)
+
+
+def test_the_slip_law():
+    fault = small(law="slip")
+    state = perturbed_state(fault, initial_state(fault), 0.7)
+    omega = state.velocity(fault) * state.theta(fault) / fault.dc
+    assert np.allclose(state.rates[1], -(state.velocity(fault) / fault.dc) * np.log(omega), rtol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["regularized", "logarithmic"])
+def test_the_derivative_of_friction(form):
+    for w, s in ((-20.0, 10.0), (3.0, -2.0), (-100.0, -1.0)):
+        both = [kernel.friction(kernel.FORMS[form], w + d, s, 0.02, 0.01, 0.6)[0] for d in (-1e-5, 1e-5)]
+        exact = kernel.friction(kernel.FORMS[form], w, s, 0.02, 0.01, 0.6)[1]
+        assert (both[1] - both[0]) / 2e-5 == pytest.approx(exact, rel=1e-5, abs=1e-12)
+
+
+def test_the_initial_state_of_the_benchmark():
+    """Prestress and θ at the surface as printed in files of other codes on the SEAS platform."""
+    fault = friction.line_fault(
+        40e3, 100.0, a=[(15e3, 0.010), (18e3, 0.025)], b=0.015, dc=8e-3, normal=50e6, shear_modulus=2670 * 3464.0**2
+    )
+    state = initial_state(fault)
+    assert state.prestress[0] / 1e6 == pytest.approx(26.546122, abs=1e-6)
+    assert np.log10(state.theta(fault)[0]) == pytest.approx(3.903090, abs=1e-6)
+    assert np.allclose(state.velocity(fault), 1e-9, rtol=1e-12)
+
+
+def test_steady_sliding_stays_steady():
+    fault = small(a=0.02)
+    state = initial_state(fault, stress=steady_stress(fault, 1e-9))
+    h = friction.simulate_fault(fault, 5.0, start=state, tolerance=1e-9)
+    assert np.abs(np.log(h.state.velocity(fault) / 1e-9)).max() < 1e-8
+    assert h.slip.shape == (len(h.time), 0)
+
+
+# ---- stability
+
+
+@pytest.mark.parametrize("law", ["aging", "slip"])
+def test_a_sinusoid_grows_as_the_slider_with_its_stiffness(law):
+    """Linear theory: a mode of a uniform fault is a slider on the spring G k/2, also with radiation damping."""
+    surface = RateState(0.010, 0.015, 1e-3, 0.6, 1e-6, law)
+    fault = friction.line_fault(
+        6400.0, 50.0, a=0.010, b=0.015, dc=1e-3, normal=10e6, law=law, form="logarithmic", boundary="periodic",
+        thickness=1e3, plate_rate=1e-6,
+    )  # fmt: skip
+    for waves, grows in ((2, True), (12, False)):
+        k = 2 * np.pi * waves / 6400.0
+        spring = Spring(0.5 * fault.modulus * k / np.tanh(k * 1e3) / 10e6, fault.damping / 10e6)
+        assert steady_sliding(surface, spring, 1e-6).stable == (not grows)
+        ww, ws, sw, ss = rate_derivatives(0.0, 0.0, kernel_parameters(surface, spring), 1e-6, 1.0)
+        mode = np.cos(k * fault.depth)
+        state = perturbed_state(fault, initial_state(fault, stress=steady_stress(fault, 1e-6)), 1e-6 * mode)
+        first = np.array([mode @ state.log_velocity, mode @ state.log_state])
+        for time in (500.0, 2000.0, 4000.0):
+            state = friction.simulate_fault(fault, time / YEAR, start=state, tolerance=1e-13).state
+            expected = expm(np.array([[ww, ws], [sw, ss]]) * state.time) @ first
+            found = np.array([mode @ state.log_velocity, mode @ state.log_state])
+            assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_critical_wavelength_is_that_of_the_critical_stiffness():
+    surface, normal = RateState(0.010, 0.015, 1e-3), 10e6
+    wave = friction.critical_wavelength(G, 0.010, 0.015, 1e-3, normal)
+    stiffness = stress_transfer(64, wave / 64, G, "periodic", 1e9)(np.ones(64) * np.cos(2 * np.pi * np.arange(64) / 64))
+    assert -stiffness[0] / normal == pytest.approx(critical_stiffness(surface), rel=1e-9)
+    assert friction.critical_wavelength(G, 0.015, 0.015, 1e-3, normal) == np.inf
+
+
+# ---- time stepping
+
+
+def march(fault, state, steps, duration):
+    """Fixed steps of the formula of order 5."""
+    machine, h = Machine(fault, state.prestress), duration / steps
+    y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
+    stages, powers, out = np.zeros((7, *y.shape)), np.zeros((7, 3)), np.zeros_like(y)
+    machine.rates(y, w, stages[0], powers[0])
+    errors = []
+    for _ in range(steps):
+        for i in range(6):
+            kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, out)
+            machine.rates(out, w, stages[i + 1], powers[i + 1])
+        errors.append(kernel.error_norm(stages, h, fault.dc))
+        y, out = out.copy(), y
+        stages[0] = stages[6]
+    return y, max(errors)
+
+
+def test_order_of_the_time_stepper():
+    fault = friction.line_fault(2e3, 100.0, a=0.010, b=0.015, dc=2e-3, normal=10e6, plate_rate=1e-6)
+    state = perturbed_state(fault, initial_state(fault), np.cos(fault.depth / 300))
+    exact, _ = march(fault, state, 512, 300.0)
+    found = [march(fault, state, steps, 300.0) for steps in (16, 32, 64)]
+    errors = [np.abs(y - exact).max(axis=1) for y, _ in found]
+    for k in range(2):
+        slopes = np.log2([errors[0][k] / errors[1][k], errors[1][k] / errors[2][k]])
+        assert (slopes > 4.6).all()
+        assert (slopes < 5.6).all()
+    estimates = np.array([estimate for _, estimate in found])
+    assert np.log2(estimates[1] / estimates[2]) == pytest.approx(5.0, abs=0.4)  # local error of order 4: h⁵
+
+
+@pytest.fixture(scope="module")
+def cycles():
+    return friction.simulate_fault(small(), 60.0, recording=friction.Recording(stations=(0.0, 1500.0)))
+
+
+def test_events_and_energy_balance(cycles):
+    e = cycles.events
+    assert len(e.start) >= 3
+    assert (e.end > e.start).all()
+    assert (e.max_velocity > 1e-3).all()
+    assert (np.diff(cycles.time) > 0).all()
+    assert abs(cycles.energy.residual) < 1e-5
+    assert cycles.energy.radiated > 0
+    assert sum(e.radiated) == pytest.approx(cycles.energy.radiated, rel=1e-3)
+    assert (np.diff(cycles.profile_time) >= 0).all()
+
+
+def test_a_tighter_tolerance_moves_events_little(cycles):
+    tight = friction.simulate_fault(small(), 60.0, tolerance=1e-6)
+    assert np.allclose(tight.events.start, cycles.events.start, rtol=1e-4)
+    assert abs(tight.energy.residual) < 0.1 * abs(cycles.energy.residual) + 1e-9
+
+
+def test_slip_of_samples_profiles_and_events_agree(cycles):
+    fault, event = cycles.fault, cycles.events
+    final = points(fault, [0.0, 1500.0])(cycles.state.slip(fault))
+    assert np.allclose(cycles.slip[-1], final, rtol=1e-3)
+    before, after = (np.interp(t, cycles.time, cycles.slip[:, 0]) for t in (event.start[0], event.end[0]))
+    assert after - before == pytest.approx(event.surface_slip[0], rel=0.02)
+    assert np.allclose(
+        np.interp(cycles.profile_time, cycles.time, cycles.slip[:, 1]),
+        cycles.profile_slip[:, np.argmin(np.abs(cycles.profile_depth - 1500))], atol=2e-3,
+    )  # fmt: skip
+
+
+def test_a_continued_run_is_the_same_run(cycles):
+    parts, state = [], None
+    for years in (7.0, 22.5, 60.0):
+        parts.append(
+            friction.simulate_fault(small(), years, start=state, recording=friction.Recording(stations=(0.0, 1500.0)))
+        )
+        state = parts[-1].state
+    whole = join_histories(parts)
+    for name in ("time", "max_velocity", "slip", "stress", "theta", "profile_time", "profile_slip"):
+        assert np.array_equal(getattr(whole, name), getattr(cycles, name)), name
+    for one, other in zip(whole.events, cycles.events, strict=True):
+        assert np.array_equal(one, other)
+    for one, other in zip(whole.state, cycles.state, strict=True):
+        assert np.array_equal(one, other)
+    assert whole.energy.loading == pytest.approx(cycles.energy.loading, rel=1e-12)
+
+
+# ---- refusals
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"a": -0.01}, "a = -0.01 was given"),
+        ({"dc": float("nan")}, "dc contains nan"),
+        ({"normal": 0.0}, "normal = 0 was given"),
+        ({"b": [(3000, 0.01), (1000, 0.02)]}, "not in order at 1000"),
+        ({"b": [(-5, 0.01)]}, "depth of -5"),
+        ({"a": [1, 2, 3]}, "pairs of depth and value"),
+        ({"law": "ageing"}, "'aging' or 'slip'"),
+        ({"boundary": "periodic"}, "thickness = inf"),
+        ({"shear": "in-plane"}, "use 'infinite'"),
+        ({"dc": 1e-3}, "a third of it, 71.2 m"),
+        ({"plate_rate": 0.0}, "plate_rate = 0.0 was given"),
+        ({"poisson": 0.5}, "poisson = 0.5 was given"),
+    ],
+)
+def test_bad_faults_are_refused_with_one_sentence(change, words):
+    with pytest.raises(ValueError, match=words.replace("(", r"\(")):
+        small(**change)
+
+
+def test_bad_lengths_and_recordings():
+    with pytest.raises(ValueError, match="three whole cells"):
+        friction.line_fault(1e3, 300.0, **SHORT)
+    with pytest.raises(ValueError, match="station at 6000 m"):
+        friction.simulate_fault(small(), 1.0, recording=friction.Recording(stations=(6e3,)))
+    with pytest.raises(ValueError, match="larger threshold"):
+        friction.simulate_fault(small(), 1.0, recording=friction.Recording(threshold=1e-9))
+    with pytest.raises(ValueError, match="start has 50 cells"):
+        friction.simulate_fault(small(50.0), 1.0, start=initial_state(small()))
+    with pytest.raises(ValueError, match="stress = -1 Pa"):
+        initial_state(small(), stress=-1.0)
+
+
+def test_a_fault_that_cannot_nucleate_says_so():
+    assert "velocity-strengthening" in friction.nucleation(small(a=0.02)).sentence
+    assert not friction.nucleation(small(dc=1e-2)).possible
+    assert "no earthquake is expected" in friction.nucleation(small(dc=1e-2)).sentence
+    assert friction.nucleation(small()).possible
