@@ -14,15 +14,15 @@ from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
 from ...ensemble import Member, Workers
-from ...loading.packing import PackingInfo, jammed
+from ...loading.packing import PackingInfo
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
 from ...loading.release import Released, release
 from ...loading.shear import aqs
 from ...solve.spectrum import spectrum
+from ..jammed_packing import make_packing
 from ..realizations import Realizations, Report, Task, run_realizations, silent
 from .scenario import ShearScenario
 
-DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
 HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
 
 
@@ -93,26 +93,6 @@ def strain_path(scenario: ShearScenario) -> np.ndarray:
     return np.concatenate(out)
 
 
-def make_packing(scenario: ShearScenario, seed: int):
-    """Make the frictionless packing of a scenario; return State and PackingInfo."""
-    chosen = scenario.packing
-    fraction = chosen.packing_fraction
-    if fraction is None and chosen.pressure is None:
-        fraction = DEFAULT_FRACTION[chosen.dim]
-    return jammed(
-        chosen.grains,
-        packing_fraction=fraction,
-        pressure=chosen.pressure,
-        dim=chosen.dim,
-        radius=chosen.radius,
-        mass=chosen.mass,
-        i0=chosen.i0,
-        law=make_law(scenario.law),
-        seed=seed,
-        tolerance=scenario.shear.tolerance,
-    )
-
-
 class Step(NamedTuple):
     """One point of a path."""
 
@@ -138,7 +118,9 @@ def shear_packing(
     """
     law, kept = make_law(scenario.law), kept and kept.seen()
     report(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
-    state, packed = load_or_compute(kept, "packing", lambda: make_packing(scenario, seed))
+    state, packed = load_or_compute(
+        kept, "packing", lambda: make_packing(scenario.packing, law, seed, scenario.shear.tolerance)
+    )
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
     path, loads, stopped = [], strain_path(scenario), ""
     for k, strain in enumerate(loads):
