@@ -35,7 +35,8 @@ MEANT = {
     },
     "gouge": {
         LENGTH: "thickness",
-        NUMBER: "inertial_number stiffness_over_b steady_friction steady_friction_half peak",
+        NUMBER: "inertial_number stiffness_over_b steady_friction steady_friction_half peak slips "
+        "largest_friction_drop",
     },
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
@@ -138,13 +139,16 @@ def crushed():
     place = np.arange(1, 401) / 200
 
     def sample(seed, level):
-        calm = Made(load_point=place * scenario.grains.mean, friction=np.full(400, level))
+        calm = Made(load_point=place * scenario.grains.mean, friction=np.full(400, level), time=place / 100,
+                    velocity=np.full(400, 0.3), slip=place * scenario.grains.mean)  # fmt: skip
+        calm.velocity[100:103] = 4.0
         peak = Made(load_point=calm.load_point, friction=level + 0.05 * (np.abs(place - 1) < 0.1))
         rows = ("slide", 0.3, 0.3, 0.0, calm), ("reslide", 0.3, 0.3, 1e-3, peak)
         tests = tuple(gouge_run.Test(*row) for row in rows)
         return gouge_run.Realization(seed, Made(thickness=21.0, inertial_number=2e-4), tests, {}, {})
 
     return Made(scenario=scenario, realizations=[sample(0, 0.4), sample(1, 0.5)]), {
+        "slips": 2, "largest_friction_drop": 0.0,
         "thickness": 0.063, "inertial_number": 2e-4, "steady_friction@0.3": 0.45, "peak@0.3,0.001s,0.3": 0.05,
         "stiffness_over_b": 200.0 * scenario.scales.dc / scenario.scales.b,
     }  # fmt: skip

@@ -19,7 +19,8 @@ CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 SERIES, CURVES = "series.csv", "curves.csv"
-RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, PAGE, FILM)
+EVENTS, STEPS, SLIPS = "events.csv", "steps.csv", "slips.csv"
+RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, EVENTS, STEPS, SLIPS, PAGE, FILM)
 _RUN_FILE = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, RUN_FILES)))
 SHOWN = 8  # file names listed in a message
 

@@ -41,6 +41,7 @@ Fault gouge (paper 003), rate and state
     velocity_steps         change in friction after velocity steps
     holds, reslides        friction during holds and in slides after them
     healing                peak friction against hold time
+    stick_slip             friction and velocity of a plate that is driven through a soft spring
     sample                 the sample in steady sliding
     slid                   spring-slider: friction, velocity and state
     fitted                 a record with fits and their residuals

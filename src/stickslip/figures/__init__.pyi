@@ -14,6 +14,7 @@ from .gouge import holds as holds
 from .gouge import reslides as reslides
 from .gouge import sample as sample
 from .gouge import steady_sliding as steady_sliding
+from .gouge import stick_slip as stick_slip
 from .gouge import velocity_steps as velocity_steps
 from .grains import packing as packing
 from .instability import growth_by_amplitude as growth_by_amplitude

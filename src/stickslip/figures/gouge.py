@@ -175,3 +175,39 @@ def _plot_band(axes, curve, color, *, errors: bool = False):
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)
+
+
+@styled
+def stick_slip(realization, slips, diameter: float):
+    """Friction and velocity of the upper plate in slides through a soft spring, with the slips marked.
+
+    Parameters
+    ----------
+    realization : of a `GougeResult`
+    slips : of `find_slips`; those of this realization are marked
+    diameter : D, the unit of displacements [m]
+    """
+    figure, (above, below) = column_axes(2, 3.6, sharex=True)
+    for test in realization.of("slide"):
+        x = test.series.load_point / diameter
+        above.plot(x, test.series.friction, color=BLUE, lw=0.6)
+        below.semilogy(x, np.abs(test.series.velocity), color=BLUE, lw=0.4, rasterized=True)
+        below.plot(x[[0, -1]], [test.velocity] * 2, "--", color=BLACK, lw=0.8)
+    mine = slips.realization == realization.seed
+    x = slips.load_point[mine] / diameter
+    start = np.interp(x, *_joined_slides(realization, diameter))
+    above.vlines(x, start - slips.drop[mine], start, color=RED, lw=0.8, label="drop in a slip")
+    below.plot(x, slips.velocity[mine], ".", color=RED, ms=4, label="largest velocity of a slip")
+    below.plot([], [], "--", color=BLACK, lw=0.8, label="load point")
+    above.set_ylabel(r"friction $\tau/\sigma$")
+    below.set(xlabel="displacement of the load point / $D$", ylabel="velocity of the plate [m/s]")
+    below.set_ylim(bottom=0.1 * min(test.velocity for test in realization.of("slide") if test.velocity > 0))
+    above.legend(loc="best")
+    below.legend(loc="best")
+    return figure
+
+
+def _joined_slides(realization, diameter: float):
+    """Displacement of the load point and friction of all slides, one after another."""
+    series = [test.series for test in realization.of("slide")]
+    return np.concatenate([s.load_point for s in series]) / diameter, np.concatenate([s.friction for s in series])

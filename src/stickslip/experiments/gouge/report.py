@@ -7,15 +7,17 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ...core.readable import pluralize
 from ...figures import gouge as figures_of
 from ...friction.laboratory import LabRecord, write_csv
-from ..run_folder import CURVES, SERIES
+from ..run_folder import CURVES, SERIES, SLIPS
 from ..terminal import STYLE, console, show_table
 from . import measures as measured
 from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from .sample import damping
 from .simulate import GougeResult
+from .slips import Slips, find_slips
 from .statistics import slope
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
@@ -52,11 +54,20 @@ def figures(result: GougeResult):
         yield "fig4_rest.png", _rest_figure({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
         yield from _reslide_figures(result, result)
     yield "fig7_sample.png", figures_of.sample(result.realizations[0], result.scenario)
+    found = _slips(result)
+    if len(found.time):
+        yield "fig8_slips.png", figures_of.stick_slip(result.realizations[0], found, result.scenario.grains.mean)
+
+
+def _slips(result: GougeResult) -> Slips:
+    return find_slips(result.realizations, result.scenario.slip_threshold, result.scenario.grains.mean)
 
 
 def files(result: GougeResult):
-    """Yield (file name, function that writes it) for the series and for laboratory records of velocity steps."""
+    """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
     yield SERIES, partial(_write_series, result)
+    if len((found := _slips(result)).time):
+        yield SLIPS, partial(_write_slips, found)
     yield from _step_files(result)
 
 
@@ -148,6 +159,7 @@ def numbers(result: GougeResult) -> dict:
         },
         "realizations": {f"{one.seed:04d}": one for one in result.realizations},
         "failures": "\n".join(result.failures),
+        "slips": _slips(result)._asdict(),
         "steady_friction": {f"{v:g}": measured.mean_friction(result, v)._asdict() for v in measured.velocities(result)},
     }
 
@@ -169,6 +181,14 @@ def _write_series(result: GougeResult, path: Path) -> None:
             )
             table = np.stack([getattr(test.series, name) for name in names], axis=1)
             lines += [head + ",".join(f"{x:.7g}" for x in row) for row in table]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _write_slips(found: Slips, path: Path) -> None:
+    """Write one row for each slip."""
+    units = {"realization": "-", "drop": "-", "load_velocity": "m/s", "velocity": "m/s", "time": "s", "duration": "s"}
+    lines = [",".join(f"{name} [{units.get(name, 'm')}]" for name in found._fields)]
+    lines += [",".join(f"{x:.7g}" for x in row) for row in zip(*found, strict=True)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -232,6 +252,7 @@ def show(result: GougeResult) -> None:
     show_table(table)
     if measured.reslides(result):
         _show_holds(result)
+    _show_slips(result)
     k = normalised_stiffness(scenario)
     console.print(
         f"Stiffness: k = {k['per_area']:.3g} Pa/m, k/σ = {k['per_stress']:.4g} 1/m, k D/σ = {k['grain']:.3g}, "
@@ -261,6 +282,16 @@ def _show_holds(result: GougeResult) -> None:
     show_table(table)
 
 
+def _show_slips(result: GougeResult) -> None:
+    found = _slips(result)
+    if len(found.time):
+        console.print(
+            f"Stick–slip: {pluralize(len(found.time), 'slip')} faster than {result.scenario.slip_threshold:g} times "
+            f"the load point. Friction drops by {np.median(found.drop):.3g} (median), at most {found.drop.max():.3g}; "
+            f"the plate reaches {(found.velocity / found.load_velocity).max():.3g} times the load point's velocity."
+        )
+
+
 def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
     """Return the measures of a run for sweeps as {name: (value, unit)}.
 
@@ -281,4 +312,8 @@ def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
     for before, hold, after in measured.reslides(result):
         found = measured.peak(measured.reslide_curve(result, before, hold, after))
         out[f"peak@{before:g},{hold:g}s,{after:g}"] = found.value, "1"
-    return out
+    slips = _slips(result)
+    return out | {
+        "slips": (float(len(slips.time)), "1"),
+        "largest_friction_drop": (float(slips.drop.max(initial=0.0)), "1"),
+    }

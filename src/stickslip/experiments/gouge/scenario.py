@@ -324,6 +324,13 @@ class GougeScenario(ScenarioBase):
         description="time step; paper 003: 2e-8, 1/100 of the duration of a collision between its smallest grains [s]",
     )
     sample_every: Number = Field(500, description="number of steps between samples")
+    slip_threshold: Annotated[float, Field(ge=1, le=1e6)] = Field(
+        10.0,
+        description=(
+            "velocity of the upper plate over that of the load point from which the motion in a slide counts as a slip "
+            "event of stick–slip"
+        ),
+    )
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
         0, description="steps after the protocol with an energy ledger; each takes as long as ten ordinary steps"
     )
