@@ -8,11 +8,15 @@ from string import Template
 MARK = "written by stickslip"  # identifies pages and movies of this package
 
 
-def page(title: str, about: str, sections: list[tuple[str, str]]) -> str:
-    """HTML page with sections (heading, HTML); `title` and `about` are plain text."""
+def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int | None = None) -> str:
+    """HTML page with sections (heading, HTML); `title` and `about` are plain text.
+
+    With `reload`, a browser loads the page again after this time [s].
+    """
     body = "\n".join(f"<section>\n<h2>{escape(name)}</h2>\n{text}\n</section>" for name, text in sections)
     template = Template(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
-    return template.substitute(mark=MARK, title=escape(title), about=escape(about), body=body)
+    again = "" if reload is None else f'\n<meta http-equiv="refresh" content="{reload}">'
+    return template.substitute(mark=MARK, title=escape(title), about=escape(about), body=body, again=again)
 
 
 def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None) -> str:

@@ -17,6 +17,7 @@ from .balance import BALANCED_BELOW, imbalance
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, jacobian
 from .linear import factorised, suitable_threads
 
+ALL_UP_TO = 120  # coordinates up to which all eigenvalues are computed where a few would do
 SOFTEST = 40  # eigenvalues nearest to zero that are computed if not all are
 NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this is not negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
@@ -139,6 +140,31 @@ def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     -------
     (k,) negative λ, sorted [1/time²]; int; (n, k) eigenvectors of the matrix
     """
+    values, vectors, scale = _near_zero(matrix, count, tolerance)
+    zero = np.abs(values) < ZERO_BELOW * scale
+    negative = np.flatnonzero(~zero & (values.real < 0) & (np.abs(values.imag) <= REAL_BELOW * scale))
+    negative = negative[np.argsort(values.real[negative])]
+    return values.real[negative], int(zero.sum()), vectors[:, negative]
+
+
+def softest_eigenvalue(matrix, count: int = SOFTEST, tolerance: float = 1e-10) -> complex:
+    """Eigenvalue with the smallest real part among those nearest to zero, without zero modes; NaN if there are none.
+
+    Parameters
+    ----------
+    matrix, count, tolerance : as for `soft_modes`; up to `ALL_UP_TO` coordinates, all eigenvalues are computed
+    """
+    if matrix.shape[0] <= ALL_UP_TO:
+        values = eigvals(matrix.toarray())
+        scale = np.abs(values).max(initial=0.0)
+    else:
+        values, _, scale = _near_zero(matrix, count, tolerance)
+    values = values[np.abs(values) >= ZERO_BELOW * scale]
+    return complex(values[np.argmin(values.real)]) if len(values) else complex("nan")
+
+
+def _near_zero(matrix, count: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Eigenvalues nearest to zero, their eigenvectors, and the largest entry of the matrix."""
     size, scale = matrix.shape[0], np.abs(matrix.data).max()
     shift = -1e-7 * scale
     solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(size)))
@@ -148,10 +174,7 @@ def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
         values, vectors = eigs(matrix, k=min(count, size - 2), sigma=shift, OPinv=inverse, v0=start, tol=tolerance)
     except ArpackNoConvergence as problem:
         values, vectors = problem.eigenvalues, problem.eigenvectors
-    zero = np.abs(values) < ZERO_BELOW * scale
-    negative = np.flatnonzero(~zero & (values.real < 0) & (np.abs(values.imag) <= REAL_BELOW * scale))
-    negative = negative[np.argsort(values.real[negative])]
-    return values.real[negative], int(zero.sum()), vectors[:, negative]
+    return values, vectors, scale
 
 
 def symmetric_part_is_positive(matrix, rigid: np.ndarray) -> bool:

@@ -74,7 +74,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
         raise PackingError(f"{path} is not a file: give a packing, {', '.join(READ)}")
     suffix = path.suffix.lower()
     given = {name: value for name, value in options.items() if value is not None}
-    given, own = _law_from_file(given)
+    given, own = law_from_file(given)
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if suffix in LAMMPS_DATA + DUMP:
         return [_with_i0(found, i0) for found in _read_lammps(path, frame, given, of_lammps, own)]
@@ -99,7 +99,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 
 
-def _law_from_file(given: dict) -> tuple[dict, Law | None]:
+def law_from_file(given: dict) -> tuple[dict, Law | None]:
     """Return the options that do not concern the law, and the law if the user named a Python file for it."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
@@ -121,20 +121,24 @@ def _read_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, ow
         contacts = Path(contacts)
         if not contacts.is_file():
             raise PackingError(f"{contacts} is not a file: give the contacts that LAMMPS's `dump local` wrote")
-        law, words = own or law_by_name(**complete_law_options(given)), []
-    else:
-        law = own or law_from_options(given)
-        words = [] if given or own else ["no contact law was given: the defaults are assumed"]
+    law = own or lammps_law(given, memory=contacts is not None)
+    words = [] if given or own else ["no contact law was given: the defaults are assumed"]
     found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
     return [(name, state, law, said + words) for name, state, law, said in found]
 
 
+def lammps_law(given: dict, *, memory: bool) -> Law:
+    """Law for LAMMPS files; all of its parameters are required if contacts provide their `memory`."""
+    return law_by_name(**complete_law_options(given)) if memory else law_from_options(given)
+
+
 def _with_i0(found, i0: float | None):
     name, state, law, words = found
-    return name, _with_inertia(state, i0), law, words
+    return name, with_inertia(state, i0), law, words
 
 
-def _with_inertia(state: State, i0: float | None) -> State:
+def with_inertia(state: State, i0: float | None) -> State:
+    """State with the moments of inertia I0 m R²; unchanged without I0."""
     if i0 is None:
         return state
     if not (i0 > 0 and i0 < float("inf")):
@@ -154,9 +158,9 @@ def _with_options(
         words = [*words, "the file has no contact law: the defaults are assumed"]
     law = own or (law_from_options(given) if given or its_law is None else its_law)
     if isinstance(found, dict):
-        return name, _with_inertia(from_arrays(law=law, **found), i0), law, words
+        return name, with_inertia(from_arrays(law=law, **found), i0), law, words
     same = its_law is not None and not given and (own is None or laws_equal(own, its_law))
-    state = with_neighbor_list(_with_inertia(found, i0))
+    state = with_neighbor_list(with_inertia(found, i0))
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 

@@ -14,6 +14,7 @@ Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:
 
 import re
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,15 +71,17 @@ def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None =
         tables, steps = read_dump(path, wanted)
         many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
         said = many if wanted is None and len(steps) > 1 else []
-        found = []
-        for table in tables:
-            ids, arrays, words = grains_from_dump(table, path)
-            found.append(Packing(table.step, ids, *_add_box(table, arrays, boundary, words + said)))
-        return found
+        return [packing_from_table(table, path, boundary, said) for table in tables]
     ids, arrays, box, words = read_data(path)
     if wanted not in (None, "all"):
         raise PackingError(f"{path} is a data file, which has one state: leave out the frame {wanted}")
     return [Packing(box.step, ids, *_add_box(box, arrays, boundary, words))]
+
+
+def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
+    """Packing from one time step of a dump of grains; `said` are notes on the file."""
+    ids, arrays, words = grains_from_dump(table, path)
+    return Packing(table.step, ids, *_add_box(table, arrays, boundary, [*words, *said]))
 
 
 def _add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
@@ -108,7 +111,12 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     tables, steps = read_dump(path, None if packing.step < 0 else str(packing.step))
     if packing.step < 0 and len(steps) > 1:
         warnings.warn(f"{path.name} has {len(steps)} time steps: the last is used", PackingWarning, stacklevel=3)
-    table = _rename_columns(tables[0], path, columns)
+    return pairs_from_table(tables[0], path, packing, columns)
+
+
+def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | None = None) -> Pairs:
+    """Contacts of a packing from one time step of a `dump local`."""
+    table = _rename_columns(table, path, columns)
     if packing.ids is None:
         raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
     ends = table.numbers("i", "j").astype(np.int64)
@@ -292,13 +300,17 @@ def read_lammps(
     if contacts is not None and boundary is None:
         boundary = _read_boundary(contacts)
     for packing in read_grains(path, wanted=wanted, boundary=boundary):
-        if contacts is None:
-            words = [*packing.words, NO_CONTACTS]
-            out.append((str(packing.step), from_arrays(law=law, **packing.arrays), law, words))
-        else:
-            state = reconstruct_memory(packing, read_pairs(contacts, packing, columns), law)
-            sliding = int((state.contacts.mode[: state.contacts.count[0]] == SLIDE).sum())
-            count = int((state.contacts.mode[: state.contacts.count[0]] != OPEN).sum())
-            words = [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]
-            out.append((str(packing.step), state, law, words))
+        pairs = None if contacts is None else read_pairs(contacts, packing, columns)
+        state, words = build_state(packing, pairs, law)
+        out.append((str(packing.step), state, law, words))
     return out
+
+
+def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State, list[str]]:
+    """Accepted state of a packing, with the memory of its contacts if they are given, and notes."""
+    if pairs is None:
+        return from_arrays(law=law, **packing.arrays), [*packing.words, NO_CONTACTS]
+    state = reconstruct_memory(packing, pairs, law)
+    mode = state.contacts.mode[: state.contacts.count[0]]
+    count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
+    return state, [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]

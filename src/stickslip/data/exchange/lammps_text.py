@@ -48,7 +48,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise PackingError(f"{path} has no time step {wanted}: it has {some}")
         chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
-        return [_parse_step(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
+        return [parse_step(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
     except (ValueError, IndexError, KeyError) as problem:
         if isinstance(problem, PackingError):
             raise
@@ -65,7 +65,7 @@ def _read_text(path: Path) -> str:
     return text
 
 
-def _parse_step(step: int, piece: str) -> Table:
+def parse_step(step: int, piece: str) -> Table:
     """Parse one time step; ValueError, IndexError or KeyError if it is truncated."""
     items = {}
     for item in piece.split("ITEM: ")[1:]:

@@ -1,0 +1,82 @@
+"""The command that watches a running LAMMPS simulation."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import AsJson, Quiet, app, check_choice, complete_from, examples, finish
+from .entry_point import StoppedError
+from .packings import with_packing_options
+
+METHODS = {
+    "auto": "the fastest growth; of many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
+    "all": "all complex pairs", "dense": "all eigenvalues", "pairs": "all complex pairs",
+}  # fmt: skip
+LAW = "--law hertz_mindlin_reff --kn 1 --kt 0.8 --mu 0.2 --damping-n 0 --damping-t 0"
+WATCH = examples(
+    (f"watch examples/sheared {LAW} --once --out watch.csv", "a finished series; writes watch.csv and watch.html"),
+    (f"watch examples/sheared {LAW} --until-idle 1 -q --out watch.csv", "ends when LAMMPS has not written for 1 s"),
+)
+NAME = "watch.csv"
+
+
+@app.command(epilog=WATCH, short_help="Follow the dumps of a running LAMMPS simulation.")
+@with_packing_options
+def watch(
+    place: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the dumps, or one dump of grains in it.")],
+    options: dict,
+    once: Annotated[bool, typer.Option("--once", help="Compute the frames that are there, and end.")] = False,
+    until_idle: Annotated[
+        float | None,
+        typer.Option("--until-idle", min=0, metavar="SECONDS", help="End when nothing was written for so long."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Table; the page is next to it, with .html. Default: watch.csv in DIR.")
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method", help="auto, none, fastest, all, dense or pairs.", autocompletion=complete_from(METHODS)
+        ),
+    ] = "auto",
+    no_contacts: Annotated[
+        bool, typer.Option("--no-contacts", help="Ignore dumps of contacts; no contact has slipped.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table and the page.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Follow the dumps of a running LAMMPS simulation: stress, contacts, softest mode and fastest pair of each frame.
+
+    Each complete frame becomes a row of a table, in the terminal and as CSV; a page that reloads itself shows charts.
+    Frames in the table are not computed again. Without --once or --until-idle, ctrl-C ends it. --contacts may be a
+    pattern of names in DIR; by default all dumps of contacts there are used. docs/lammps.md shows what LAMMPS must
+    write.
+    """
+    check_choice("method", method, METHODS)
+    if once and until_idle is not None:
+        raise ValueError("--once was given with --until-idle: give one of them")
+    from ..data.exchange.follow import open_source
+    from ..experiments import terminal
+    from ..experiments.watch.record import watch_and_record
+
+    source = open_source(place, memory=not no_contacts, **options)
+    table = out or source.folder / NAME
+    with terminal.console_output(quiet=quiet, as_json=as_json):
+        done, stopped = watch_and_record(
+            source, table, method=method, once=once, until_idle=until_idle, overwrite=overwrite,
+            made_from=(options["law"],),
+        )  # fmt: skip
+    if stopped:
+        raise StoppedError(stopped)
+    paths = [table, table.with_suffix(".html")]
+
+    def answer() -> dict:
+        from ..experiments import json_output
+
+        last = done.rows[max(done.rows)]
+        more = {"frames": len(done.rows), "newest": last._asdict(), "notes": done.notes}
+        return json_output.common_fields("watch", files=paths, folder=source.folder) | more
+
+    finish(answer, paths, lambda: None, quiet=quiet, as_json=as_json)

@@ -1,0 +1,56 @@
+"""Watching a simulation with its table, its page and the terminal."""
+
+import time
+from pathlib import Path
+
+from ...data.atomic import check_free
+from ...data.exchange.follow import Source
+from ..packing.page_output import check_output
+from .loop import Progress, watch
+from .page import write_page
+from .screen import screen
+from .table import describe, read_table, write_table
+
+PAGE_EVERY = 3.0  # least time between two pages [s]
+
+
+def watch_and_record(
+    source: Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool, made_from=()
+) -> tuple[Progress, str]:
+    """Watch until the end; return what is known then, and, after ctrl-C, a sentence that names the table.
+
+    Raises
+    ------
+    ValueError
+        before anything is computed, if the table or the page would replace something else.
+    """
+    page, how = table.with_suffix(".html"), describe(source, method)
+    if table.suffix.lower() != ".csv":
+        raise ValueError(f"--out {table} ends with {table.suffix or 'nothing'!r}: use .csv")
+    check_output(page, (".html",), overwrite=overwrite, made_from=made_from)
+    known = read_table(table, how, overwrite=overwrite)
+    check_free([table], overwrite=True, made_from=made_from)
+    done, written = Progress(known, (), 0), float("-inf")
+    try:
+        with screen() as shown:
+            for done in watch(source, known, method=method, once=once, until_idle=until_idle, report=shown.report):
+                shown.show(done)
+                if done.fresh:
+                    write_table(table, done.rows, how)
+                if not done.live or (done.fresh and time.monotonic() - written >= PAGE_EVERY):
+                    write_page(page, source.folder, table, done, how)
+                    written = time.monotonic()
+    except KeyboardInterrupt:
+        return done, _stopped(source, table, page, done, how)
+    if not table.exists() or overwrite:
+        write_table(table, done.rows, how)
+    return done, ""
+
+
+def _stopped(source: Source, table: Path, page: Path, done: Progress, how: dict) -> str:
+    """Write the last page, and say what there is."""
+    if not table.exists():
+        return "stopped by the user before a frame was computed: there is no table"
+    write_page(page, source.folder, table, done._replace(live=False), how)
+    left = f"; {done.left} frames are not computed yet" if done.left else ""
+    return f"stopped by the user: {table} has {len(done.rows)} frames{left}, and the same command continues"

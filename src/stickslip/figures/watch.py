@@ -1,0 +1,78 @@
+"""Charts of a watched simulation against the time step."""
+
+import numpy as np
+
+from .style import BLUE, GREEN, ORANGE, RED, SKY, column_axes, styled
+
+COLOURS = {"stable": GREEN, "unstable": RED}  # of a verdict; others have none
+
+
+def _line(axes, step, values, color, label=None, words=None):
+    known = np.isfinite(values)
+    axes.plot(step[known], values[known], "o-", color=color, ms=2, lw=0.8, label=label)
+    if words:
+        axes.set_ylabel(words)
+
+
+@styled
+def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
+    """Pressure, and shear stress over pressure, against the time step."""
+    figure, (above, below) = column_axes(2, 2.8, sharex=True)
+    _line(above, step, pressure, BLUE, words="pressure")
+    ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
+    _line(below, step, ratio, ORANGE, words="shear stress / pressure")
+    below.set_xlabel("time step")
+    return figure
+
+
+@styled
+def watched_contacts(step: np.ndarray, coordination: np.ndarray, sliding: np.ndarray):
+    """Coordination and the fraction of sliding contacts against the time step."""
+    figure, (above, below) = column_axes(2, 2.8, sharex=True)
+    _line(above, step, coordination, BLUE, words="contacts per grain")
+    _line(below, step, sliding, ORANGE, words="sliding fraction")
+    if not np.isfinite(sliding).any():
+        below.text(0.5, 0.5, "unknown without memory", ha="center", va="center", transform=below.transAxes)
+        below.set_yticks([])
+    below.set_xlabel("time step")
+    return figure
+
+
+@styled
+def watched_spectrum(step: np.ndarray, softest: np.ndarray, growth: np.ndarray, verdicts: list[str]):
+    """Softest eigenvalue, and growth rate of the fastest pair, against the time step; filled where there is a verdict.
+
+    Parameters
+    ----------
+    growth : growth rates, zero if no pair grows, NaN without a spectrum
+    verdicts : for each frame, stable, unstable, or another word
+    """
+    figure, (above, below) = column_axes(2, 2.8, sharex=True)
+    _line(above, step, softest, BLUE, words=r"softest $\lambda$ [1/time$^2$]")
+    if (softest < 0).any():
+        above.axhline(0, color="0.6", lw=0.6)
+    known = np.isfinite(growth)
+    below.plot(step[known], growth[known], "-", color="0.7", lw=0.8, zorder=1)
+    for word, color in COLOURS.items():
+        chosen = known & np.array([verdict == word for verdict in verdicts], bool)
+        if chosen.any():
+            below.plot(step[chosen], growth[chosen], "o", color=color, ms=2.5, label=word)
+    rest = known & np.array([verdict not in COLOURS for verdict in verdicts], bool)
+    if rest.any():
+        below.plot(step[rest], growth[rest], "o", mfc="white", mec=SKY, ms=2.5, mew=0.7, label="no verdict")
+    if known.any():
+        below.legend(loc="best")
+    below.set(xlabel="time step", ylabel="growth rate [1/time]")
+    return figure
+
+
+@styled
+def watched_balance(step: np.ndarray, residual: np.ndarray, limit: float):
+    """Largest unbalanced force over the mean contact force against the time step, with the limit for a verdict."""
+    figure, axes = column_axes(1, 1.7)
+    good = np.where(residual > 0, residual, np.nan)
+    _line(axes, step, good, BLUE)
+    axes.axhline(limit, color=RED, lw=0.7, ls="--", label="limit for a verdict")
+    axes.set(xlabel="time step", ylabel="unbalanced force / mean", yscale="log")
+    axes.legend(loc="best")
+    return figure
