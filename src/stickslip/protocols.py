@@ -8,10 +8,12 @@ stable_window   range of loads without complex pairs nearest to a given load
 free_run        Newtonian dynamics from a state, with M(t) and events
 fit_growth      growth rate and frequency fitted to M(t)
 kinetic_threshold   load from which on kicked samples slide, and at which sliding ones stop
+find_events     discontinuities of quasi-static shear, bracketed and classified
 release         undamped run from an unstable state, with snapshots of its spectrum
 """
 
 from .lazy import unknown
+from .loading.events import find_events
 from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
 from .loading.release import release
 from .loading.shear import aqs
@@ -20,6 +22,7 @@ from .loading.threshold import kinetic_threshold
 __all__ = [
     "Protocol",
     "aqs",
+    "find_events",
     "fit_growth",
     "free_run",
     "kinetic_threshold",

@@ -4,6 +4,7 @@ Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair
     DensityOfStates, ElasticModuli, TransientGrowth, BirthForm (functions of `modes`), Freedom (freedom),
     Factorisation (newton)
 Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release), KineticThreshold,
+    Event, EventKind, Events, StrainStep (protocols.find_events),
     PackingInfo (packings.jammed, packings.compressed), Poured (packings.poured), Record, Ledger (run),
     Collision (laws.collision)
 Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
@@ -35,6 +36,7 @@ from .friction.model_comparison import LawComparison
 from .friction.ratestate import SlipHistory
 from .friction.stability import Sliding
 from .lazy import unknown
+from .loading.event_types import Event, EventKind, Events, StrainStep
 from .loading.packing import PackingInfo as PackingInfo
 from .loading.protocols import Equilibrium
 from .loading.release import Released
@@ -77,6 +79,9 @@ __all__ = [
     "DiskArrayResult",
     "ElasticModuli",
     "Equilibrium",
+    "Event",
+    "EventKind",
+    "Events",
     "Factorisation",
     "FastestPair",
     "Fit",
@@ -110,6 +115,7 @@ __all__ = [
     "Stability",
     "StatusMap",
     "StatusSolution",
+    "StrainStep",
     "Sweep",
     "SweepResult",
     "TransientGrowth",

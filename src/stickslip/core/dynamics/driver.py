@@ -367,6 +367,8 @@ def run_steps(
             if step == steps or code != DONE:
                 break
             stop = min(steps, (step // sampling + 1) * sampling if sampling else steps)
+            if tolerance > 0:  # the loop fuses steps in blocks, and looks for rest only where it stops
+                stop = min(stop, (step // CHECK_EVERY + 1) * CHECK_EVERY)
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)

@@ -1,0 +1,219 @@
+"""Description of an event: what announces it, which contact starts it, and what it changes."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.contacts.jacobian import linearise
+from ..core.contacts.mechanics import FREE
+from ..core.contacts.neighbors import with_neighbor_list
+from ..core.dynamics.run import run
+from ..core.dynamics.timestep import stable_time_step
+from ..core.measure import touching
+from ..core.state import OPEN, SLIDE, STICK
+from ..solve.freedom import displaced
+from ..solve.shear_response import damped_exponents, softest
+from .event_path import TIME_STEP, Judge, Point, displacement
+from .event_types import Event, EventKind
+
+RATIO = 8.0  # between the distances from an event at which the spectrum is computed
+FITTED = 4  # of these distances, the nearest ones, to which an exponent is fitted
+VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
+BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
+RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
+LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one
+
+
+class Break(NamedTuple):
+    """Interruption of a path: the points around it."""
+
+    history: list[Point]  # points of the path before it, since the last event
+    last: Point  # last stable point, in the finer bracket
+    upper: float  # upper end of the finer bracket
+    before: Point  # last point of the path
+    beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
+    after: Point  # where dynamics ends
+    unstable: bool  # whether the point before was unstable
+
+
+class Profile(NamedTuple):
+    """Spectra at given strains before an event; see `Event`."""
+
+    distances: np.ndarray
+    softest: np.ndarray
+    re_pair: np.ndarray
+    growth: np.ndarray
+    margin: np.ndarray  # Re λ − (Im λ/drag)² of the pair for which it is smallest, NaN without a pair [1/time²]
+
+
+def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
+    """Describe an event, except for where Newton's method alone leads."""
+    judge, before, after = found.before.judge, found.before, found.after
+    profile = _profile(found, step)
+    kind, (power, error) = _announced(found, profile)
+    trigger, row, values = None, -1, None
+    if kind is EventKind.UNRESOLVED and (trigger := find_trigger(found.last, found.upper)):
+        kind, row, values = trigger
+    contacts = found.last.state.contacts
+    moved = displacement(before.state, after.state, after.strain - before.strain)
+    jump, participation = _size(moved, before.response.support.grains)
+    (shear, pressure), end = before.stress, after.stress[0]
+    opened, closed = _changes(before, after)
+    return Event(
+        bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
+        profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
+        float(found.last.response.mobilised[row]) if trigger else np.nan,
+        softest(values) if trigger else np.nan, _growth_rate(found, values), (shear - end) / pressure,
+        jump / judge.diameter, participation, opened, closed, np.nan,
+    )  # fmt: skip
+
+
+def _profile(found: Break, step: float) -> Profile:
+    """Spectra at distances step · 8^(−k) down to a few widths of the finer bracket."""
+    width, rows = found.upper - found.last.strain, []
+    critical, away = found.upper - 0.5 * width, step
+    while away >= 4 * width:
+        if (point := _point_at(found, critical - away)) is not None:
+            rows.append((away, *_softness(point)))
+        away /= RATIO
+    return Profile(*np.array(rows).reshape(-1, 5).T)
+
+
+def _point_at(found: Break, strain: float) -> Point | None:
+    """Point of the path at a strain, one step of Newton's method from the nearest point below it."""
+    below = [point for point in (*found.history, found.last) if point.strain <= strain]
+    if not below:
+        return None
+    return below[-1] if below[-1].strain == strain else below[-1].newton(strain)
+
+
+def _softness(point: Point) -> tuple[float, float, float, float]:
+    values = point.response.eigenvalues
+    pairs = values[values.imag > 0]
+    if not len(pairs):
+        return point.response.softest, np.nan, 0.0, np.nan
+    rates = np.abs(np.sqrt(pairs).imag)
+    fastest = int(np.argmax(rates))
+    margin = (pairs.real - (pairs.imag / point.judge.drag) ** 2).min()
+    return point.response.softest, float(pairs.real[fastest]), float(rates[fastest]), float(margin)
+
+
+def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Exponent of values ∝ distances^p over the nearest distances, and its standard error; NaN if it can't be fitted.
+
+    Examples
+    --------
+    >>> power, error = fit_power(np.array([64.0, 8.0, 1.0]), np.array([8.0, 8.0**0.5, 1.0]))
+    >>> round(power, 6), error < 1e-6
+    (0.5, True)
+    """
+    known = np.flatnonzero(np.isfinite(values) & (values > 0))[-FITTED:]
+    if len(known) < 3 or len(known) < min(FITTED, len(values)) or known[-1] != len(values) - 1:
+        return np.nan, np.nan
+    x, y = np.log(distances[known]), np.log(values[known])
+    x, y = x - x.mean(), y - y.mean()
+    power = float(x @ y / (x @ x))
+    return power, float(np.sqrt(((y - power * x) ** 2).sum() / (len(known) - 2) / (x @ x)))
+
+
+def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
+    """Kind of an event as far as spectra tell, and the exponent with its error."""
+    real, pair = (fit_power(profile.distances, values) for values in (profile.softest, profile.margin))
+    beyond = found.beyond
+    if beyond is not None and np.argmax(beyond.exponents) in np.flatnonzero(beyond.response.eigenvalues.imag):
+        return EventKind.PAIR, pair
+    if found.unstable:
+        return EventKind.UNSTABLE, (np.nan, np.nan)
+    if real[0] >= VANISHES:
+        return EventKind.SADDLE_NODE, real
+    if pair[0] >= VANISHES:
+        return EventKind.PAIR, pair
+    return EventKind.UNRESOLVED, (np.nan, np.nan)
+
+
+def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray] | None:
+    """Contact that slides or opens within the bracket and thereby makes the last stable state unstable.
+
+    Contacts that reach the Coulomb limit, or open, follow from the linear motion ahead. The first one with which the
+    Jacobian of the last stable state has a growing mode is the trigger: the switch test.
+
+    Returns
+    -------
+    kind, row of the contact in the list, eigenvalues with that contact sliding or open; None without such a contact
+    """
+    state, response, tried = last.state, last.response, set()
+    count = len(response.branch)
+    held = response.support.contacts
+    for widths in BEYOND:
+        advance = widths * (upper - last.strain)
+        there = displaced(last.ahead(last.strain + advance), response.free, _coordinates(response, advance))
+        line = linearise(with_neighbor_list(there, last.judge.law), last.judge.law, memory=FREE)
+        found = dict(zip(_keys(there, last.judge.law), np.stack([line.closed, line.slides], axis=1), strict=True))
+        for row in np.flatnonzero(held):
+            closed, slides = found.get(int(state.contacts.key[row]), (0.0, 0.0))
+            mode = OPEN if not closed else SLIDE if slides and state.contacts.mode[:count][row] == STICK else None
+            if mode is None or (row, mode) in tried:
+                continue
+            tried.add((row, mode))
+            values = response.switched(row, mode)
+            if damped_exponents(values, last.judge.drag).max() > 0:
+                return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, int(row), values
+    return None
+
+
+def _coordinates(response, strain: float) -> np.ndarray:
+    """Coordinates of the supported grains along the linear motion."""
+    flat = np.append(response.rate.ravel(), np.zeros(6 * response.free.bodies - response.rate.size + 9))
+    return strain * flat[response.free.component]
+
+
+def _keys(state, law) -> list[int]:
+    contacts = with_neighbor_list(state, law).contacts
+    return contacts.key[: contacts.count[0]].tolist()
+
+
+def _growth_rate(found: Break, values: np.ndarray | None) -> float:
+    """Initial growth rate: of the unstable equilibrium, else of the switched state, else of the motion [1/time]."""
+    if found.beyond is not None:
+        return float(found.beyond.exponents.max())
+    if values is not None:
+        return float(damped_exponents(values, found.before.judge.drag).max())
+    return motion_growth(found.before, found.upper, found.before.judge)
+
+
+def motion_growth(point: Point, strain: float, judge: Judge) -> float:
+    """Growth rate of the motion that follows a strain step, from its kinetic energy K(t) ~ exp(2 g t) [1/time].
+
+    It is a mean over the last rise of K from 1 % to 50 % of its maximum.
+    """
+    start = point.ahead(strain)
+    dt = TIME_STEP * stable_time_step(start, judge.law)
+    _, record, outcome = run(start, judge.law, RUN, dt, drag=judge.drag, spin_drag=judge.drag, every=SAMPLE, threads=1)
+    energy = record.kinetic_energy
+    top = int(np.argmax(energy))
+    if outcome.broken or not top:
+        return np.nan
+    low = np.flatnonzero((energy[:top] < LOW * energy[top]) & (energy[:top] > 0))
+    high = np.flatnonzero(energy[:top] < HIGH * energy[top])
+    if not len(low) or high[-1] <= low[-1]:
+        return np.nan
+    rise = 0.5 * np.log(energy[high[-1]] / energy[low[-1]])
+    return float(rise / ((high[-1] - low[-1]) * SAMPLE * dt))
+
+
+def _size(moved: np.ndarray, grains: np.ndarray) -> tuple[float, float]:
+    """Root mean square displacement of the given grains, without its mean, and its participation ratio."""
+    moved = moved[grains][:, :3]
+    square = ((moved - moved.mean(axis=0)) ** 2).sum(axis=1)
+    if not square.any():
+        return 0.0, 1.0
+    return float(np.sqrt(square.mean())), float(square.sum() ** 2 / (len(square) * (square**2).sum()))
+
+
+def _changes(before: Point, after: Point) -> tuple[int, int]:
+    """Number of contacts that opened and closed; contacts that bear nothing do not count."""
+    (held, touched), (holds, touches) = (
+        (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
+         set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
+    )  # fmt: skip
+    return len(held - touches), len(holds - touched)

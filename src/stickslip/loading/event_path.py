@@ -1,0 +1,215 @@
+"""Points of a quasi-static path, and the dynamics that decide where a path goes when it is interrupted."""
+
+from functools import cached_property
+
+import numpy as np
+
+from ..core.dynamics.timestep import stable_time_step
+from ..core.laws.builtin import Law
+from ..core.measure import contact_forces, mean_normal_force, touching, volume
+from ..core.state import State
+from ..solve.freedom import displaced
+from ..solve.newton import Factorisation, newton
+from ..solve.relax import relax
+from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
+from .shear import sheared
+
+BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
+JUMP = 10.0  # motion over that predicted in a bracket, from which it is a jump
+STILL = 1e-7  # displacement below which nothing jumped, in mean overlaps
+BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
+ITERATIONS, PATIENCE = 15, 3  # of Newton's method, and steps that may leave more than half of the residual
+RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which dynamics hands over to Newton's method, over the mean normal force
+KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
+LEFT = 10.0  # distance from an unstable equilibrium at which it has been left, over that of the start
+TIME_STEP = 0.1  # of dynamics, in units of the longest stable one
+MOST_STEPS = 2_000_000  # of dynamics
+E_FOLDS, MOST_KICKED = 40.0, 200_000  # of dynamics from an unstable equilibrium: growth times, and steps at most
+MOST_DEPARTURES = 5  # from one unstable equilibrium to another
+GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
+
+
+class Judge:
+    """The law, the drag and the scales of a search for events."""
+
+    def __init__(self, state: State, law: Law, drag: float, prune: float = PRUNE):
+        self.law, self.drag, self.prune = law, drag, prune
+        self.force = mean_normal_force(state, law)
+        self.diameter = float(2 * state.grains.radius.mean())
+        self.overlap = mean_overlap(state)
+        self.keep = Factorisation()
+
+    def newton(self, state: State, *, keep: Factorisation | None = None):
+        """State at rest from Newton's method, or None."""
+        end, outcome = newton(
+            state, self.law, tolerance=BALANCED * self.force, iterations=ITERATIONS, patience=PATIENCE,
+            keep=keep or self.keep,
+        )  # fmt: skip
+        return end if outcome.ok else None
+
+    def supported(self, state: State) -> np.ndarray:
+        """(N,) grains of a state that are left after pruning."""
+        return support(state, self.law, prune=self.prune).grains
+
+    def rest(self, state: State, steps: int = MOST_STEPS) -> tuple[State, bool]:
+        """State to which damped dynamics leads, and whether it came to rest; Newton's method only removes residuals."""
+        here = state
+        for share in RESTING:
+            dt = TIME_STEP * stable_time_step(here, self.law)
+            if not np.isfinite(dt):
+                return here, False
+            here, outcome = relax(
+                here, self.law, tolerance=share * self.force, drag=self.drag, spin_drag=self.drag, dt=dt, steps=steps
+            )
+            if not outcome.ok:
+                return here, False
+            end = self.newton(here, keep=Factorisation())
+            if end is not None and distance(here, end, self.supported(here)) < 1e3 * share * self.overlap:
+                return end, True
+        return here, True
+
+
+class Point:
+    """One equilibrium of a path with its linear response, computed as needed."""
+
+    def __init__(self, strain: float, state: State, judge: Judge, *, tolerated: bool = False):
+        self.strain, self.state, self.judge = strain, state, judge
+        self.tolerated = tolerated  # whether dynamics was found to stay near here although the spectrum is unstable
+
+    @cached_property
+    def response(self) -> Response:
+        """Linear response."""
+        return Response(self.state, self.judge.law, self.judge.prune)
+
+    @cached_property
+    def exponents(self) -> np.ndarray:
+        """Exponents of growth under the drag [1/time]."""
+        return damped_exponents(self.response.eigenvalues, self.judge.drag)
+
+    @cached_property
+    def stable(self) -> bool:
+        """True if no mode grows under the drag."""
+        highest = np.sqrt(np.abs(self.response.eigenvalues).max(initial=0.0))
+        return bool(self.exponents.max(initial=-np.inf) <= GROWS_ABOVE * highest)
+
+    @property
+    def stress(self) -> tuple[float, float]:
+        """−σ_xy and the pressure [force/length^(dim−1)]."""
+        force, branch, dim = contact_forces(self.state, self.judge.law), self.response.branch, self.state.cell.dim
+        sigma = np.einsum("ca,cb->ab", force, branch) / volume(self.state)
+        return -float(sigma[0, 1]), float(np.trace(sigma)) / dim
+
+    def ahead(self, strain: float) -> State:
+        """State strained affinely from here to a given strain, not in equilibrium."""
+        return sheared(self.state, strain - self.strain)
+
+    def newton(self, strain: float) -> "Point | None":
+        """Equilibrium of Newton's method at another strain, in one step; None if it fails."""
+        end = self.judge.newton(self.ahead(strain))
+        return None if end is None else Point(strain, end, self.judge)
+
+    def kicked(self) -> State:
+        """State displaced along its fastest growing mode, in the direction in which the path moves."""
+        response = self.response
+        values, vectors = np.linalg.eig(response.matrix)
+        mode = vectors[:, np.argmax(damped_exponents(values, self.judge.drag))]
+        mode = mode * np.exp(-0.5j * np.angle((mode * mode).sum()))
+        moved = mode.real / np.sqrt(response.free.mass)
+        along = (response.free.spread(moved)[: len(response.rate)] * response.rate).sum()
+        size = KICK * self.judge.overlap / np.abs(moved).max() * (1.0 if along >= 0 else -1.0)
+        return displaced(self.state, response.free, size * moved)
+
+
+def mean_overlap(state: State) -> float:
+    """Mean overlap of touching contacts [length]; zero without contacts."""
+    rows, contacts = touching(state), state.contacts
+    if not len(rows):
+        return 0.0
+    radius = state.grains.radius
+    apart = np.linalg.norm(contacts.pair[rows], axis=1)
+    return float((radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())
+
+
+def displacement(a: State, b: State, strain: float = 0.0) -> np.ndarray:
+    """(N, 6) motion (x, y, z, R·angle) from one state to another beyond an affine shear [length]."""
+    moved = b.grains.position - a.grains.position
+    moved[:, 0] -= strain * a.grains.position[:, 1]
+    turned = (b.grains.angle - a.grains.angle) * a.grains.radius[:, None]
+    return np.hstack([moved, turned])
+
+
+def distance(a: State, b: State, grains: np.ndarray) -> float:
+    """Root mean square motion of some grains from one state to another at the same strain [length]."""
+    return root_mean_square(displacement(a, b), grains)
+
+
+def continuous(a: Point, b: Point) -> bool:
+    """Return True if grains moved from one point to the next as the linear responses at both ends predict.
+
+    If a contact changes in between, the motion lies between the two predictions. So the distance from the line between
+    them counts, not that from either of them.
+    """
+    both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
+    if not both.any():
+        return False
+    moved, first, last = displacement(a.state, b.state, strain), strain * a.response.rate, strain * b.response.rate
+    moved, first, last = (_centred(x[both]) for x in (moved, first, last))
+    line = last - first
+    share = np.clip(((moved - first) * line).sum() / max((line * line).sum(), np.finfo(float).tiny), 0.0, 1.0)
+    beside, size = (np.sqrt((x * x).sum() / both.sum()) for x in (moved - first - share * line, _larger(first, last)))
+    return bool(beside <= BEND * size + STILL * a.judge.overlap)
+
+
+def jumped(a: Point, b: Point) -> bool:
+    """Return True if grains moved too far over a short step for any continuous motion, not only for the linear one.
+
+    Where contacts switch between stick and slide, dynamics need not follow the linear response at either end.
+    """
+    both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
+    moved = root_mean_square(displacement(a.state, b.state, strain), both)
+    return not both.any() or moved > JUMP * strain * min(a.response.speed, b.response.speed)
+
+
+def _centred(motion: np.ndarray) -> np.ndarray:
+    return np.hstack([motion[:, :3] - motion[:, :3].mean(axis=0), motion[:, 3:]])
+
+
+def _larger(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a if (a * a).sum() >= (b * b).sum() else b
+
+
+def depart(point: Point) -> tuple[Point | None, bool]:
+    """Start dynamics at a small distance from an unstable equilibrium, along its fastest growing mode.
+
+    Returns
+    -------
+    Point or None
+        where dynamics comes to rest elsewhere; None if it returns, or oscillates without end around the equilibrium
+    bool
+        whether it came to rest at all
+    """
+    start, grains = point.kicked(), point.response.support.grains
+    steps = E_FOLDS / (point.exponents.max() * TIME_STEP * stable_time_step(start, point.judge.law))
+    end, rested = point.judge.rest(start, int(min(steps, MOST_KICKED)))
+    if not rested or distance(point.state, end, grains) <= LEFT * distance(point.state, start, grains):
+        return None, rested
+    return Point(point.strain, end, point.judge), True
+
+
+def fall(point: Point, strain: float) -> Point | None:
+    """Point to which dynamics leads from the state of another point at an advanced strain; None without rest."""
+    end, rested = point.judge.rest(point.ahead(strain))
+    return settle(Point(strain, end, point.judge)) if rested else None
+
+
+def settle(point: Point) -> Point:
+    """Point that dynamics reaches from one that may be an unstable equilibrium; it may oscillate around the last."""
+    for _ in range(MOST_DEPARTURES):
+        if point.stable:
+            return point
+        other, _ = depart(point)
+        if other is None:
+            break
+        point = other
+    point.tolerated = not point.stable
+    return point

@@ -1,0 +1,229 @@
+"""Events of quasi-static shear: discontinuities of the path of equilibria, bracketed, classified and measured."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..core.arguments import checked, require_positive
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.neighbors import with_neighbor_list
+from ..core.laws.builtin import Law, damping_model, rescales
+from ..core.measure import touching
+from ..core.outcome import NotInEquilibriumError
+from ..core.state import State
+from ..solve.balance import with_modes_under
+from ..solve.equilibrate import equilibrate
+from ..solve.shear_response import PRUNE, softest
+from .event_class import Break, describe
+from .event_path import BALANCED, Judge, Point, continuous, depart, distance, fall, jumped, settle
+from .event_types import Event, Events, StrainStep
+from .shear import reduced_cell
+
+FINER = 64  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
+SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
+
+
+@checked
+def find_events(
+    state: State, law: Law, *, to: float, drag: float, step: float = 4e-4, resolution: float = 1e-6,
+    most: int | None = None, prune: float = PRUNE, report: Callable[[float, str], None] | None = None,
+) -> Events:  # fmt: skip
+    """Shear a packing quasi-statically and find the discontinuities of its path.
+
+    The path is followed by Newton's method. A step counts as continuous if it ends at an equilibrium that is stable
+    under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
+    halves, down to `resolution`; from the last stable state, dynamics with the drag then decides where the path goes.
+    If that is not a continuation of the path, there is an *event*. See `EventKind` and `Event` for what is determined.
+
+    Parameters
+    ----------
+    state : packing in a periodic cell, without walls
+    law : Law without dashpots; drag is the only dissipation
+    to : strain at which the search ends, counted from the given state
+    drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if
+        Re λ < (Im λ/ν)², so that it is part of the definition of an event. Usual values are 0.2 to 2 over
+        `stable_time_step`, which is a tenth to once the highest frequency [1/time]
+    step : largest strain step
+    resolution : largest width of a bracket
+    most : number of events after which the search ends, with the strain step in which it is reached
+    prune : share of the mean overlap below which a contact supports nothing; see `solve.shear_response`
+    report : called as report(share done, words) after each strain step
+
+    Raises
+    ------
+    ValueError
+        if an argument is not allowed, with a one-sentence message.
+    NotInEquilibriumError
+        if the first state cannot be brought to rest.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.86, dim=2, seed=1)
+    >>> found = find_events(state, ss.laws.hertz_mindlin(mu=0.5), to=8e-4, drag=0.2)
+    >>> len(found.events), found.end
+    (0, 'the last strain was reached')
+    """
+    require_positive(to=to, drag=drag, step=step, resolution=resolution, prune=prune)
+    _check(state, law, step, resolution, most)
+    search = Search(_first_point(state, law, drag, prune), step, resolution)
+    end = "the last strain was reached"
+    for k in range(int(np.ceil(round(to / step, 9)))):
+        if most is not None and len(search.events) >= most:
+            end = "the number of events was reached"
+            break
+        goal = min(to, (k + 1) * step)
+        if not search.advance(goal):
+            end = f"at strain {search.point.strain:.6g} dynamics did not come to rest"
+            break
+        if report:
+            report(goal / to, f"strain {goal:.4g}, {len(search.events)} events")
+    steps = StrainStep(*np.array(search.rows).reshape(-1, len(StrainStep._fields)).T)
+    return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
+
+
+def _check(state: State, law: Law, step: float, resolution: float, most: int | None) -> None:
+    control, dim = state.control, state.cell.dim
+    if len(state.walls.mass):
+        raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
+    if not state.cell.periodic[:dim].all():
+        raise ValueError("a packing without a periodic cell was given: make its cell periodic in all dimensions")
+    acts = (control.force, control.torque, control.gravity, control.spring, control.rate, control.cell_free)
+    if any(part.any() for part in acts) or not control.free[:, :dim].all() or (control.group >= 0).any():
+        raise ValueError("a packing with loads, springs or grains that are not free was given: only strain may act")
+    if damping_model(law):
+        raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
+    if rescales(law.kind):
+        raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
+    if resolution > step:
+        raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
+    if most is not None and most < 1:
+        raise ValueError(f"most = {most} was given: at least 1 event is needed")
+
+
+def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:
+    """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
+    here = with_neighbor_list(state, law)
+    here = with_modes_under(accept(here, forces(here, law)[1]), law)
+    if not len(touching(here)):
+        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+    judge = Judge(here, law, drag, prune)
+    end, outcome = equilibrate(here, law, tolerance=BALANCED * judge.force, check="nothing")
+    if not outcome.ok:
+        raise NotInEquilibriumError("the first state of the path could not be brought to rest", outcome)
+    point = Point(0.0, end, Judge(end, law, drag, prune))
+    if not point.response.support.grains.any():
+        raise ValueError("a packing of rattlers was given: compress it first")
+    return settle(point)
+
+
+class Search:
+    """A path, followed from one strain step to the next, and what was found on it."""
+
+    def __init__(self, point: Point, step: float, resolution: float):
+        self.point, self.step, self.resolution = point, step, resolution
+        self.events: list[Event] = []
+        self.rows: list[tuple] = []
+        self.history = [point]  # since the last event
+        self.lost: tuple[Point, Point] | None = None  # between which stability was lost, if the path went on
+
+    def advance(self, goal: float) -> bool:
+        """Follow the path to a strain; False if dynamics does not come to rest."""
+        self.rows.append(_predictors(self.point))
+        alone, known = self.point.newton(goal), len(self.events)
+        waiting, trial = [goal], alone
+        while waiting:
+            if self._follows(trial):
+                self._accept(trial)
+                waiting.pop()
+            elif waiting[-1] - self.point.strain > self.resolution:
+                waiting.append(0.5 * (waiting[-1] + self.point.strain))
+            elif self._judge(trial, waiting[-1]):
+                waiting.pop()
+            else:
+                return False
+            trial = self.point.newton(waiting[-1]) if waiting else None
+        off = distance(alone.state, self.point.state, self._supported(alone)) if alone else np.nan
+        for k in range(known, len(self.events)):
+            self.events[k] = self.events[k]._replace(newton_distance=off / self.point.judge.diameter)
+        self._choose_cell()
+        return True
+
+    def _supported(self, other: Point) -> np.ndarray:
+        return self.point.response.support.grains & other.response.support.grains
+
+    def _follows(self, trial: Point | None) -> bool:
+        """Return True if a trial point continues the path."""
+        if trial is None or not continuous(self.point, trial):
+            return False
+        trial.tolerated = not trial.stable and self.point.tolerated and depart(trial)[0] is None
+        return trial.stable or trial.tolerated
+
+    def _accept(self, point: Point) -> None:
+        self.point = point
+        self.history = [p for p in self.history if p.strain >= point.strain - 2 * self.step] + [point]
+        if point.stable:
+            self.lost = None
+
+    def _judge(self, trial: Point | None, goal: float) -> bool:
+        """Let dynamics decide over a step that is as short as a bracket; False if it does not come to rest."""
+        before = self.point
+        if trial is not None and not trial.stable and continuous(before, trial):
+            other, _ = depart(trial)
+            if other is None:
+                trial.tolerated = True
+                self.lost = (before, trial) if before.stable else self.lost
+                self._accept(trial)
+            else:
+                self._record(before, trial, settle(other), goal)
+            return True
+        after = fall(before, goal)
+        if after is None:
+            return False
+        if continuous(before, after) or not jumped(before, after):
+            self._accept(after)
+        else:
+            self._record(before, None, after, goal)
+        return True
+
+    def _record(self, before: Point, beyond: Point | None, after: Point, goal: float) -> None:
+        last, upper, unstable = before, goal, not before.stable
+        if unstable and self.lost is not None and goal - self.lost[1].strain <= self.step:
+            (last, beyond), unstable = self.lost, False  # the instability took a while to grow
+            upper = beyond.strain
+        bracket = (last.strain, upper)
+        if not unstable:
+            last, upper = self._finer(last, upper)
+        found = Break(self.history, last, upper, before, beyond, after, unstable)
+        self.events.append(describe(found, self.step, bracket))
+        self.point, self.history, self.lost = after, [after], None
+
+    def _finer(self, last: Point, upper: float) -> tuple[Point, float]:
+        """Bracket between the last stable point and a strain, bisected further."""
+        while upper - last.strain > self.resolution / FINER:
+            middle = 0.5 * (last.strain + upper)
+            trial = last.newton(middle)
+            if trial is not None and trial.stable and continuous(last, trial):
+                last = trial
+            else:
+                upper = middle
+        return last, upper
+
+    def _choose_cell(self) -> None:
+        vectors = self.point.state.cell.vectors
+        if abs(vectors[1, 0]) > SKEW * vectors[0, 0]:
+            self.point = Point(
+                self.point.strain, reduced_cell(self.point.state), self.point.judge, tolerated=self.point.tolerated
+            )
+
+
+def _predictors(point: Point) -> tuple:
+    """Row of `StrainStep`."""
+    response, (shear, pressure) = point.response, point.stress
+    values = response.eigenvalues
+    growth = np.abs(np.sqrt(values[values.imag > 0]).imag).max(initial=0.0)
+    switch = min((softest(response.switched(row)) for row in response.sticking(SWITCHED)), default=np.nan)
+    return (
+        point.strain, response.softest, response.speed, float(growth), response.modulus, switch, shear, pressure,
+    )  # fmt: skip

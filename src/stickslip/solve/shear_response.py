@@ -1,0 +1,225 @@
+"""Linear response of a packing to simple shear: non-affine motion, tangent modulus, and softest modes.
+
+Grains that almost float dominate the smallest eigenvalue of a packing without mattering to it. They are pruned: first
+all contacts whose overlap is below a given share of the mean overlap, then, again and again, all grains that are left
+with fewer contacts than dimensions (with at most as many, without friction).
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import eigvals
+
+from ..core.arguments import checked
+from ..core.contacts.jacobian import contact_blocks, linearise
+from ..core.laws.builtin import MU, Law
+from ..core.measure import branch_vectors, touching, volume
+from ..core.readable import readable
+from ..core.state import OPEN, SLIDE, STICK, State
+from .freedom import Freedom, assembled, backbone, freedom, incidence
+from .linear import suitable_threads
+from .moduli import HELD_ABOVE
+from .spectrum import REAL_BELOW
+
+SOLVED = 1e-9  # largest relative residual of the non-affine motion
+FLOATS = 1e-12  # singular value, over the largest one, below which a motion is not resisted
+PRUNE = 2e-3  # share of the mean overlap below which a contact does not support anything
+
+
+@readable
+class Support(NamedTuple):
+    """Contacts and grains that are left after pruning."""
+
+    contacts: np.ndarray  # (C,) bool, of all pairs in the list
+    grains: np.ndarray  # (N,) bool
+
+
+@checked
+def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
+    """Prune contacts with small overlaps, then grains that have too few contacts left, until nothing changes.
+
+    Parameters
+    ----------
+    prune : share of the mean overlap below which a contact is pruned
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, info = ss.packings.jammed(30, packing_fraction=0.7)
+    >>> int(support(state, ss.laws.hertz_mindlin()).grains.sum()) == 30 - info.rattlers
+    True
+    """
+    contacts, n = state.contacts, len(state.grains.radius)
+    count, least = int(contacts.count[0]), state.cell.dim + (not law.table[..., MU].any())
+    i, j = contacts.i[:count], contacts.j[:count]
+    rows, kept = touching(state), np.zeros(count, bool)
+    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    overlap = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1)
+    kept[rows] = overlap[rows] >= prune * overlap[rows].mean() if len(rows) else False
+    while True:
+        number = np.bincount(np.append(i[kept], j[kept]), minlength=state.n_bodies)[:n]
+        loose = np.append(number < least, np.zeros(state.n_bodies - n, bool))
+        now = kept & ~loose[i] & ~loose[j]
+        if np.array_equal(now, kept):
+            return Support(kept, ~loose[:n])
+        kept = now
+
+
+class Response:
+    """Response of an accepted state in a periodic cell to simple shear, from the exact Jacobian; parts as needed."""
+
+    def __init__(self, state: State, law: Law, prune: float = PRUNE):
+        self.state, self.law = state, law
+        self.support = support(state, law, prune=prune)
+        self.blocks = contact_blocks(state, law)[0]
+        self.branch = branch_vectors(state)
+
+    @cached_property
+    def free(self) -> Freedom:
+        """Coordinates of the supported grains, without rotations that nothing resists."""
+        free = freedom(self.state).without(~self.support.grains)
+        return _resisted(assembled(self.state, self._held(), free), free)
+
+    def _held(self) -> np.ndarray:
+        return self.blocks * self.support.contacts[:, None, None]
+
+    @cached_property
+    def matrix(self) -> np.ndarray:
+        """(n, n) −M^(−1/2) J M^(−1/2) of the supported grains; common translations are lifted to its largest entry."""
+        return self._dynamical(self._held())
+
+    def _dynamical(self, blocks) -> np.ndarray:
+        root = 1 / np.sqrt(self.free.mass)
+        full = -assembled(self.state, blocks, self.free).toarray() * root * root[:, None]
+        rigid = _translations(self.free, np.sqrt(self.free.mass))
+        return full + np.abs(full).max(initial=0.0) * rigid @ rigid.T
+
+    @cached_property
+    def eigenvalues(self) -> np.ndarray:
+        """(n,) complex eigenvalues of `matrix` [1/time²]."""
+        return _eigenvalues(self.matrix)
+
+    @property
+    def softest(self) -> float:
+        """Smallest real eigenvalue [1/time²]."""
+        return softest(self.eigenvalues)
+
+    @cached_property
+    def _motion(self) -> tuple[np.ndarray, Freedom]:
+        free = backbone(self.state, self.law)
+        matrix = assembled(self.state, self.blocks, free)
+        free = _resisted(matrix, free)
+        matrix = assembled(self.state, self.blocks, free).toarray()
+        count, width = self.blocks.shape[:2]
+        sheared = np.zeros((count, width))
+        sheared[:, 0] = self.branch[:, 1]
+        pull = incidence(self.state, count, free, width) @ np.einsum("ckl,cl->ck", self.blocks, sheared).ravel()
+        rigid = _translations(free, np.ones(len(free)))
+        matrix -= np.abs(matrix).max(initial=0.0) * rigid @ rigid.T
+        with suitable_threads(len(free)):
+            return _solve(matrix, -pull), free
+
+    @cached_property
+    def rate(self) -> np.ndarray:
+        """(N, 6) non-affine motion of the grains, (x, y, z, R·angle), per unit of shear strain [length]."""
+        motion, free = self._motion
+        return free.spread(motion)
+
+    @property
+    def speed(self) -> float:
+        """Root mean square of `rate` over the supported grains [length]."""
+        return root_mean_square(self.rate, self.support.grains)
+
+    @cached_property
+    def modulus(self) -> float:
+        """Tangent modulus of −σ_xy against the shear strain, affine and non-affine [force/length^(dim−1)]."""
+        motion, free = self._motion
+        count, width = self.blocks.shape[:2]
+        change = (incidence(self.state, count, free, width).T @ motion).reshape(count, width)
+        change[:, 0] += self.branch[:, 1]
+        line = linearise(self.state, self.law)
+        force = (line.force_n[:, None] * line.normal - line.secant[:, None] * line.slip)[:, 0]
+        changed = np.einsum("cl,cl->c", self.blocks[:, 0], change)
+        return -float(changed @ self.branch[:, 1] + force @ change[:, 1]) / volume(self.state)
+
+    @cached_property
+    def mobilised(self) -> np.ndarray:
+        """(C,) |F_t|/(μ F_n) of the supported contacts; NaN for all other pairs and without friction."""
+        line = linearise(self.state, self.law)
+        bears = self.support.contacts & (line.limit > 0)
+        pull = line.secant * np.linalg.norm(line.slip, axis=1)
+        return np.divide(pull, line.limit, out=np.full(len(pull), np.nan), where=bears)
+
+    def sticking(self, most: int) -> np.ndarray:
+        """Rows of the sticking contacts with the largest mobilisation, in descending order."""
+        rows = np.flatnonzero((self.state.contacts.mode[: len(self.branch)] == STICK) & np.isfinite(self.mobilised))
+        return rows[np.argsort(-self.mobilised[rows], kind="stable")][:most]
+
+    def switched(self, row: int, mode: int = SLIDE) -> np.ndarray:
+        """Eigenvalues if one contact slides, or is open, while all others stay as they are [1/time²]."""
+        blocks = self._held()
+        if mode == OPEN:
+            blocks[row] = 0.0
+        else:
+            modes = self.state.contacts.mode.copy()
+            modes[row] = mode
+            other = self.state._replace(contacts=self.state.contacts._replace(mode=modes))
+            blocks[row] = contact_blocks(other, self.law)[0][row]
+        return _eigenvalues(self._dynamical(blocks))
+
+
+def _solve(matrix: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Solution of a linear system; the shortest one if grains float, so that the matrix is singular to round-off."""
+    try:
+        x = np.linalg.solve(matrix, b)
+        if np.abs(matrix @ x - b).max(initial=0.0) <= SOLVED * np.abs(b).max(initial=0.0):
+            return x
+    except np.linalg.LinAlgError:
+        pass
+    return np.linalg.lstsq(matrix, b, rcond=FLOATS)[0]
+
+
+def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
+    with suitable_threads(len(matrix)):
+        values = eigvals(matrix, check_finite=False)
+    real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max(initial=0.0)
+    return np.where(real, values.real, values)
+
+
+def softest(eigenvalues: np.ndarray) -> float:
+    """Smallest real eigenvalue; infinite if all are complex."""
+    return float(eigenvalues.real[eigenvalues.imag == 0].min(initial=np.inf))
+
+
+def damped_exponents(eigenvalues: np.ndarray, drag: float) -> np.ndarray:
+    """Larger real part of s, s² + ν s + λ = 0: with a drag ν on all coordinates, a mode grows as exp(s t) [1/time].
+
+    It is negative if and only if Re λ > (Im λ/ν)².
+    """
+    return np.abs(np.sqrt(0.25 * drag**2 - eigenvalues.astype(complex)).real) - 0.5 * drag
+
+
+def root_mean_square(motion: np.ndarray, grains: np.ndarray) -> float:
+    """Root mean square, over the given grains, of a motion (N, 6) without its mean translation."""
+    moved = motion[grains]
+    if not len(moved):
+        return 0.0
+    moved = np.hstack([moved[:, :3] - moved[:, :3].mean(axis=0), moved[:, 3:]])
+    return float(np.sqrt((moved**2).sum(axis=1).mean()))
+
+
+def _translations(free: Freedom, weight: np.ndarray) -> np.ndarray:
+    """(n, dim) unit vectors of common translations."""
+    moves = np.stack([np.where(free.axis == axis, weight, 0.0) for axis in range(free.dim)], axis=1)
+    return moves / np.maximum(np.linalg.norm(moves, axis=0), np.finfo(float).tiny)
+
+
+def _resisted(matrix, free: Freedom) -> Freedom:
+    """Freedom without coordinates that nothing resists, such as rotations without friction."""
+    size = np.abs(matrix).sum(axis=1)
+    kept = size > HELD_ABOVE * size.max(initial=0.0)
+    if kept.all():
+        return free
+    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+    return Freedom(free.component[kept], free.mass[kept], free.dim, number[free.place], free.length)
