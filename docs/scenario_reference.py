@@ -21,6 +21,7 @@ TITLES = {
     "flow": "Flow scenarios",
     "gouge": "Fault gouge scenarios",
     "rate-state": "Rate-and-state scenarios",
+    "catalogue": "Event catalogue scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 SWEEP = {

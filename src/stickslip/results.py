@@ -11,8 +11,8 @@ Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mec
     StatusSolution (statuses_at_apex), StatusMap (status_map)
 Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawComparison (friction.compare_laws), Sliding,
     Mean, Healing, HoldResponse (functions of `friction`)
-Experiments: DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries, Deposit,
-    PlaneShear, SliderResult, Sweep, SweepResult (run_sweep)
+Experiments: CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries,
+    Deposit, PlaneShear, SliderResult, Sweep, SweepResult (run_sweep)
 Files: Frame (io.frame_of)
 """
 
@@ -20,6 +20,7 @@ from .core.contacts.forces import ContactLoads
 from .core.dynamics.ledger import Ledger
 from .core.dynamics.record import Record
 from .data.exchange.frame import Frame
+from .experiments.catalogue.simulate import CatalogueResult
 from .experiments.disk_array.simulate import DiskArrayResult
 from .experiments.flow.measures import Deposit, PlaneShear
 from .experiments.flow.pouring import Poured
@@ -67,6 +68,7 @@ from .solve.transient import TransientGrowth
 __all__ = [
     "Apex",
     "BirthForm",
+    "CatalogueResult",
     "Collision",
     "Complementarity",
     "ComplexPairs",

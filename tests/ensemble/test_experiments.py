@@ -15,6 +15,7 @@ SWEPT = {  # the swept key and a measure with its unit
     "quasi-rigid": ({"law.mu": [0.5]}, "stress_ratio", "1"),
     "flow": ({"grains.number": [40]}, "deposit_top", "length"),
     "gouge": ({"law.mu": [0.5]}, "steady_friction@0.3", "1"),
+    "catalogue": ({"law.mu": [0.5]}, "events", "1"),
     "rate-state": ({"surface.law": ["slip"]}, "critical_stiffness", "1/m"),
 }
 

@@ -89,6 +89,7 @@ def test_every_experiment_knows_its_sources():
         ({"experiment": "quasi-rigid"}, "McNamara2006 Cundall1979", "Mindlin1949"),
         ({"experiment": "gouge"}, "Ferdowsi2021 Silbert2001 Ruina1983", "LAMMPS"),
         ({"experiment": "gouge", "engine": "lammps"}, "LAMMPS", "Charan2020"),
+        ({"experiment": "catalogue", "shear": {"drag": 0.1}}, "Ishima2022 Hanley1982 Mindlin1949", "Bonfanti2020"),
         ({"experiment": "rate-state"}, "Ruina1983", "Dieterich1979 Linker1992 Cundall1979"),
         (
             {"experiment": "rate-state", "surface": {"law": "aging", "alpha": 0.1}},

@@ -9,6 +9,7 @@ import stickslip as ss
 from stickslip.experiments.gouge import protocol as gouge_run
 from stickslip.experiments.rate_state.simulate import simulate_slider
 from stickslip.experiments.registry import EXPERIMENTS
+from tests.events.made import samples
 from tests.unit.test_units import ENERGY, LENGTH, NUMBER, STRESS, TIME, VELOCITY, WRITTEN
 
 RATE, RATE_SQUARED, PER_LENGTH = (0, 0, -1), (0, 0, -2), (0, -1, 0)
@@ -37,6 +38,11 @@ MEANT = {
         LENGTH: "thickness",
         NUMBER: "inertial_number stiffness_over_b steady_friction steady_friction_half peak slips "
         "largest_friction_drop",
+    },
+    "catalogue": {
+        NUMBER: "events packings events_per_strain share_saddle_node share_pair share_sliding share_opening "
+        "share_unstable share_unresolved saddle_node_exponent stress_drop_over_pressure jump_over_diameter "
+        "auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch",
     },
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
@@ -154,6 +160,17 @@ def crushed():
     }  # fmt: skip
 
 
+def announced():
+    """Four packings with five events each, and a switch test that announces all of them."""
+    shear = Made(window=4e-4, step=4e-4)
+    found = samples(4, 5)
+    strain = 4 * 56 * 4e-4
+    return Made(samples=found, number=20, scenario=Made(shear=shear)), {
+        "events": 20, "packings": 4, "events_per_strain": 20 / strain, "saddle_node_exponent": 0.5,
+        "share_pair": 3 / 20, "auc_switch": 1.0,
+    }  # fmt: skip
+
+
 def slid():
     """The spring-slider's own example."""
     chosen = ss.scenario(experiment="rate-state")
@@ -161,7 +178,7 @@ def slid():
 
 
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
-        "rate-state": slid}  # fmt: skip
+        "rate-state": slid, "catalogue": announced}  # fmt: skip
 
 
 def test_every_experiment_has_a_table():

@@ -18,7 +18,7 @@ _NAMES = {
     "length^2": "msd snapshot_msd close_msd saturation",
     "length^2/time^2": "temperature",
     "1/time": "growth_rate frequency predicted_growth predicted_frequency rate",
-    "1/time^2": "eigenvalues eigenvalue snapshots im_lambda largest smallest",
+    "1/time^2": "eigenvalues eigenvalue snapshots im_lambda largest smallest softest re_pair switched switch",
     "1": "friction contact_friction coordination sliding_fraction strain packing_fraction unbalanced volumetric ratio "
     "fabric",
 }

@@ -2,6 +2,7 @@
 
 disk_array, sphere_shear, quasi_rigid, gouge    the four papers
 flow, rate_state    granular flows; a spring-slider
+catalogue           events of sheared packings, and what announces them
 EXPERIMENTS, Experiment     the list of experiments, and the description of one
 ScenarioError       raised for an invalid scenario, with a one-sentence message
 """

@@ -1,4 +1,5 @@
 from ..data.schema import ScenarioError as ScenarioError
+from . import catalogue as catalogue
 from . import disk_array as disk_array
 from . import flow as flow
 from . import gouge as gouge

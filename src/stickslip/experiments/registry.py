@@ -10,10 +10,10 @@ from ..core.arguments import checked
 from ..core.text import read_text, shortened
 from ..data.law_file import require_checksum
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
-from . import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
+from . import catalogue, disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
 from .experiment import Experiment
 
-_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state)
+_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, catalogue)
 # the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
@@ -52,8 +52,8 @@ def simulate(
 
     Returns
     -------
-    DiskArrayResult, FlowResult, GougeResult, QuasiResult, ShearResult or SliderResult, with the scenario as
-    `result.scenario`.
+    CatalogueResult, DiskArrayResult, FlowResult, GougeResult, QuasiResult, ShearResult or SliderResult, with the
+    scenario as `result.scenario`.
 
     Examples
     --------

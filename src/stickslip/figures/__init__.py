@@ -11,6 +11,13 @@ What follows an instability
     growth_by_amplitude    growth rate of a pair at finite amplitude
     static_and_kinetic     share of kicked runs that slide, with static thresholds
 
+Events of sheared packings
+
+    eigenvalue_before_events   smallest eigenvalue before saddle nodes, and across contacts that start to slide
+    classes                share of every class of events, by law
+    drops                  distributions of stress drops and jumps
+    roc_curves             what is announced, against false alarms
+
 Disk array (paper 000)
 
     complex_pairs          Im λ of all complex pairs against the push

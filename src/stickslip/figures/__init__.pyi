@@ -1,4 +1,8 @@
 from .animation import movie as movie
+from .catalogue import classes as classes
+from .catalogue import drops as drops
+from .catalogue import eigenvalue_before_events as eigenvalue_before_events
+from .catalogue import roc_curves as roc_curves
 from .claims import claims_chart as claims_chart
 from .disk_array import center_of_mass as center_of_mass
 from .disk_array import complex_pairs as complex_pairs

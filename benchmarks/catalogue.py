@@ -1,0 +1,213 @@
+"""Reference catalogue of events: at least 1,000 events of several contact laws, in two and three dimensions.
+
+    python -m benchmarks.catalogue FOLDER           # runs what is not yet there: several core-hours, one process
+    python -m benchmarks.catalogue FOLDER --draw    # only the tables and figures, from what is finished
+
+Every law is run in parts, each in a folder of its own. A run that was stopped continues with the packing at which it
+was stopped. Tables, figures and the summary of `docs/catalogue.md` are written
+to `docs/reference/catalogue`.
+"""
+
+import shutil
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.experiments import EXPERIMENTS
+from stickslip.experiments.catalogue.measures import class_counts
+from stickslip.experiments.catalogue.predictors import PREDICTORS, Skill, skills
+from stickslip.experiments.catalogue.report import law_label
+from stickslip.experiments.catalogue.tables import Table, joined_tables, read_table, rows_of, write_table
+from stickslip.experiments.writer import write_result
+from stickslip.figures import catalogue as figures
+from stickslip.figures.style import save
+
+OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
+PAGE = Path(__file__).parents[1] / "docs/catalogue.md"
+MARK = "<!-- written by python -m benchmarks.catalogue -->\n"
+GOUGE = Path(__file__).parents[1] / "examples/gouge_stick_slip.toml"
+DISKS, SPHERES = {"grains": 50, "dim": 2, "packing_fraction": 0.845}, {"grains": 40, "dim": 3, "packing_fraction": 0.66}
+SHEAR = {"drag": 0.1, "strain": 0.1, "step": 4e-4, "resolution": 1e-6, "window": 4e-4}
+APART = 10_000  # distance between the seeds of two parts
+
+PICTURES = {
+    "eigenvalue": "Square of the smallest eigenvalue before saddle nodes, and that across contacts that slide",
+    "classes": "Classes of events by contact law",
+    "drops": "Distributions of stress drops and jumps",
+    "roc": "ROC curves of the predictors for every contact law",
+}
+
+
+class Run(NamedTuple):
+    """One law: its tables, the number of parts, and the number of events of a part."""
+
+    packing: dict
+    law: dict
+    parts: int
+    events: int = 50
+
+    def scenario(self, part: int):
+        """Scenario of one part."""
+        size = {"events": self.events, "packings": 1000, "seed": APART * part}
+        return ss.scenario(experiment="catalogue", packing=self.packing, law=self.law, shear=SHEAR, **size)
+
+
+RUNS = {
+    "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 5),
+    "smooth-0.5": Run(DISKS, {"coulomb": "smooth", "mu": 0.5}, 5),
+    "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 5),
+    "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 5),
+    "spheres-smooth-0.5": Run(SPHERES, {"coulomb": "smooth", "mu": 0.5}, 1, 20),
+    "spheres-sharp-0.5": Run(SPHERES, {"coulomb": "sharp", "mu": 0.5}, 1, 20),
+}
+
+
+def compute(folder: Path) -> None:
+    """Run all parts that are not finished, the first part of every law before the second ones, spheres last."""
+    parts = [(run.packing["dim"], part, name) for name, run in RUNS.items() for part in range(run.parts)]
+    for _, part, name in sorted(parts, key=lambda one: one[:2]):
+        place = folder / f"{name}-{part}"
+        if not (place / "events.csv").is_file():
+            chosen = RUNS[name].scenario(part)
+            result = ss.simulate(chosen, folder=place, workers=1, report=_say(f"{name}, part {part}"))
+            write_result(place, EXPERIMENTS["catalogue"], result)
+            write_reference(folder)
+    if not (folder / "gouge" / "slips.csv").is_file():
+        chosen = ss.experiments.registry.read_scenario(GOUGE)
+        found = ss.simulate(chosen, folder=folder / "gouge", workers=1, report=_say("gouge"))
+        write_result(folder / "gouge", EXPERIMENTS["gouge"], found)
+
+
+def _say(name: str):
+    return lambda stage, share, words: print(f"{name}: {words}", flush=True)
+
+
+def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:
+    """Return the events and the steps of every law, from the parts that are finished."""
+    events, steps = {}, {}
+    for name, run in RUNS.items():
+        places = [folder / f"{name}-{part}" for part in range(run.parts)]
+        done = [place for place in places if (place / "events.csv").is_file()]
+        if done:
+            label = law_label(run.scenario(0))
+            events[label] = joined_tables([(place.name, read_table(place / "events.csv")) for place in done], "part")
+            steps[label] = joined_tables([(place.name, read_table(place / "steps.csv")) for place in done], "part")
+    return events, steps
+
+
+def write_reference(folder: Path, out: Path = OUT) -> None:
+    """Write tables, figures and summary of what is finished."""
+    events, steps = gathered(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    found = {law: skills(steps[law], events[law], SHEAR["window"]) for law in events}
+    whole = joined_tables([(_plain(law), table) for law, table in events.items()], "law")
+    write_table(out / "events.csv", {name: column for name, column in whole.items() if name != "part"}, digits=7)
+    _write_skills(out / "skill.csv", found)
+    save(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")
+    save(figures.classes({law: class_counts(table) for law, table in events.items()}), out / "classes.png")
+    save(figures.drops(events), out / "drops.png")
+    curves = [[one for one in found[law] if np.isfinite(one.roc.area)] for law in found]
+    save(figures.roc_curves(curves, list(found)), out / "roc.png")
+    for name, target in (("slips.csv", "slips.csv"), ("fig8_slips.png", "slips.png")):
+        if (folder / "gouge" / name).is_file():
+            shutil.copy(folder / "gouge" / name, out / target)
+    if out == OUT:
+        _fill_page(summary(events, steps, found))
+
+
+def _fill_page(text: str) -> None:
+    """Replace the tables of the documentation."""
+    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
+    _, end, tail = rest.partition("<!-- end -->")
+    PAGE.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")
+
+
+def _plain(label: str) -> str:
+    """Label of a law without the markup of figures and without commas."""
+    return label.replace("$\\mu$", "μ").replace(",", "")
+
+
+def _write_skills(path: Path, found: dict[str, list[Skill]]) -> None:
+    lines = ["law,predictor,area,low,high,steps,followed,packings"]
+    for law, several in found.items():
+        lines += [
+            f"{_plain(law)},{s.predictor},{s.roc.area:.4f},{s.low:.4f},{s.high:.4f},{s.steps},{s.followed},{s.packings}"
+            for s in several
+        ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, list[Skill]]) -> str:
+    """Tables of the page, in Markdown."""
+    total = sum(len(table["strain"]) for table in events.values())
+    rows = [_row_of_classes(law, table, steps[law]) for law, table in events.items()]
+    areas = [_row_of_areas(law, several) for law, several in found.items()]
+    return "\n".join(
+        [
+            f"{total} events. Numbers of events by class, median exponent p of λ ∝ (γ_c − γ)^p at saddle nodes with "
+            f"the quartiles, and median stress drop over pressure:",
+            "",
+            "| law | packings | strain | events | real λ → 0 | pair | slides | opens | was unstable | unresolved "
+            "| exponent | drop |",
+            "|---|" + "---|" * 11,
+            *rows,
+            "",
+            f"Area under the ROC curve for an event within a strain of {SHEAR['window']:g}, with 95 % intervals from "
+            f"resampled packings:",
+            "",
+            "| law | smallest λ | \\|dq/dγ\\| | growth rate | tangent modulus | switch test |",
+            "|---|" + "---|" * len(PREDICTORS),
+            *areas,
+            "",
+            _published(found),
+            "",
+            *(f"![{words}](reference/catalogue/{name}.png)\n" for name, words in PICTURES.items()),
+        ]
+    )
+
+
+def _row_of_classes(law: str, table: Table, steps: Table) -> str:
+    counts = " | ".join(str(number) for number in class_counts(table).values())
+    strain = sum(steps["strain"][steps["sample"] == one].max() + SHEAR["step"] for one in np.unique(steps["sample"]))
+    exponents = rows_of(table, table["kind"] == "saddle_node")["exponent"]
+    exponents = exponents[np.isfinite(exponents)]
+    low, middle, high = np.quantile(exponents, [0.25, 0.5, 0.75]) if len(exponents) else [np.nan] * 3
+    exponent = f"{middle:.3f} ({low:.2f}–{high:.2f})" if len(exponents) else "–"
+    drop = np.nanmedian(table["stress_drop"])
+    return (
+        f"| {_plain(law)} | {len(np.unique(steps['sample']))} | {strain:.3g} | {len(table['strain'])} | {counts} | "
+        f"{exponent} | {drop:.2g} |"
+    )
+
+
+def _row_of_areas(law: str, several: list[Skill]) -> str:
+    cells = {one.predictor: f"{one.roc.area:.2f} ({one.low:.2f}–{one.high:.2f})" for one in several}
+    return f"| {_plain(law)} | " + " | ".join(cells.get(name, "–") for name in PREDICTORS) + " |"
+
+
+def _published(found: dict[str, list[Skill]]) -> str:
+    """Sentence about the published statement that eigenvalues announce nothing."""
+    law = next((law for law in found if law.startswith("linear, sharp")), None)
+    if law is None:
+        return ""
+    by = {one.predictor: one for one in found[law]}
+    flat, switch, rate = by["softest"], by["switch"], by["nonaffine_rate"]
+    inside = "contains" if flat.low <= 0.5 <= flat.high else "does not contain"
+    return (
+        f"Ishima et al. (arXiv:2212.04628) report that eigenvalues of frictional packings with a harmonic potential do "
+        f"not announce stress drops. With the linear sharp law the area of the smallest λ is {flat.roc.area:.3f}, and "
+        f"its interval {flat.low:.3f} to {flat.high:.3f} {inside} 1/2. The switch test has {switch.roc.area:.3f} "
+        f"({switch.low:.3f} to {switch.high:.3f}), and |dq/dγ| has {rate.roc.area:.3f} ({rate.low:.3f} to "
+        f"{rate.high:.3f})."
+    )
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit("give the folder of the runs, as in python -m benchmarks.catalogue results/catalogue")
+    if "--draw" not in sys.argv:
+        compute(Path(sys.argv[1]))
+    write_reference(Path(sys.argv[1]))

@@ -1,0 +1,96 @@
+"""Output of an event catalogue: tables, figures, archive and terminal summary."""
+
+from functools import partial
+
+import numpy as np
+from rich.table import Table as TerminalTable
+
+from ...core.readable import pluralize
+from ...figures import catalogue as figures_of
+from ...loading.event_types import EventKind
+from ..run_folder import EVENTS, STEPS, archive_fields
+from ..terminal import STYLE, console, show_table
+from .measures import class_counts, measures, predictor_skills
+from .simulate import CatalogueResult
+from .tables import event_table, step_table, write_table
+
+WORDS = {
+    "softest": "smallest real eigenvalue",
+    "nonaffine_rate": "|dq/dγ| of the non-affine motion",
+    "growth": "growth rate of the fastest pair",
+    "tangent_modulus": "tangent shear modulus",
+    "switch": "switch test: smallest eigenvalue with one contact set to slide",
+}
+
+
+def law_label(scenario) -> str:
+    """Name of the law of a scenario in a few words."""
+    law = scenario.law
+    if law.file is not None:
+        return "law from a file"
+    name = {"hertz_mindlin": "Hertz", "linear": "linear"}[law.kind]
+    return f"{name}, {law.coulomb}, $\\mu$ = {law.mu:g}, {scenario.packing.dim}D"
+
+
+def figures(result: CatalogueResult):
+    """Yield (file name, Figure) for each figure of a run."""
+    events, label = event_table(result.samples), law_label(result.scenario)
+    if result.number:
+        yield "fig1_eigenvalue.png", figures_of.eigenvalue_before_events(events)
+        yield "fig2_classes.png", figures_of.classes({label: class_counts(events)})
+        yield "fig3_drops.png", figures_of.drops({label: events})
+    skills = [one for one in predictor_skills(result) if np.isfinite(one.roc.area)]
+    if skills:
+        yield "fig4_roc.png", figures_of.roc_curves(skills, (label,))
+
+
+def files(result: CatalogueResult):
+    """Yield (file name, function that writes it) for the tables of events and of strain steps."""
+    yield EVENTS, partial(write_table, table=event_table(result.samples))
+    yield STEPS, partial(write_table, table=step_table(result.samples))
+
+
+def numbers(result: CatalogueResult) -> dict:
+    """Return the contents of the archive other than scenario and version."""
+    return {
+        "scenario": result.scenario.text,
+        "law": result.law,
+        "units": "those of the scenario: force, length, mass",
+        "events": event_table(result.samples),
+        "steps": step_table(result.samples),
+        "packings": {f"{one.seed:04d}": archive_fields(one.packed) for one in result.samples},
+        "ends": {f"{one.seed:04d}": one.found.state for one in result.samples},
+        "failures": "\n".join(result.failures),
+    }
+
+
+def show(result: CatalogueResult) -> None:
+    """Print the classes of the events and the skill of the predictors."""
+    found = measures(result)
+    console.print(
+        f"{pluralize(result.number, 'event')} in {pluralize(len(result.samples), 'packing')}, "
+        f"{found['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
+        f"highest frequency."
+    )
+    table = TerminalTable(title="Events", **STYLE)
+    table.add_column("class")
+    table.add_column("number", justify="right")
+    for kind, number in class_counts(event_table(result.samples)).items():
+        table.add_row(EventKind[kind.upper()].value, str(number))
+    show_table(table)
+    _show_skills(result)
+    for words in result.failures:
+        console.print(words, style="yellow")
+
+
+def _show_skills(result: CatalogueResult) -> None:
+    window = result.scenario.shear.window
+    table = TerminalTable(title=f"Announcements of an event within a strain of {window:g}", **STYLE)
+    table.add_column("predictor")
+    for name in ("area under ROC", "95 % interval", "steps"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for one in predictor_skills(result):
+        interval = f"{one.low:.3f} to {one.high:.3f}" if np.isfinite(one.low) else "–"
+        area = f"{one.roc.area:.3f}" if np.isfinite(one.roc.area) else "–"
+        table.add_row(WORDS[one.predictor], area, interval, str(one.steps))
+    show_table(table)

@@ -1,0 +1,135 @@
+"""Simulation of an event catalogue: packings are sheared one after another until enough events are found."""
+
+from math import ceil
+from pathlib import Path
+from typing import NamedTuple
+
+from ...core.dynamics.timestep import stable_time_step
+from ...core.laws.builtin import Law
+from ...core.readable import pluralize, readable
+from ...data.checkpoint import checkpoint_in
+from ...data.law_schema import make_law
+from ...ensemble import Member, Workers, reach
+from ...loading.event_types import Event, EventKind, Events, StrainStep
+from ...loading.events import find_events
+from ...loading.packing import PackingInfo
+from ..jammed_packing import make_packing
+from ..realizations import Report, Task, run_realizations, silent
+from .scenario import CatalogueScenario
+
+
+class Sample(NamedTuple):
+    """Events of one packing."""
+
+    seed: int
+    packed: PackingInfo
+    found: Events
+
+
+@readable(head=lambda r: f"{pluralize(r.number, 'event')} of {pluralize(len(r.samples), 'packing')}")
+class CatalogueResult(NamedTuple):
+    """Events of all packings, in the order of their seeds."""
+
+    scenario: CatalogueScenario
+    law: Law
+    samples: tuple[Sample, ...]
+    failures: tuple[str, ...]  # one sentence for each packing that failed
+
+    @property
+    def number(self) -> int:
+        """Number of events."""
+        return sum(len(one.found.events) for one in self.samples)
+
+
+def simulate_catalogue(
+    scenario: CatalogueScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+) -> CatalogueResult:
+    """Shear packings with the seeds seed, seed + 1, … until `events` events are found, at most `packings` packings.
+
+    Packings are sheared in batches, as many at a time as can run simultaneously. Those beyond the first that completes
+    the number of events are left out, so that the result does not depend on the number of workers.
+
+    Parameters
+    ----------
+    folder : run folder, in which each packing is saved as soon as it is finished
+    workers : number of processes, or the address of a Dask scheduler
+    report : called as report(stage, share done, words)
+
+    Raises
+    ------
+    RuntimeError
+        If every packing failed.
+    """
+    kept = checkpoint_in(folder, scenario, Sample, PackingInfo, Events, Event, EventKind, StrainStep)
+    slots = max(1, reach(workers).slots)
+    results: list[Sample | None] = []
+    sentences: list[str | None] = []
+    while len(results) < scenario.packings and (found := _count(results)) < scenario.events:
+        size = _batch_size(scenario, len(results), found, slots)
+        seeds = [scenario.seed + k for k in range(len(results), len(results) + size)]
+        tasks = [Task(f"packing {seed}", (scenario, seed), f"packing-{seed}", kept) for seed in seeds]
+        batch = run_realizations(
+            shear_sample,
+            tasks,
+            stage=f"packings {seeds[0]} to {seeds[-1]}" if size > 1 else f"packing {seeds[0]}",
+            workers=workers,
+            report=report,
+            describe=lambda member, before=found: _describe(member, before, scenario.events),
+        )
+        results += batch.results
+        sentences += batch.sentences
+    used = _sufficient(results, scenario.events)
+    samples = tuple(one for one in results[:used] if one is not None)
+    failures = tuple(words for words in sentences[:used] if words)
+    if not samples:
+        raise RuntimeError(f"every packing failed, the first with {failures[0]}")
+    return CatalogueResult(scenario, make_law(scenario.law), samples, failures)
+
+
+def shear_sample(scenario: CatalogueScenario, seed: int, tell) -> Sample:
+    """Pack one sample and find its events; `tell` is called as tell(share done, words)."""
+    law, shear = make_law(scenario.law), scenario.shear
+    tell(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
+    state, packed = make_packing(scenario.packing, law, seed)
+    found = find_events(
+        state,
+        law,
+        to=shear.strain,
+        drag=shear.drag * 2 / stable_time_step(state, law),
+        step=shear.step,
+        resolution=shear.resolution,
+        most=scenario.events,
+        report=lambda share, words: tell(share, f"packing {seed}: {words}"),
+    )
+    return Sample(seed, packed, found)
+
+
+def _count(results) -> int:
+    return sum(len(one.found.events) for one in results if one is not None)
+
+
+def _batch_size(scenario: CatalogueScenario, done: int, found: int, slots: int) -> int:
+    """Return the number of packings to run next: not more than are expected to be needed, but at least the slots."""
+    needed = ceil((scenario.events - found) * done / found) if found else done
+    return min(max(slots, needed // slots * slots), scenario.packings - done)
+
+
+def _sufficient(results, wanted: int) -> int:
+    """Return the number of packings, from the first, that contain the wanted number of events."""
+    total = 0
+    for k, one in enumerate(results):
+        total += len(one.found.events) if one is not None else 0
+        if total >= wanted:
+            return k + 1
+    return len(results)
+
+
+def _describe(member: Member, before: int, wanted: int) -> str:
+    """Describe the outcome of one packing in a few words."""
+    if member.failure:
+        return member.failure
+    found = member.result.found
+    return (
+        f"packing {member.result.seed}: {pluralize(len(found.events), 'event')}, {found.end} "
+        f"({before} of {wanted} events before this batch)"
+    )

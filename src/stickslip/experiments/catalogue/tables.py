@@ -1,0 +1,129 @@
+"""Tables of events and of strain steps: dictionaries of columns, and CSV files with units in the header.
+
+Every table has the column `sample`, the seed of the packing. Columns with several values for each event, such as the
+eigenvalue at several distances, are arrays with two dimensions; in a file they are spread over numbered columns.
+"""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ...loading.event_class import RATIO
+from ...loading.event_types import Event, StrainStep
+
+Table = dict[str, np.ndarray]
+UNITS = {
+    "softest": "1/time2", "re_pair": "1/time2", "switched": "1/time2", "switch": "1/time2", "growth": "1/time",
+    "growth_rate": "1/time", "jump": "D", "newton_distance": "D", "nonaffine_rate": "length",
+    "tangent_modulus": "stress", "shear_stress": "stress", "pressure": "stress",
+}  # fmt: skip
+_WHOLE = ("sample", "trigger_i", "trigger_j", "opened", "closed")
+_SPREAD = re.compile(r"(\w+)_(\d+)")
+
+
+def event_table(samples) -> Table:
+    """Return one row for each event of several samples: sample, kind, and the other fields of `Event`."""
+    rows = [(one.seed, event) for one in samples for event in one.found.events]
+    events = [event for _, event in rows]
+    places = [_places(event.distances, one.found.step) for one in samples for event in one.found.events]
+    out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
+    for name in Event._fields:
+        values = [getattr(event, name) for event in events]
+        if name == "kind":
+            out[name] = np.array([kind.name.lower() for kind in values], str)
+        elif name == "trigger":
+            pairs = np.array(values, int).reshape(-1, 2)
+            out |= {"trigger_i": pairs[:, 0], "trigger_j": pairs[:, 1]}
+        elif name in ("opened", "closed"):
+            out[name] = np.array(values, int)
+        elif name in ("distances", "softest", "re_pair", "growth"):
+            out[name] = _aligned(values, places)
+        else:
+            out[name] = np.array(values, float)
+    return out
+
+
+def step_table(samples) -> Table:
+    """Return one row for each strain step of several samples: sample, and the fields of `StrainStep`."""
+    out: Table = {"sample": np.repeat([one.seed for one in samples], [len(one.found.steps.strain) for one in samples])}
+    for name in StrainStep._fields:
+        out[name] = np.concatenate([getattr(one.found.steps, name) for one in samples])
+    return out
+
+
+def _places(distances: np.ndarray, step: float) -> np.ndarray:
+    """Return k of each distance step · 8^(−k)."""
+    return np.round(np.log(step / distances) / np.log(RATIO)).astype(int)
+
+
+def _aligned(values: list, places: list) -> np.ndarray:
+    """Stack the values of several events so that a column belongs to one distance; NaN where there is no value."""
+    out = np.full((len(values), 1 + max((int(k.max()) for k in places if len(k)), default=-1)), np.nan)
+    for row, value, k in zip(out, values, places, strict=True):
+        row[k] = value
+    return out
+
+
+def write_table(path: Path, table: Table, digits: int = 8) -> None:
+    """Write a table as CSV, with units in the header and numbers with a number of significant digits."""
+    columns = {}
+    for name, values in table.items():
+        unit = UNITS.get(name, "-")
+        flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
+        columns |= {
+            label if values.dtype.kind == "U" else f"{label} [{unit}]": column for label, column in flat.items()
+        }
+    text = pd.DataFrame(columns).to_csv(index=False, float_format=f"%.{digits}g", na_rep="nan", lineterminator="\n")
+    path.write_text(text, encoding="utf-8")
+
+
+def read_table(path: str | Path) -> Table:
+    """Read a table that a catalogue wrote; columns have the names that the archive uses, without units.
+
+    Parameters
+    ----------
+    path : events.csv or steps.csv in the folder of a run
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> events = ss.experiments.catalogue.read_table("results/catalogue/events.csv")  # doctest: +SKIP
+    """
+    found = pd.read_csv(path)
+    out: dict[str, list] = {}
+    for label in found.columns:
+        name = label.split(" [")[0]
+        spread = _SPREAD.fullmatch(name)
+        out.setdefault(spread[1] if spread else name, []).append(found[label].to_numpy())
+    return {name: _column(name, parts) for name, parts in out.items()}
+
+
+def _column(name: str, parts: list[np.ndarray]) -> np.ndarray:
+    """Return a column that was read, with its type."""
+    if len(parts) > 1:
+        return np.stack(parts, axis=1).astype(float)
+    kind = int if name in _WHOLE else float if parts[0].dtype.kind in "iuf" else str
+    return parts[0].astype(kind)
+
+
+def joined_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
+    """Stack tables with the same columns, with a first column that names the table each row comes from."""
+    tables = list(tables)
+    width = {
+        name: max((t[name].shape[1] for _, t in tables), default=0) for name, v in tables[0][1].items() if v.ndim > 1
+    }
+    out: Table = {label: np.repeat([name for name, _ in tables], [len(t["sample"]) for _, t in tables])}
+    for name in tables[0][1]:
+        columns = [t[name] for _, t in tables]
+        if name in width:
+            columns = [np.pad(c, ((0, 0), (0, width[name] - c.shape[1])), constant_values=np.nan) for c in columns]
+        out[name] = np.concatenate(columns)
+    return out
+
+
+def rows_of(table: Table, rows) -> Table:
+    """Select rows of all columns."""
+    return {name: values[rows] for name, values in table.items()}

@@ -1,0 +1,180 @@
+"""Figures of an event catalogue; tables are dictionaries of columns, as in events.csv."""
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, column_axes, styled
+
+# class of an event: its label and colour
+CLASSES = {
+    "saddle_node": (r"real $\lambda \to 0$", BLUE),
+    "pair": ("complex pair", SKY),
+    "sliding": ("contact starts to slide", RED),
+    "opening": ("contact opens", ORANGE),
+    "unstable": ("already unstable", PURPLE),
+    "unresolved": ("unresolved", "#BBBBBB"),
+}
+PREDICTORS = {
+    "softest": (r"smallest $\lambda$", BLUE),
+    "nonaffine_rate": (r"$|dq/d\gamma|$", GREEN),
+    "growth": ("growth rate", SKY),
+    "tangent_modulus": ("modulus", ORANGE),
+    "switch": ("switch test", RED),
+}
+LINES = 60  # events drawn one by one
+
+
+@styled
+def eigenvalue_before_events(events):
+    """Square of the smallest eigenvalue before saddle nodes, and the eigenvalue across contacts that start to slide.
+
+    Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node
+    λ² falls in proportion to the distance; before a contact starts to slide λ stays flat, and it is negative as soon
+    as this contact is set to slide (points at the right).
+    """
+    figure, (top, bottom) = column_axes(2, 4.4)
+    _saddle_nodes(top, events)
+    _sliding_contacts(bottom, events)
+    return figure
+
+
+def _scaled(events, kind: str):
+    """Distances, λ over its value at the largest distance, and λ with the contact set to slide, for one class."""
+    rows = events["kind"] == kind
+    distance, softest = events["distances"][rows], events["softest"][rows]
+    far = softest[:, :1] if softest.shape[1] else np.full((len(softest), 1), np.nan)
+    good = (np.isfinite(far) & (far > 0))[:, 0]
+    return distance[good], softest[good] / far[good], events["switched"][rows][good] / far[good, 0]
+
+
+def _saddle_nodes(axes, events) -> None:
+    distance, ratio, _ = _scaled(events, "saddle_node")
+    for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
+        above = y > 0
+        axes.loglog(x[above], y[above] ** 2, color=BLUE, lw=0.5, alpha=0.35)
+    if len(distance):
+        x = np.nanmedian(distance, axis=0)
+        axes.loglog(x, np.nanmedian(np.clip(ratio, 0, None), axis=0) ** 2, "o-", color=BLACK, ms=3, label="median")
+        axes.loglog(x, x / x[0], "--", color=ORANGE, label=r"$\propto \gamma_c - \gamma$")
+        axes.invert_xaxis()
+        axes.legend(loc="lower left")
+    axes.set(xlabel=r"strain before the event $\gamma_c - \gamma$", ylabel=r"$(\lambda/\lambda_{\rm far})^2$")
+    axes.set_title(f"real eigenvalue reaches zero: {_events(len(distance))}", fontsize=7.5)
+
+
+def _sliding_contacts(axes, events) -> None:
+    distance, ratio, switched = _scaled(events, "sliding")
+    for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
+        axes.plot(x, y, color=BLUE, lw=0.5, alpha=0.35)
+    axes.axhline(0, color=BLACK, lw=0.6)
+    axes.set(xlabel=r"strain before the event $\gamma_c - \gamma$", ylabel=r"$\lambda/\lambda_{\rm far}$")
+    axes.set_xscale("log")
+    axes.set_yscale("symlog", linthresh=2)
+    if len(distance):
+        x = np.nanmedian(distance, axis=0)
+        axes.plot(x, np.nanmedian(ratio, axis=0), "o-", color=BLACK, ms=3, label="median")
+        right = np.nanmin(distance) / 10
+        spread = right * 2.0 ** np.linspace(-0.7, 0.7, min(LINES, len(switched)))
+        axes.plot(spread, switched[:LINES], ".", color=RED, ms=3, label="its contact set to slide")
+        axes.axvline(3 * right, color=BLACK, lw=0.6, ls=":")
+        axes.set_xlim(2 * np.nanmax(distance), right / 3)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _power(x) if x > 3 * right else ""))
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.legend(loc="lower left")
+    axes.set_title(f"a contact starts to slide: {_events(len(distance))}", fontsize=7.5)
+
+
+def _power(x: float) -> str:
+    return f"$10^{{{round(np.log10(x))}}}$"
+
+
+def _events(number: int) -> str:
+    return f"{number} event{'' if number == 1 else 's'}"
+
+
+@styled
+def classes(counts):
+    """Shares of the classes of events, one bar for each law.
+
+    Parameters
+    ----------
+    counts : {label of the law: {class: number of events}}
+    """
+    figure, axes = column_axes(1, 1.2 + 0.32 * len(counts))
+    for row, found in enumerate(counts.values()):
+        total, left = max(1, sum(found.values())), 0.0
+        for kind, (_, color) in CLASSES.items():
+            share = found.get(kind, 0) / total
+            axes.barh(row, share, left=left, color=color, height=0.7)
+            if share > 0.07:
+                axes.text(
+                    left + share / 2, row, str(found[kind]), ha="center", va="center", color="white", fontsize=6.5
+                )
+            left += share
+    axes.set_yticks(range(len(counts)), counts)
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+    axes.set_xlim(0, 1)
+    axes.set_xlabel("share of events")
+    handles = [
+        axes.barh(0, 0, color=color, label=label)
+        for kind, (label, color) in CLASSES.items()
+        if any(found.get(kind) for found in counts.values())
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncol=2)
+    return figure
+
+
+@styled
+def drops(tables):
+    """Distributions of the stress drop over the pressure and of the size of the jump, by law.
+
+    Parameters
+    ----------
+    tables : {label of the law: table of events}
+    """
+    figure, panels = column_axes(2, 4.2)
+    words = {"stress_drop": r"stress drop over pressure $\Delta\sigma_{xy}/p$", "jump": "jump [mean diameters]"}
+    for axes, (column, label) in zip(panels, words.items(), strict=True):
+        for color, (law, events) in zip(COLORS, tables.items(), strict=False):
+            values = np.sort(events[column][np.isfinite(events[column]) & (events[column] > 0)])
+            share = 1 - np.arange(len(values)) / max(1, len(events[column]))
+            axes.step(values, share, where="post", color=color, label=law)
+        axes.set(xlabel=label, ylabel="share of events that are larger", xscale="log", yscale="log")
+    panels[0].legend(loc="lower left")
+    return figure
+
+
+@styled
+def roc_curves(found, titles=("",)):
+    """Receiver operating characteristics of all predictors with their 95 % bands, one panel for each law.
+
+    Parameters
+    ----------
+    found : list of skills, or list of such lists
+    titles : one for each panel
+    """
+    panels = found if found and isinstance(found[0], list) else [found]
+    rows = -(-len(panels) // 2)
+    width = min(2, len(panels))
+    figure, grid = plt.subplots(rows, width, figsize=(WIDTH * width, 3.5 * rows), squeeze=False)
+    for axes, skills, title in zip(grid.flat, panels, titles, strict=False):
+        for one in skills:
+            label, color = PREDICTORS[one.predictor]
+            x = np.linspace(0, 1, one.band.shape[1])
+            axes.fill_between(x, *one.band, color=color, alpha=0.15, lw=0)
+            axes.plot(one.roc.false_alarms, one.roc.hits, color=color, label=f"{label} {_area(one)}", clip_on=False)
+        axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
+        axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="false alarms", ylabel="announced events", aspect="equal")
+        axes.set_title(title, fontsize=7.5)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.17), ncol=2, columnspacing=1.0, handlelength=1.2)
+    for axes in grid.flat[len(panels) :]:
+        axes.axis("off")
+    return figure
+
+
+def _area(one) -> str:
+    interval = f" ({one.low:.2f}–{one.high:.2f})" if np.isfinite(one.low) else ""
+    return f"{one.roc.area:.2f}{interval}"
