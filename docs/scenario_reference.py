@@ -22,6 +22,7 @@ TITLES = {
     "gouge": "Fault gouge scenarios",
     "rate-state": "Rate-and-state scenarios",
     "catalogue": "Event catalogue scenarios",
+    "fault": "Earthquake cycle scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 SWEEP = {

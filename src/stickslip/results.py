@@ -10,9 +10,10 @@ Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocol
 Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
     StatusSolution (statuses_at_apex), StatusMap (status_map)
 Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawComparison (friction.compare_laws), Sliding,
-    Mean, Healing, HoldResponse (functions of `friction`)
+    Mean, Healing, HoldResponse, Nucleation (functions of `friction`), FaultHistory, FaultEvents
+    (friction.simulate_fault)
 Experiments: CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries,
-    Deposit, PlaneShear, SliderResult, Sweep, SweepResult (run_sweep)
+    Deposit, PlaneShear, SliderResult, FaultResult, Sweep, SweepResult (run_sweep)
 Files: Frame (io.frame_of)
 """
 
@@ -22,6 +23,7 @@ from .core.dynamics.record import Record
 from .data.exchange.frame import Frame
 from .experiments.catalogue.simulate import CatalogueResult
 from .experiments.disk_array.simulate import DiskArrayResult
+from .experiments.fault.simulate import FaultResult
 from .experiments.flow.measures import Deposit, PlaneShear
 from .experiments.flow.pouring import Poured
 from .experiments.flow.simulate import FlowResult, FlowSeries
@@ -31,6 +33,9 @@ from .experiments.rate_state.simulate import SliderResult
 from .experiments.sphere_shear.simulate import ShearPath, ShearResult
 from .experiments.sweep.definition import Sweep
 from .experiments.sweep.run import SweepResult
+from .friction.fault_cycles import FaultHistory
+from .friction.fault_record import FaultEvents
+from .friction.fault_theory import Nucleation
 from .friction.fitting import Fit
 from .friction.measure import Healing, HoldResponse, Mean
 from .friction.model_comparison import LawComparison
@@ -86,6 +91,9 @@ __all__ = [
     "Events",
     "Factorisation",
     "FastestPair",
+    "FaultEvents",
+    "FaultHistory",
+    "FaultResult",
     "Fit",
     "FlowResult",
     "FlowSeries",
@@ -101,6 +109,7 @@ __all__ = [
     "LoadPath",
     "Mean",
     "Mechanism",
+    "Nucleation",
     "PackingInfo",
     "PlaneShear",
     "Poured",

@@ -91,6 +91,7 @@ def test_every_experiment_knows_its_sources():
         ({"experiment": "gouge", "engine": "lammps"}, "LAMMPS", "Charan2020"),
         ({"experiment": "catalogue", "shear": {"drag": 0.1}}, "Ishima2022 Hanley1982 Mindlin1949", "Bonfanti2020"),
         ({"experiment": "rate-state"}, "Ruina1983", "Dieterich1979 Linker1992 Cundall1979"),
+        ({"experiment": "fault"}, "Erickson2020 Rice1993 Rubin2005 Dieterich1979", "LAMMPS"),
         (
             {"experiment": "rate-state", "surface": {"law": "aging", "alpha": 0.1}},
             "Dieterich1979 Ruina1983 Linker1992",

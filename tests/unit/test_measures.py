@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.experiments.fault.simulate import FaultResult
 from stickslip.experiments.gouge import protocol as gouge_run
 from stickslip.experiments.rate_state.simulate import simulate_slider
 from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.friction.fault_cycles import Energy
+from stickslip.friction.fault_record import FaultEvents
 from tests.events.made import samples
-from tests.unit.test_units import ENERGY, LENGTH, NUMBER, STRESS, TIME, VELOCITY, WRITTEN
+from tests.unit.test_units import ENERGY, FORCE, LENGTH, NUMBER, STRESS, TIME, VELOCITY, WRITTEN
 
 RATE, RATE_SQUARED, PER_LENGTH = (0, 0, -1), (0, 0, -2), (0, -1, 0)
-SI = ("gouge", "rate-state")
+SI = ("gouge", "rate-state", "fault")
 # what each measure is, without what stands behind an @; "load" is the scenario's `load.unit`
 MEANT = {
     "disk-array": {
@@ -47,6 +50,11 @@ MEANT = {
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
         PER_LENGTH: "critical_stiffness", RATE: "growth_rate", TIME: "reached",
+    },
+    "fault": {
+        NUMBER: "events radiated_fraction energy_residual", TIME: "first_event recurrence duration",
+        LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom", VELOCITY: "max_velocity",
+        FORCE: "moment",
     },
 }  # fmt: skip
 WORDS = WRITTEN | {"load": ("load",) * 2, PER_LENGTH: ("1/length", "1/m")}
@@ -177,8 +185,22 @@ def slid():
     return simulate_slider(chosen), {}
 
 
+def cycled():
+    """Five events, of which the last two are settled; without an event there is no average."""
+    start = 10.0 * np.arange(5)
+    steady = {name: np.ones(5) for name in FaultEvents._fields} | {
+        "start": start,
+        "end": start + np.array([0, 0, 0, 1, 3]),
+    }
+    history = Made(events=FaultEvents(**steady), energy=Energy(10.0, 7.0, 1.0, 1.0))
+    return FaultResult(None, history, None), {
+        "events": 5, "first_event": 0.0, "recurrence": 10.0, "duration": 2.0, "radiated_fraction": 0.1,
+        "energy_residual": 0.1, "moment": 1.0,
+    }  # fmt: skip
+
+
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
-        "rate-state": slid, "catalogue": announced}  # fmt: skip
+        "rate-state": slid, "fault": cycled, "catalogue": announced}  # fmt: skip
 
 
 def test_every_experiment_has_a_table():

@@ -11,10 +11,10 @@ from stickslip.figures.quantities import quantities
 LENGTH, TIME, VELOCITY, ANGLE = (0, 1, 0), (0, 0, 1), (0, 1, -1), "rad"
 FORCE, ENERGY, STRESS, NUMBER = (1, 1, -2), (1, 2, -2), "stress", (0, 0, 0)
 MEANT = {
-    LENGTH: "anchor center edges high load_point low overlap pair plate_position point position radius roll slip "
-    "thickness turns vectors wall_point",
+    LENGTH: "anchor bottom center dc depth edges high load_point low max_slip nucleation_length overlap pair "
+    "plate_position point position radius roll slip station surface_slip thickness top turns vectors wall_point",
     TIME: "breach close_time dt end hold knots slide snapshot_time start theta time turn_time",
-    VELOCITY: "after before profile_velocity speed velocity",
+    VELOCITY: "after before max_velocity profile_velocity speed surface_velocity velocity",
     ANGLE: "angle",
     "rad/T": "spin",
     (1, 0, 0): "mass",
@@ -24,6 +24,8 @@ MEANT = {
     (1, 0, -2): "spring",
     ENERGY: "coulomb defect drag elastic_energy external kinetic kinetic_energy nonpotential tangential viscous",
     STRESS: "pressure shear_stress stress",
+    "energy per length": "frictional loading radiated",
+    (1, 1, -3): "moment_rate",
     (0, 1, -2): "gravity",
     (0, 2, 0): "close_msd msd saturation snapshot_msd",
     (0, 2, -2): "temperature",
@@ -39,7 +41,8 @@ WRITTEN = {
     FORCE: ("force", "N"), "moment": ("force length", "N m"), (1, 0, -2): ("force/length", "N/m"),
     ENERGY: ("energy", "J"), STRESS: ("force/length^(dim-1)", "Pa"), (0, 1, -2): ("length/time^2", "m/s^2"),
     (0, 2, 0): ("length^2", "m^2"), (0, 2, -2): ("length^2/time^2", "m^2/s^2"), (0, 0, -1): ("1/time", "1/s"),
-    (0, 0, -2): ("1/time^2", "1/s^2"), NUMBER: ("1", "1"),
+    (0, 0, -2): ("1/time^2", "1/s^2"), NUMBER: ("1", "1"), (1, 1, -3): ("force/time", "N/s"),
+    "energy per length": ("energy/length", "J/m"),
 }  # fmt: skip
 BASE = {
     "m": (0, 1, 0), "s": (0, 0, 1), "kg": (1, 0, 0), "N": (1, 1, -2), "J": (1, 2, -2), "rad": (0, 0, 0), "1": (0, 0, 0),

@@ -51,7 +51,7 @@ def reproduce(
     experiment: Annotated[
         str,
         typer.Argument(
-            help="Name of the paper: disk-array, sphere-shear, quasi-rigid or gouge.",
+            help="Name of the paper: disk-array, sphere-shear, quasi-rigid, gouge or seas-bp1.",
             autocompletion=complete_from(_papers),
         ),
     ],
@@ -82,10 +82,10 @@ def reproduce(
         )
     spread = _choose_workers(workers, scheduler)
     from ..experiments import run_folder
-    from ..experiments.registry import EXPERIMENTS
+    from ..experiments.registry import papers
     from ..experiments.resume import mark_reproduction
 
-    chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
+    chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     how = {"quiet": quiet, "as_json": as_json}
     with _working_in(folder, how):
@@ -115,10 +115,10 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
     """Run or continue a paper's experiment in a folder."""
     from ..experiments import json_output, terminal
     from ..experiments.claims_report import show_claims
-    from ..experiments.registry import EXPERIMENTS
+    from ..experiments.registry import papers
     from ..experiments.writer import write_reproduction
 
-    chosen = EXPERIMENTS[experiment]
+    chosen = papers()[experiment]
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
     with convert_errors(), terminal.progress() as tell:
@@ -147,7 +147,7 @@ def run(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders."""
+    """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
     from ..experiments import run_folder
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario

@@ -1,7 +1,7 @@
 """Experiments: one package each, with its scenario, simulation, measures and report.
 
 disk_array, sphere_shear, quasi_rigid, gouge    the four papers
-flow, rate_state    granular flows; a spring-slider
+flow, rate_state, fault    granular flows; a spring-slider; earthquake cycles on a fault
 catalogue           events of sheared packings, and what announces them
 EXPERIMENTS, Experiment     the list of experiments, and the description of one
 ScenarioError       raised for an invalid scenario, with a one-sentence message

@@ -1,6 +1,7 @@
 from ..data.schema import ScenarioError as ScenarioError
 from . import catalogue as catalogue
 from . import disk_array as disk_array
+from . import fault as fault
 from . import flow as flow
 from . import gouge as gouge
 from . import quasi_rigid as quasi_rigid

@@ -21,6 +21,7 @@ from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
 _ALONG = ("time", "strain", "load", "load_point", "slip")  # coordinate of a table: the first one that increases
+_ACROSS = ("station", "depth")  # coordinate of the second dimension of a table, if the length fits
 _AXES = {"axis": ["x", "y", "z"]}
 _GRAINS = ("position", "angle", "velocity", "spin", "radius", "mass", "inertia", "material")
 _WALLS = ("point", "normal", "velocity", "mass", "material")
@@ -271,14 +272,17 @@ def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
     """Build the dataset of a group.
 
     Arrays of the most common length share a dimension: the first coordinate that increases or, if none does, the
-    group's name.
+    group's name. The second dimension of tables is a coordinate of `_ACROSS` of the same length.
     """
     label = group.strip("/").rpartition("/")[2]
     if "" in entries:
         return _row_dataset(group, label, entries[""], units)
     lengths = Counter(len(values) for values in entries.values() if values.ndim)
     common = lengths.most_common(1)[0][0] if lengths else 0
-    along = next((n for n in _ALONG if _is_increasing(entries.get(n), common)), label or "row")
+    along = next((n for n in (*_ALONG, *_ACROSS) if _is_increasing(entries.get(n), common)), label or "row")
+    across = next(
+        (n for n in _ACROSS if n in entries and n != along and _is_increasing(entries[n], len(entries[n]))), ""
+    )
     variables = {}
     for name, values in entries.items():
         if not values.size:
@@ -289,9 +293,12 @@ def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
             dims[0] = along
         if values.ndim > 1 and values.shape[-1] == 3:
             dims[-1] = "axis"
+        if across and values.ndim and values.shape[-1] == len(entries[across]) and (values.ndim > 1 or name == across):
+            dims[-1] = across
         found = units.get(f"{group}{name}", unit_of(name))
         # a multidimensional variable must not share its name with one of its dimensions
-        key = f"{name}_values" if name in dims and (values.ndim > 1 or dims[0] != name or name != along) else name
+        own = dims == [name] and name in (along, across)
+        key = f"{name}_values" if name in dims and not own else name
         variables[key] = (dims, values, {"units": found} if found else {})
     return xr.Dataset(variables)
 

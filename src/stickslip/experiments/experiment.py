@@ -27,6 +27,7 @@ class Paper(NamedTuple):
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
     shows: Callable  # () -> figures of the paper, their content, and the claims to quote
+    name: str | None = None  # for `stickslip reproduce`; None: the name of the experiment
     # functions of the reproduction; None: use the function of the experiment on the main run
     numbers: Callable | None = None
     figures: Callable | None = None

@@ -10,10 +10,10 @@ from ..core.arguments import checked
 from ..core.text import read_text, shortened
 from ..data.law_file import require_checksum
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
-from . import catalogue, disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
+from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear
 from .experiment import Experiment
 
-_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, catalogue)
+_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, catalogue)
 # the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
@@ -22,8 +22,8 @@ _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None):
 
 
 def papers() -> dict[str, Experiment]:
-    """Return the experiments that reproduce a paper, by name."""
-    return {name: one for name, one in EXPERIMENTS.items() if one.paper}
+    """Return the experiments that reproduce a paper, by the name for `stickslip reproduce`."""
+    return {one.paper.name or name: one for name, one in EXPERIMENTS.items() if one.paper}
 
 
 def experiment_of(scenario: ScenarioBase) -> Experiment:
@@ -52,8 +52,8 @@ def simulate(
 
     Returns
     -------
-    CatalogueResult, DiskArrayResult, FlowResult, GougeResult, QuasiResult, ShearResult or SliderResult, with the
-    scenario as `result.scenario`.
+    CatalogueResult, DiskArrayResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult or SliderResult,
+    with the scenario as `result.scenario`.
 
     Examples
     --------

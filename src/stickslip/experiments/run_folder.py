@@ -21,7 +21,9 @@ PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 SERIES, CURVES = "series.csv", "curves.csv"
 EVENTS, STEPS, SLIPS = "events.csv", "steps.csv", "slips.csv"
 RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, EVENTS, STEPS, SLIPS, PAGE, FILM)
-_RUN_FILE = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, RUN_FILES)))
+_RUN_FILE = re.compile(
+    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|fltst_dp\d+\.txt|devol\.dat|" + "|".join(map(re.escape, RUN_FILES))
+)
 SHOWN = 8  # file names listed in a message
 
 

@@ -10,6 +10,9 @@ from .disk_array import mean_square_displacement as mean_square_displacement
 from .disk_array import mode_shape as mode_shape
 from .disk_array import trajectory as trajectory
 from .disk_array import traveling_fronts as traveling_fronts
+from .fault import max_slip_velocity as max_slip_velocity
+from .fault import slip_contours as slip_contours
+from .fault import station_series as station_series
 from .flow import snapshots as snapshots
 from .flow import time_series as time_series
 from .flow import velocity_profile as velocity_profile

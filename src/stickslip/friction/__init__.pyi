@@ -9,6 +9,7 @@ from .fault_theory import cohesive_length as cohesive_length
 from .fault_theory import critical_wavelength as critical_wavelength
 from .fault_theory import nucleation as nucleation
 from .fault_theory import nucleation_half_length as nucleation_half_length
+from .fault_xarray import fault_dataset as fault_dataset
 from .fitting import fit as fit
 from .laboratory import LabRecord as LabRecord
 from .laboratory import read_csv as read_csv

@@ -160,7 +160,8 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         )
         recorder.step(before, now)
         if report is not None and steps % REPORTED == 0:
-            report(min(1.0, time / until), _words(now, recorder))
+            words = f"{time / YEAR:.1f} years, fastest slip {now.fastest:.1e} m/s"
+            report(min(1.0, time / until), words)
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
         recorder.sampled.copy(),
@@ -182,10 +183,6 @@ def _moment(fault: Fault, state: FaultState) -> Moment:
     return Moment(
         state.time, state.excess_slip, state.rates[0], state.log_state, state.log_velocity, fastest, state.energy[2]
     )
-
-
-def _words(now: Moment, recorder: Recorder) -> str:
-    return f"{now.time / YEAR:.1f} years, {len(recorder.events)} events, fastest {now.fastest:.1e} m/s"
 
 
 def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):

@@ -1,0 +1,50 @@
+"""Earthquake cycles on a straight fault; `reproduce` runs the SEAS benchmark problem BP1-QD."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, Paper, lazy_function
+from ..sources import STATE
+from .scenario import FaultScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
+    """Return keys of references.bib, grouped by purpose."""
+    return {
+        "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
+        "rate-and-state friction": STATE[scenario.friction.law],
+        "time stepping": ("Dormand1980",),
+    }
+
+
+SMALLEST = {
+    "line": {"width": 2000.0, "cell": 100.0},
+    "friction": {"a": 0.010, "normal": 1e7},
+    "run": {"years": 1.0, "stations": [0.0]},
+}
+
+EXPERIMENT = Experiment(
+    scenario=FaultScenario,
+    words="earthquake cycles on a straight fault",
+    simulate=_here("simulate.simulate_cycles"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    files=_here("report.files"),
+    references=references,
+    smallest=(SMALLEST,),
+    parallel=False,
+    paper=Paper(
+        name="seas-bp1",
+        title="SEAS benchmark problem BP1-QD: earthquake cycles on a strike-slip fault",
+        cuts="cells of 50 m instead of 25 m, and 700 years instead of 1200; the coarser runs have cells of 100 m",
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,94 @@
+"""Output of earthquake cycles: files, archive, terminal summary and measures."""
+
+from functools import partial
+
+import numpy as np
+from rich.table import Table
+
+from ...figures import fault as figures_of
+from ...friction.fault_record import YEAR
+from ..terminal import STYLE, console, show_table
+from . import seas_files
+from .simulate import FaultResult
+
+SHOWN = 12  # events in the table
+
+
+def figures(result: FaultResult):
+    """Yield (file name, Figure) of a run."""
+    history = result.history
+    yield "fig1_slip.png", figures_of.slip_contours(history)
+    yield "fig2_velocity.png", figures_of.max_slip_velocity(history, result.scenario.run.threshold)
+    if len(history.station):
+        yield "fig3_stations.png", figures_of.station_series(history)
+
+
+def files(result: FaultResult):
+    """Yield (file name, function that writes it) in the format of the SEAS platform."""
+    history = result.history
+    for number, depth in enumerate(history.station):
+        yield seas_files.station_file(depth), partial(seas_files.write_station, history, number)
+    yield "devol.dat", partial(seas_files.write_slip_evolution, history)
+
+
+def numbers(result: FaultResult) -> dict:
+    """Return the contents of the archive, besides scenario and version."""
+    h = result.history
+    series = {
+        name: getattr(h, name)
+        for name in ("time", "max_velocity", "moment_rate", "station", "slip", "velocity", "stress", "theta")
+    }
+    profiles = {
+        "time": h.profile_time, "seismic": h.profile_seismic, "max_velocity": h.profile_max_velocity,
+        "depth": h.profile_depth, "slip": h.profile_slip,
+    }  # fmt: skip
+    fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal")}
+    return {
+        "series": series, "profiles": profiles, "events": h.events, "energy": h.energy,
+        "fault": fault | {"stress": h.state.stress(h.fault), "theta": h.state.theta(h.fault)}, "units": "SI",
+    }  # fmt: skip
+
+
+def show(result: FaultResult) -> None:
+    """Print the events and their average."""
+    events, table = result.history.events, Table(title="Events", **STYLE)
+    for name in ("year", "duration [s]", "nucleates at [km]", "rupture [km]", "max V [m/s]", "slip [m]", "surface [m]"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for k in range(min(SHOWN, len(events.start))):
+        table.add_row(
+            f"{events.start[k] / YEAR:.3f}", f"{events.end[k] - events.start[k]:.1f}", f"{events.depth[k] / 1e3:.2f}",
+            f"{events.top[k] / 1e3:.1f}–{events.bottom[k] / 1e3:.1f}", f"{events.max_velocity[k]:.3g}",
+            f"{events.max_slip[k]:.3f}", f"{events.surface_slip[k]:.3f}",
+        )  # fmt: skip
+    if len(events.start):
+        show_table(table)
+    if len(events.start) > SHOWN:
+        console.print(f"  and {len(events.start) - SHOWN} more")
+    console.print(f"  {result.nucleation.sentence}", style=None if result.nucleation.possible else "yellow")
+    if np.isfinite(result.recurrence):
+        console.print(f"  recurrence {result.recurrence / YEAR:.4g} years")
+    console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of loading")
+
+
+def measures(result: FaultResult) -> dict[str, tuple[float, str]]:
+    """Return {name: (value, unit)} for sweeps; averages are over settled events, and NaN without any."""
+    events, energy = result.settled, result.history.energy
+
+    def mean(values) -> float:
+        return float(np.mean(values)) if len(values) else np.nan
+
+    return {
+        "events": (len(result.history.events.start), "1"),
+        "first_event": (float(result.history.events.start[0]) if len(events.start) else np.nan, "s"),
+        "recurrence": (result.recurrence, "s"),
+        "surface_slip": (mean(events.surface_slip), "m"),
+        "max_slip": (mean(events.max_slip), "m"),
+        "max_velocity": (mean(events.max_velocity), "m/s"),
+        "duration": (mean(events.end - events.start), "s"),
+        "nucleation_depth": (mean(events.depth), "m"),
+        "nucleation_length": (mean(events.nucleation_length), "m"),
+        "rupture_bottom": (mean(events.bottom), "m"),
+        "moment": (mean(events.moment), "N"),
+        "radiated_fraction": (energy.radiated / energy.loading, "1"),
+        "energy_residual": (energy.residual, "1"),
+    }

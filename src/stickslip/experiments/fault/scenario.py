@@ -1,0 +1,108 @@
+"""Scenario of earthquake cycles on a straight fault. The defaults are the SEAS benchmark problem BP1-QD."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ...friction.fault import Fault, line_fault
+
+STATIONS = (0.0, 2500.0, 5000.0, 7500.0, 10e3, 12.5e3, 15e3, 17.5e3, 20e3, 25e3, 30e3, 35e3)
+Point = Annotated[tuple[NotNegative, NotNegative], Listed]
+Profile = Annotated[NotNegative | tuple[Point, ...], Listed]
+
+
+class Line(ScenarioTable):
+    """The fault: a straight line of cells from depth 0 downwards."""
+
+    width: Positive = Field(40e3, description="length of the part with rate-and-state friction [m]")
+    cell: Positive = Field(50.0, description="length of a cell, at most a third of G dc/(b normal) [m]")
+    shear: Literal["antiplane", "in-plane"] = Field("antiplane", description="direction of slip")
+    boundary: Literal["surface", "infinite", "periodic"] = Field(
+        "surface",
+        description="surface: free at depth 0; infinite: a segment in an infinite body; periodic: period width",
+    )
+    thickness: Positive | None = Field(None, description="of the plates beside a periodic fault [m]")
+
+
+class Medium(ScenarioTable):
+    """The elastic body."""
+
+    density: Positive = Field(2670.0, description="[kg/m³]")
+    wave_speed: Positive = Field(3464.0, description="of shear waves [m/s]")
+    poisson: Annotated[float, Field(gt=-1, lt=0.5)] = Field(0.25, description="Poisson's ratio, for in-plane shear")
+
+
+class FaultFriction(ScenarioTable):
+    """Friction; a, b, dc and normal are numbers, or pairs [depth, value] between which they vary linearly."""
+
+    law: Literal["aging", "slip"] = Field("aging", description="evolution law of the state θ")
+    form: Literal["regularized", "logarithmic"] = Field(
+        "regularized", description="dependence of friction on velocity: with arcsinh, or logarithmic"
+    )
+    a: Profile = Field(((15e3, 0.010), (18e3, 0.025)), description="direct effect")
+    b: Profile = Field(0.015, description="evolution effect")
+    dc: Profile = Field(8e-3, description="characteristic slip [m]")
+    normal: Profile = Field(50e6, description="effective normal stress [Pa]")
+    mu0: NotNegative = Field(0.6, description="steady-state friction at v0")
+    v0: Positive = Field(1e-6, description="[m/s]")
+
+
+class Loading(ScenarioTable):
+    """Plate motion and the start."""
+
+    plate_rate: Positive = Field(1e-9, description="slip velocity of the rest of the plane, or of the plates [m/s]")
+    velocity: Positive | None = Field(None, description="slip velocity at the start; default: plate_rate [m/s]")
+    stress: Positive | None = Field(
+        None, description="shear stress at the start; default: steady stress of the deepest cell [Pa]"
+    )
+
+
+class FaultRun(ScenarioTable):
+    """Duration and output."""
+
+    years: Annotated[float, Field(gt=0, le=1e6)] = Field(
+        1200.0, description="duration, in years of 365.25 days; an event under way is completed"
+    )
+    tolerance: Annotated[float, Field(ge=1e-12, le=1e-2)] = Field(
+        1e-4, description="error of each step in slip over dc and in ln θ"
+    )
+    stations: Annotated[tuple[NotNegative, ...], Listed] = Field(STATIONS, description="depths of time series [m]")
+    threshold: Positive = Field(1e-3, description="an event lasts while any cell slips at least this fast [m/s]")
+    interval: Positive = Field(5.0, description="years between profiles of slip outside events")
+    seismic_interval: Positive = Field(1.0, description="time between profiles of slip within events [s]")
+    spacing: Positive = Field(500.0, description="distance between the points of a profile [m]")
+
+
+class FaultScenario(ScenarioBase):
+    """Complete definition of earthquake cycles on a straight fault."""
+
+    si: ClassVar[bool] = True
+    experiment: Literal["fault"] = "fault"
+    seed: Seed = 0
+    line: Line = Line()
+    medium: Medium = Medium()
+    friction: FaultFriction = FaultFriction()
+    loading: Loading = Loading()
+    run: FaultRun = FaultRun()
+
+    @model_validator(mode="after")
+    def _check_fault(self):
+        self.fault  # noqa: B018
+        if wrong := [depth for depth in self.run.stations if depth > self.line.width]:
+            raise ValueError(f"run.stations contains {wrong[0]:g} m: use depths from 0 to line.width")
+        if self.run.threshold <= self.loading.plate_rate:
+            raise ValueError(f"run.threshold = {self.run.threshold:g} m/s was given: it must exceed loading.plate_rate")
+        return self
+
+    @property
+    def fault(self) -> Fault:
+        """The fault."""
+        surface = self.friction.model_dump()
+        profiles = {name: surface.pop(name) for name in ("a", "b", "dc", "normal")}
+        return line_fault(
+            self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear,
+            boundary=self.line.boundary, thickness=self.line.thickness or float("inf"),
+            shear_modulus=self.medium.density * self.medium.wave_speed**2, wave_speed=self.medium.wave_speed,
+            poisson=self.medium.poisson, plate_rate=self.loading.plate_rate,
+        )  # fmt: skip

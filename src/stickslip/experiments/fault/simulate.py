@@ -1,0 +1,95 @@
+"""Simulation of earthquake cycles, in parts that are saved."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.readable import readable
+from ...data.checkpoint import checkpoint_in
+from ...friction.fault import Fault
+from ...friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
+from ...friction.fault_record import YEAR, FaultEvents, Recording
+from ...friction.fault_state import FaultState, initial_state
+from ...friction.fault_theory import Nucleation, nucleation
+from ..realizations import Report, silent
+from .scenario import FaultScenario
+
+PART = 50.0  # years of simulated time between two saved parts
+SETTLING = 3  # events at the start that are left out of averages
+
+
+@readable
+class FaultResult(NamedTuple):
+    """Result of a scenario."""
+
+    scenario: FaultScenario
+    history: FaultHistory
+    nucleation: Nucleation
+
+    @property
+    def settled(self) -> FaultEvents:
+        """Events after the first three, or all if there are fewer than five."""
+        events = self.history.events
+        skipped = SETTLING if len(events.start) >= SETTLING + 2 else 0
+        return FaultEvents(*(column[skipped:] for column in events))
+
+    @property
+    def recurrence(self) -> float:
+        """Mean time between the starts of settled events; NaN with fewer than two [s]."""
+        times = self.settled.start
+        return float((times[-1] - times[0]) / (len(times) - 1)) if len(times) > 1 else np.nan
+
+
+def simulate_cycles(
+    scenario: FaultScenario, *, folder: Path | None = None, workers: int | None = None, report: Report = silent
+) -> FaultResult:
+    """Run a scenario in one process.
+
+    Parameters
+    ----------
+    folder : run folder, in which the history is saved every 50 simulated years; a run that was killed resumes from it
+        and is bitwise the same
+    report : called as report(stage, share done, words)
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> short = ss.scenario(experiment="fault", line={"cell": 100.0}, run={"years": 1.0})
+    >>> simulate_cycles(short).history.slip.shape[1]
+    12
+    """
+    fault = scenario.fault
+    found = nucleation(fault)
+    report("fault", 0.0, found.sentence)
+    kept = checkpoint_in(folder, scenario, FaultHistory, FaultEvents, Energy, FaultState, Fault)
+    if kept:
+        kept = kept.of(f"cells-of-{fault.cell:g}-m")  # a reproduction runs several lengths in one folder
+        kept.check()
+        kept.announce()
+    parts: list[FaultHistory] = []
+    state = initial_state(fault, velocity=scenario.loading.velocity, stress=scenario.loading.stress)
+    for number in range(1, int(np.ceil(scenario.run.years / PART)) + 1):
+        name, until = f"part-{number:05d}", min(number * PART, scenario.run.years)
+        if kept is None or not kept.has(name):
+            part = simulate_fault(
+                fault, until, start=state, recording=_recording(scenario), tolerance=scenario.run.tolerance,
+                report=lambda share, words, until=until: report("fault", share * until / scenario.run.years, words),
+            )  # fmt: skip
+            if kept:
+                kept.save(name, part)
+        else:
+            part = kept.load(name)
+        parts.append(part)
+        state = part.state
+    history = join_histories(parts)
+    report("fault", 1.0, f"{len(history.events.start)} events in {history.state.time / YEAR:.1f} years")
+    return FaultResult(scenario, history, found)
+
+
+def _recording(scenario: FaultScenario) -> Recording:
+    run = scenario.run
+    return Recording(
+        stations=run.stations, threshold=run.threshold, quiet_profiles=run.interval * YEAR,
+        seismic_profiles=run.seismic_interval, spacing=run.spacing,
+    )  # fmt: skip

@@ -1,0 +1,83 @@
+"""Figures of earthquake cycles on a fault: slip profiles, maximum slip velocity, and time series at stations."""
+
+import numpy as np
+
+from .style import BLACK, BLUE, COLORS, RED, column_axes, styled
+
+YEAR = 365.25 * 86400.0
+MOST_CURVES = 6  # stations that are drawn
+
+
+@styled
+def slip_contours(history, events: int | None = None):
+    """Slip against depth: blue lines at the interval of quiet profiles, red ones at that of events.
+
+    Parameters
+    ----------
+    history : FaultHistory
+    events : number of the last events to show; default: all
+    """
+    figure, axes = column_axes(1, 2.7)
+    first = history.events.start[-events - 1] if events and events < len(history.events.start) else -np.inf
+    kept = history.profile_time >= first
+    depth = history.profile_depth / 1e3
+    for seismic, color, words in ((False, BLUE, "between events"), (True, RED, "in events")):
+        rows = history.profile_slip[kept & (history.profile_seismic == seismic)]
+        lines = axes.plot(rows.T, depth, color=color, lw=0.35)
+        if lines:
+            gap = _interval(history.profile_time[kept & (history.profile_seismic == seismic)], seismic)
+            lines[0].set_label(f"{words}, every {gap}" if gap else words)
+    axes.set_ylim(depth[-1], depth[0])
+    if kept.any():
+        axes.set_xlim(history.profile_slip[kept].min(), history.profile_slip[kept].max())
+    axes.set_xlabel("slip [m]")
+    axes.set_ylabel("depth [km]")
+    legend = figure.legend(loc="outside upper center", ncols=2)
+    for line in legend.get_lines():
+        line.set_linewidth(1.0)
+    return figure
+
+
+def _interval(times, seismic: bool) -> str:
+    """Time between profiles, in words."""
+    gap = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if gap <= 0:
+        return ""
+    return f"{gap:.3g} s" if seismic else f"{gap / YEAR:.3g} years"
+
+
+@styled
+def max_slip_velocity(history, threshold: float = 1e-3):
+    """Maximum slip velocity over the fault against time."""
+    figure, axes = column_axes(1, 2.1)
+    axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
+    axes.axhline(threshold, color=BLACK, ls="--", lw=0.6)
+    axes.axhline(history.fault.plate_rate, color=BLACK, ls=":", lw=0.6)
+    axes.text(0, threshold, " events", va="bottom", fontsize=6.5)
+    axes.text(0, history.fault.plate_rate, " plates", va="top", fontsize=6.5)
+    axes.set_xlim(0, history.time[-1] / YEAR)
+    axes.set_ylim(0.05 * min(history.fault.plate_rate, history.max_velocity.min()), 10 * history.max_velocity.max())
+    axes.set_xlabel("time [years]")
+    axes.set_ylabel("maximum slip velocity [m/s]")
+    return figure
+
+
+@styled
+def station_series(history):
+    """Slip velocity and shear stress at stations against time."""
+    figure, (top, bottom) = column_axes(2, 3.6, sharex=True)
+    number = len(history.station)
+    shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
+    for k, color in zip(shown, COLORS, strict=False):
+        label = f"{history.station[k] / 1e3:g} km"
+        top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=label)
+        bottom.plot(history.time / YEAR, history.stress[:, k] / 1e6, color=color, lw=0.6)
+    top.set_ylabel("slip velocity [m/s]")
+    bottom.set_ylabel("shear stress [MPa]")
+    bottom.set_xlabel("time [years]")
+    bottom.set_xlim(0, history.time[-1] / YEAR)
+    legend = figure.legend(loc="outside upper center", ncols=min(len(shown), 6), columnspacing=0.8, handlelength=1.0)
+    for line in legend.get_lines():
+        line.set_linewidth(1.0)
+    figure.align_ylabels((top, bottom))
+    return figure

@@ -1,0 +1,48 @@
+"""History of a fault as an xarray dataset."""
+
+import numpy as np
+import xarray as xr
+
+from ..core.arguments import checked
+from .fault_cycles import FaultHistory
+
+UNITS = {
+    "max_velocity": "m/s", "moment_rate": "N/s", "slip": "m", "velocity": "m/s", "stress": "Pa", "theta": "s",
+    "profile_max_velocity": "m/s", "profile_slip": "m", "start": "s", "end": "s", "depth": "m",
+    "nucleation_length": "m",
+    "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m", "surface_slip": "m", "moment": "N",
+    "radiated": "J/m", "time": "s", "station": "m", "profile_time": "s", "profile_depth": "m",
+}  # fmt: skip
+
+
+@checked
+def fault_dataset(history: FaultHistory) -> xr.Dataset:
+    """Convert a history to a dataset with units.
+
+    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station); profile_slip
+    (profile_time, profile_depth); and the columns of the events, with the prefix `event_` (event).
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> fault = friction.line_fault(10e3, 100.0, a=0.02, b=0.015, dc=8e-3, normal=50e6)
+    >>> found = friction.simulate_fault(fault, 10.0, recording=friction.Recording(stations=(0.0, 5e3)))
+    >>> dict(fault_dataset(found).sizes)["station"]
+    2
+    """
+
+    def units(name: str) -> dict[str, str]:
+        return {"units": UNITS[name]} if name in UNITS else {}
+
+    series, tables = ("max_velocity", "moment_rate"), ("slip", "velocity", "stress", "theta")
+    variables = {name: ("time", getattr(history, name), units(name)) for name in series}
+    variables |= {name: (("time", "station"), getattr(history, name), units(name)) for name in tables}
+    variables["profile_slip"] = (("profile_time", "profile_depth"), history.profile_slip, units("profile_slip"))
+    for name in ("profile_seismic", "profile_max_velocity"):
+        variables[name] = ("profile_time", getattr(history, name), units(name))
+    for name, values in history.events._asdict().items():
+        variables[f"event_{name}"] = ("event", values, units(name))
+    axes = ("time", "station", "profile_time", "profile_depth")
+    coordinates = {name: (name, getattr(history, name), units(name)) for name in axes}
+    coordinates["event"] = ("event", np.arange(len(history.events.start)), {})
+    return xr.Dataset(variables, coordinates, attrs={"law": history.fault.law, "cell": history.fault.cell})

@@ -1,0 +1,186 @@
+"""`stickslip run` of a fault: files, restart, dataset, files of the SEAS platform, refusals; the quick benchmark."""
+
+import json
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.experiments.fault import simulate as room
+from stickslip.experiments.fault.claims import evaluate_claims
+from stickslip.experiments.fault.paper import paper_scenario
+from stickslip.experiments.registry import ScenarioError, papers, read_scenario, scenario
+from stickslip.friction import fault_dataset
+from stickslip.friction.fault_record import YEAR
+from tests.published.test_disk_array import stickslip
+
+SMALL = """
+experiment = "fault"
+[line]
+width = 5e3
+cell = 100.0
+[friction]
+a = [[2000, 0.010], [3000, 0.025]]
+dc = 1.5e-3
+normal = 10e6
+[run]
+years = 60.0
+stations = [0.0, 1500.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("fault")
+    (place / "small.toml").write_text(SMALL)
+    run = stickslip("run", place / "small.toml", "--out", place / "out")
+    assert run.returncode == 0, run.stderr
+    assert "earthquakes can nucleate" in " ".join(run.stdout.split())
+    return place / "out"
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    return ss.simulate(read_scenario(folder / "scenario.json"))
+
+
+def test_files(folder):
+    names = {path.name for path in folder.iterdir()}
+    assert names == {
+        "devol.dat", "fig1_slip.png", "fig2_velocity.png", "fig3_stations.png", "fltst_dp000.txt", "fltst_dp015.txt",
+        "manifest.json", "results.h5", "scenario.json",
+    }  # fmt: skip
+
+
+def test_files_of_the_platform_are_what_was_simulated(folder, result):
+    lines = (folder / "fltst_dp015.txt").read_text().splitlines()
+    assert next(line for line in lines if not line.startswith("#")) == "t slip slip_rate shear_stress state"
+    assert "# location=on fault, 1.5 km depth" in lines
+    h = result.history
+    columns = np.loadtxt(folder / "fltst_dp015.txt", skiprows=lines.index("# Here is the time-series data.") + 1).T
+    expected = h.time, h.slip[:, 1], np.log10(h.velocity[:, 1]), h.stress[:, 1] / 1e6, np.log10(h.theta[:, 1])
+    for found, true in zip(columns, expected, strict=True):
+        assert np.allclose(found, true, rtol=1e-6, atol=1e-12)
+    lines = (folder / "devol.dat").read_text().splitlines()
+    start = lines.index("# Here are the data")
+    assert lines[start - 2 : start] == ["z", "t max_slip_rate slip"]
+    table = np.loadtxt(folder / "devol.dat", skiprows=start + 1)
+    assert table.shape == (len(h.profile_time) + 1, len(h.profile_depth) + 2)
+    assert np.array_equal(table[0], np.r_[0, 0, h.profile_depth])
+    assert np.allclose(table[1:, 2:], h.profile_slip, rtol=1e-6, atol=1e-12)
+
+
+def test_the_dataset(folder, result):
+    data = ss.io.open_dataset(folder)
+    assert data["series"].slip.dims == ("time", "station")
+    assert data["series"].slip.attrs["units"] == "m"
+    assert np.array_equal(data["series"].station, [0.0, 1500.0])
+    assert data["profiles"].slip.dims == ("time", "depth")
+    assert data["energy"].loading.attrs["units"] == "J/m"
+    assert np.array_equal(data["events"].start, result.history.events.start)
+    own = fault_dataset(result.history)
+    assert own.stress.dims == ("time", "station")
+    assert own.event_start.attrs["units"] == "s"
+    assert own.sizes["event"] == len(result.history.events.start)
+
+
+def test_a_stopped_run_continues_bit_for_bit(result, tmp_path, monkeypatch):
+    chosen, true = result.scenario, room.simulate_fault
+    monkeypatch.setattr(room, "PART", 25.0)  # the other run had one part of fifty years
+
+    def stopped(fault, years, **more):
+        if years > room.PART:
+            raise KeyboardInterrupt
+        return true(fault, years, **more)
+
+    monkeypatch.setattr(room, "simulate_fault", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        ss.simulate(chosen, folder=tmp_path)
+    calls = []
+    monkeypatch.setattr(room, "simulate_fault", lambda *args, **more: calls.append(args[1]) or true(*args, **more))
+    again = ss.simulate(chosen, folder=tmp_path)
+    assert calls == [50.0, 60.0]  # the first years were loaded
+    for name in ("time", "slip", "stress", "profile_slip", "max_velocity"):
+        assert np.array_equal(getattr(again.history, name), getattr(result.history, name))
+    assert np.array_equal(again.history.state.excess_slip, result.history.state.excess_slip)
+    assert np.array_equal(again.history.events.start, result.history.events.start)
+
+
+def test_measures_are_averages_over_settled_events(result):
+    events = result.history.events
+    assert len(events.start) > room.SETTLING + 2
+    assert result.recurrence == pytest.approx(np.diff(events.start)[room.SETTLING :].mean())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"friction": {"dc": 1e-3}}, "cell = 50 m was given, but the cohesive length G D_c/(b σ) is 42.72 m"),
+        ({"friction": {"a": ((3e3, 0.01), (1e3, 0.02))}}, "the depths of a are not in order at 1000"),
+        ({"friction": {"b": -0.1}}, "friction.b"),
+        ({"friction": {"law": "ageing"}}, "friction.law"),
+        ({"run": {"stations": (50e3,)}}, "run.stations contains 50000 m"),
+        ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),
+        ({"line": {"boundary": "periodic"}}, "thickness = inf"),
+        ({"line": {"width": 1.01e3, "cell": 300.0}}, "three whole cells"),
+    ],
+)
+def test_bad_scenarios_are_refused_with_one_sentence(change, words):
+    with pytest.raises(ScenarioError) as caught:
+        scenario(experiment="fault", **change)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_fault_that_cannot_nucleate_says_so(tmp_path):
+    (tmp_path / "s.toml").write_text(SMALL.replace("years = 60.0", "years = 5.0").replace("0.010", "0.020"))
+    run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    assert "no earthquake can nucleate: the fault is velocity-strengthening" in " ".join(run.stdout.split())
+
+
+def test_the_defaults_are_the_benchmark():
+    chosen = scenario(experiment="fault")
+    fault = chosen.fault
+    assert chosen.run.stations == (0, 2500, 5000, 7500, 1e4, 12500, 15000, 17500, 2e4, 25e3, 3e4, 35e3)
+    assert np.allclose(fault.a[[0, 299]], 0.010)
+    assert fault.a[np.argmin(np.abs(fault.depth - 16525))] == pytest.approx(0.010 + 0.015 * 1525 / 3000)
+    assert np.allclose(fault.a[fault.depth > 18e3], 0.025)
+    assert fault.damping == pytest.approx(2670 * 3464 / 2)
+    assert papers()["seas-bp1"].paper.scenario(quick=True, seed=0).line.cell == 50.0
+
+
+def made(recurrence=78.34, **more):
+    """A result with eight events at a fixed recurrence."""
+    start = (428.069 + recurrence * (np.arange(8) - 3)) * YEAR
+    columns = {"depth": 12.5e3, "bottom": 18e3, "surface_slip": 3.0, "surface_velocity": 5.0} | more
+    events = room.FaultEvents(
+        **{name: np.full(8, columns.get(name, 1.0)) for name in room.FaultEvents._fields} | {"start": start}
+    )
+    chosen = paper_scenario(quick=True)
+    state = room.initial_state(chosen.fault)
+    history = room.FaultHistory(
+        **dict.fromkeys(room.FaultHistory._fields)
+        | {"fault": chosen.fault, "events": events, "state": state, "theta": state.theta(chosen.fault)[None]}
+    )
+    return room.FaultResult(chosen, history, None)
+
+
+def test_verdicts_follow_the_numbers():
+    same = {c.id: c for c in evaluate_claims(made(), (made(),))}
+    assert same["recurrence"].verdict == "reproduced"
+    assert all(c.verdict == "reproduced" for c in same.values() if c.id != "initial-state"), same
+    other = {c.id: c.verdict for c in evaluate_claims(made(79.5, depth=20e3), (made(79.5, depth=20e3),))}
+    assert other["recurrence"] == "not reproduced"
+    assert other["nucleation-depth"] == "not reproduced"
+    unsure = {c.id: c.verdict for c in evaluate_claims(made(), (made(80.0),))}
+    assert unsure["recurrence"] == "undecided"
+
+
+@pytest.mark.slow
+def test_the_quick_benchmark(tmp_path):
+    run = stickslip("reproduce", "seas-bp1", "--quick", "--out", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    claims = {c["id"]: c for c in json.loads((tmp_path / "out" / "claims.json").read_text())}
+    assert {c["verdict"] for c in claims.values()} == {"reproduced"}
+    assert claims["recurrence"]["measured"] == pytest.approx(78.34, rel=5e-3)
