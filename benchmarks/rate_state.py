@@ -13,7 +13,9 @@ from rich.console import Console
 from stickslip.friction import kernel
 
 TOLERANCE, TIGHTER, EXACT, SAMPLES, ROUNDS = 1e-10, 1e-12, 1e-13, 500, 25
-PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0])  # paper 003, with a spring and the slip law
+# paper 003, with a spring and the aging law
+PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+COUNT = len(PARAMETERS)
 HISTORIES = {  # durations [s] and velocities of the load point [m/s]
     "spring-slider, one velocity step": ([0.2, 1.0], [0.02, 0.2]),
     "spring-slider, five holds": ([1.0, 0.3, 1.0, 1.0, 1.0, 3.0, 1.0, 10.0, 1.0, 30.0, 1.0], [0.02, 0.0] * 5 + [0.02]),
@@ -24,7 +26,7 @@ console = Console()
 def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
     """ln V/V0 and ln V0 θ/D_c at all times, from the kernel of stickslip."""
     normal = np.ones(len(duration))
-    return kernel.integrate(0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0]
+    return kernel.integrate(0.0, 0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0][:, :2]
 
 
 def compiled_lsoda():
@@ -33,9 +35,9 @@ def compiled_lsoda():
 
     @cfunc(lsoda_sig)
     def rates(_, y, dy, given):
-        p, place = carray(given, (9,)), carray(y, (2,))
+        p, place = carray(given, (COUNT + 1,)), carray(y, (2,))
         slope = carray(dy, (2,))
-        slope[0], slope[1] = kernel.rates(place[0], place[1], p, p[8], 1.0)
+        slope[0], slope[1], _ = kernel.rates(place[0], place[1], 0.0, p, p[COUNT], 1.0)
 
     address = rates.address
 
@@ -44,7 +46,7 @@ def compiled_lsoda():
         found, place, given = np.zeros((len(times), 2)), np.zeros(2), np.append(parameters, 0.0)
         start, k = 0.0, 1
         for leg in range(len(duration)):
-            end, first, given[8] = start + duration[leg], k, velocity[leg]
+            end, first, given[COUNT] = start + duration[leg], k, velocity[leg]
             while k < len(times) and times[k] <= end:
                 k += 1
             at = np.concatenate((np.array([start]), times[first:k], np.array([end * (1 + 1e-15)])))

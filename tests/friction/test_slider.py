@@ -102,11 +102,16 @@ def test_slopes_by_finite_differences(law, damping):
     p = kernel_parameters(PAPER._replace(law=law), Spring(300.0, damping))
     rng = np.random.default_rng(0)
     for w, f in rng.uniform(-4, 4, (20, 2)):
-        found = kernel.rate_derivatives(w, f, p, 0.03, 1.3)
+        ww, wf, _, fw, ff, *_ = kernel.rate_derivatives(w, f, 0.0, p, 0.03, 1.3)
+        found = ww, wf, fw, ff
         d = 1e-5  # error of central differences: d²/6 of the rates' third derivative, and 1e-16/d of the rates
-        by_w = (np.array(kernel.rates(w + d, f, p, 0.03, 1.3)) - kernel.rates(w - d, f, p, 0.03, 1.3)) / (2 * d)
-        by_f = (np.array(kernel.rates(w, f + d, p, 0.03, 1.3)) - kernel.rates(w, f - d, p, 0.03, 1.3)) / (2 * d)
-        size = np.abs(found).max() + np.abs(kernel.rates(w, f, p, 0.03, 1.3)).max()
+        by_w = (np.array(kernel.rates(w + d, f, 0.0, p, 0.03, 1.3)) - kernel.rates(w - d, f, 0.0, p, 0.03, 1.3)) / (
+            2 * d
+        )
+        by_f = (np.array(kernel.rates(w, f + d, 0.0, p, 0.03, 1.3)) - kernel.rates(w, f - d, 0.0, p, 0.03, 1.3)) / (
+            2 * d
+        )
+        size = np.abs(found).max() + np.abs(kernel.rates(w, f, 0.0, p, 0.03, 1.3)).max()
         assert np.allclose(found, [by_w[0], by_f[0], by_w[1], by_f[1]], rtol=1e-7, atol=1e-9 * size)
 
 
@@ -118,7 +123,7 @@ def test_against_radau_of_scipy(law, damping):
     p, y, began = kernel_parameters(rs, Spring(k, damping)), np.zeros(2), 0.0
     for leg in legs:
         made = solve_ivp(
-            lambda t, y, leg=leg: kernel.rates(y[0], y[1], p, leg.velocity, leg.normal), (0, leg.duration), y,
+            lambda t, y, leg=leg: kernel.rates(y[0], y[1], 0.0, p, leg.velocity, leg.normal)[:2], (0, leg.duration), y,
             method="Radau", rtol=1e-9, atol=1e-9,
         )  # fmt: skip
         y, began = made.y[:, -1], began + leg.duration
@@ -166,7 +171,7 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     assert ("unstable" in found.sentence) == (ratio <= 1)
     size, t = 1e-7, np.linspace(0, 60.0, 13)
     h = spring_slider(rs, spring, (LoadStep(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
-    ww, wf, fw, ff = kernel.rate_derivatives(0.0, 0.0, kernel_parameters(rs, spring), v, 1.0)
+    ww, wf, _, fw, ff, *_ = kernel.rate_derivatives(0.0, 0.0, 0.0, kernel_parameters(rs, spring), v, 1.0)
     linear = np.array([expm(np.array([[ww, wf], [fw, ff]]) * s) @ [0, size] for s in t])
     off = np.stack([np.log(h.velocity / v), np.log(h.theta * v / rs.dc)], axis=1)
     assert np.allclose(off, linear, rtol=0, atol=1e-4 * np.abs(linear).max())  # size² and round-off

@@ -12,6 +12,7 @@ LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
     "both": "both, and which one the data prefer",
 }  # fmt: skip
+FORMS = {"logarithmic": "the usual form", "regularized": "with arcsinh, regular at rest"}
 FIT = examples(
     ("run examples/rate_state.toml --out results/rate-state", "makes a record to fit; any other CSV will do"),
     ("fit results/rate-state/series.csv --stiffness 200", "both laws, and which one the data prefer"),
@@ -37,6 +38,13 @@ def fit(
     ] = None,
     detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False,
     normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False,
+    form: Annotated[
+        str, typer.Option("--form", help="logarithmic or regularized.", autocompletion=complete_from(FORMS))
+    ] = "logarithmic",
+    free: Annotated[
+        str | None,
+        typer.Option("--free", help="Other parameters to fit, as in 'b2,dc2' for a second state, or 'v1', 'v2'."),
+    ] = None,
     columns: Annotated[
         str | None, typer.Option("--columns", help="Columns of a file without headers, as in 'time=0,friction=3'.")
     ] = None,
@@ -47,13 +55,14 @@ def fit(
 ) -> None:
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
     check_choice("law", law, LAWS)
+    check_choice("form", form, FORMS)
     from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
 
     found = fit_report.fit_record(
         file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
         v0=v0, before=before, detrend=detrend, normal=normal, out=out, overwrite=overwrite,
-        columns=columns,
+        columns=columns, form=form, more_free=tuple(name.strip() for name in free.split(",")) if free else (),
     )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
     if as_json:

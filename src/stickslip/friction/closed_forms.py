@@ -1,7 +1,8 @@
 """Closed-form solutions of rate-and-state friction, for tests and for interpreting records by hand.
 
-All are for μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c) (`RateState`), after Ruina 1983 (doi:10.1029/JB088iB12p10359) and
-Marone 1998 (doi:10.1146/annurev.earth.26.1.643). Those for holds are derived here.
+`friction_of`, `steady_friction` and `stiff_step` are for all laws of `RateState`; the others are for the usual law,
+μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c). After Ruina 1983 (doi:10.1029/JB088iB12p10359) and Marone 1998
+(doi:10.1146/annurev.earth.26.1.643). Those for holds are derived here.
 """
 
 import numpy as np
@@ -9,8 +10,23 @@ import numpy as np
 from .ratestate import RateState, check
 
 
+def friction_of(rs: RateState, velocity, theta, theta2=None):
+    """Friction coefficient at a slip velocity and a state, in NumPy."""
+    check(rs)
+    v = np.asarray(velocity, float)
+    states = [(rs.b, rs.v0 * np.asarray(theta, float) / rs.dc)]
+    states += [(rs.b2, rs.v0 * np.asarray(theta2, float) / rs.dc2)] if theta2 is not None else []
+    if rs.form == "regularized":
+        scale = np.exp((rs.mu0 + sum(b * np.log(s) for b, s in states)) / rs.a)
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * scale)
+    return rs.mu0 - rs.a * np.log(rs.v0 / v + rs.v0 / rs.v1) + sum(b * np.log(s + rs.v0 / rs.v2) for b, s in states)
+
+
 def steady_friction(rs: RateState, velocity):
-    """Steady friction μ_ss = μ0 + (a − b) ln(V/V0), with θ_ss = D_c/V.
+    """Steady friction, with θ_ss = D_c/V: μ0 + (a − b) ln(V/V0) for the usual law.
+
+    Regularized: a arcsinh[V/(2 V0) exp((μ0 − b ln(V/V0))/a)]. With cut-off velocities: μ0 + (a − b) ln(V/V0) − a ln(1 +
+    V/V1) + b ln(1 + V/V2). A second state adds b2 to b.
 
     Examples
     --------
@@ -18,26 +34,35 @@ def steady_friction(rs: RateState, velocity):
     0.01589
     """
     check(rs)
-    return rs.mu0 + (rs.a - rs.b) * np.log(np.asarray(velocity, float) / rs.v0)
+    v = np.asarray(velocity, float)
+    w, b = np.log(v / rs.v0), rs.b + rs.b2
+    if rs.form == "regularized":
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * np.exp((rs.mu0 - b * w) / rs.a))
+    return rs.mu0 + (rs.a - b) * w - rs.a * np.log1p(v / rs.v1) + b * np.log1p(v / rs.v2)
 
 
 def stiff_step(rs: RateState, old: float, new: float, slip):
     """Friction at slip x ≥ 0 after a step in slip velocity from V1 to V2, as with an infinitely stiff spring.
 
-    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging law: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}].
-    Both start at μ_ss(V1) + a ln(V2/V1).
+    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging law: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}]. Both start at
+    μ_ss(V1) + a ln(V2/V1). In other forms, friction is that of the states, which relax in the same way.
 
     Parameters
     ----------
     old, new : velocities V1 and V2 [length/time]
     slip : since the step [length]
     """
-    fading = np.exp(-np.asarray(slip, float) / rs.dc)
-    if rs.law == "slip":
-        above = np.log(new / old) * fading
-    else:
-        above = np.log1p((new / old - 1) * fading)
-    return steady_friction(rs, new) + rs.b * above
+    if rs.form == "regularized" or not np.isinf(rs.v2):
+        states = [dc / new * np.exp(_above(rs, old, new, slip, dc)) for dc in (rs.dc, rs.dc2)]
+        return friction_of(rs, new, *states)
+    above = rs.b * _above(rs, old, new, slip, rs.dc) + rs.b2 * _above(rs, old, new, slip, rs.dc2)
+    return steady_friction(rs, new) + above
+
+
+def _above(rs: RateState, old: float, new: float, slip, dc: float):
+    """ln(θ V2/D_c) after slip x."""
+    fading = np.exp(-np.asarray(slip, float) / dc)
+    return np.log(new / old) * fading if rs.law == "slip" else np.log1p((new / old - 1) * fading)
 
 
 def stiff_healing(rs: RateState, velocity: float, hold):
@@ -45,9 +70,15 @@ def stiff_healing(rs: RateState, velocity: float, hold):
 
     Aging law: b ln(1 + V t/D_c). Slip law: 0, because its state evolves only with slip.
     """
-    check(rs)
+    _require_usual(rs)
     hold = np.asarray(hold, float)
     return rs.b * np.log1p(velocity * hold / rs.dc) if rs.law == "aging" else np.zeros_like(hold)
+
+
+def _require_usual(rs: RateState) -> None:
+    check(rs)
+    if rs.form != "logarithmic" or rs.b2 > 0 or not np.isinf([rs.v1, rs.v2]).all():
+        raise ValueError("this closed form is for the logarithmic form with one state and no cut-off velocities")
 
 
 def frozen_hold(a: float, stiffness: float, velocity: float, time):
@@ -77,7 +108,7 @@ def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
     velocity : V_i [length/time]
     slip : x ≥ 0 since the start of the hold [length]
     """
-    check(rs)
+    _require_usual(rs)
     if rs.law != "slip":
         raise ValueError(f"law = {rs.law!r} was given: this closed form is for the slip law")
     x = np.asarray(slip, float)

@@ -12,7 +12,8 @@ from scipy.stats import t as student
 
 from ..core.readable import readable
 from .identifiability import Estimates, covariance, estimate, without_intervals
-from .model import DEFAULTS, FIT, NAMES, OWN, Data, model_friction, prepare
+from .laws import EVOLUTIONS, FORMS
+from .model import DEFAULTS, FIT, NAMES, OWN, PLAIN, Data, model_friction, prepare
 from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
 from .problem import (
     Task,
@@ -25,7 +26,7 @@ from .problem import (
     residual,
     solve,
 )
-from .ratestate import LAWS, RateState
+from .ratestate import RateState
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
@@ -64,6 +65,7 @@ class Fit(NamedTuple):
     aic: float
     bic: float
     evaluations: int
+    form: str = "logarithmic"
 
     @property
     def samples(self) -> int:
@@ -73,14 +75,16 @@ class Fit(NamedTuple):
     def rate_state(self, number: int = 1) -> RateState:
         """Fitted parameters as a `RateState`, with mu0 of one of the data sets (counted from 1)."""
         both = {**self.fixed, **self.values}
-        one = {name: both.get(name, both.get(f"{name}[{number}]")) for name in ("a", "b", "dc", "mu0", "v0", "alpha")}
-        return RateState(**one, law=self.law)
+        names = ("a", "b", "dc", "mu0", "v0", "alpha", *(name for name in PLAIN if name in both))
+        one = {name: both.get(name, both.get(f"{name}[{number}]")) for name in names}
+        return RateState(**one, law=self.law, form=self.form)
 
 
 def fit(
     data: Data | list[Data],
     *,
     law: str = "aging",
+    form: str = "logarithmic",
     fixed: dict | None = None,
     free: tuple[str, ...] = (),
     own: tuple[str, ...] = OWN,
@@ -89,7 +93,7 @@ def fit(
 ) -> Fit:
     """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
-    Least-squares fit of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over complete records: slider and state
+    Least-squares fit of a law of `RateState`, plus trend × displacement, over complete records: slider and state
     are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting values come
     from a coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
 
@@ -97,9 +101,12 @@ def fit(
     ----------
     data : one record, or several that share all parameters except those in `own`
     law : "aging" or "slip"
-    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, stiffness, damping, alpha, theta
-        (initial state over the steady one, default 1) and trend (default 0)
-    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend")
+    form : "logarithmic" or "regularized", see `RateState`
+    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, b2, dc2 (a second state, default
+        none), v1, v2 (cut-off velocities, default none), stiffness, damping, alpha, theta (initial state over the
+        steady one, default 1) and trend (default 0)
+    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend"), or ("b2", "dc2") for two
+        states
     own : parameters with a separate value for each of several records
     windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
         for all samples
@@ -133,8 +140,8 @@ def fit(
         if name not in NAMES:
             raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
     cases = [prepare(one, windows) for one in records]
-    fixed, names = _check_parameters(cases, law, dict(fixed or {}), tuple(free), noise)
-    task = _build_task(cases, law, names, fixed, own)
+    fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
+    task = _build_task(cases, (law, form), names, fixed, own)
     x, evaluations = find_best(task)
     filters, adequate = WHITE, True
     if noise == "correlated":
@@ -179,10 +186,11 @@ def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
     return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
 
 
-def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
+def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
     """Check the options; return all fixed values and the names of the free parameters."""
-    if law not in LAWS:
-        raise ValueError(f"law = {law!r} was given: use 'aging' or 'slip'")
+    for name, value, allowed in zip(("law", "form"), laws, (EVOLUTIONS, FORMS), strict=True):
+        if value not in allowed:
+            raise ValueError(f"{name} = {value!r} was given: use {' or '.join(map(repr, allowed))}")
     if noise not in ("correlated", "white"):
         raise ValueError(f"noise = {noise!r} was given: use 'correlated' or 'white'")
     for name in (*fixed, *free):
@@ -192,7 +200,11 @@ def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[d
         raise ValueError(f"{name} was given as both fixed and free: choose one")
     for name, value in fixed.items():
         least = -np.inf if name in ("mu0", "trend") else 0.0
-        if not np.isfinite(value) or value < least or (value == 0 and name in ("a", "dc", "v0", "stiffness", "theta")):
+        if (
+            not np.isfinite(value)
+            or value < least
+            or (value == 0 and name in ("a", "dc", "v0", "dc2", "v1", "v2", "stiffness", "theta"))
+        ):
             raise ValueError(f"{name} = {value} was fixed: use a finite{'' if least < 0 else ', positive'} number")
     names = tuple(name for name in NAMES if (name in FIT or name in free) and name not in fixed)
     with_spring = any(case.legs is not None for case in cases)
@@ -202,12 +214,16 @@ def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[d
         raise ValueError("the slip velocity was measured, so there is no spring: leave stiffness and damping out")
     if "alpha" in names and not any(case.legs is not None and np.ptp(case.legs[2]) > 0 for case in cases):
         raise ValueError("alpha cannot be fitted because the normal stress never changes in these data: leave it out")
+    if laws[1] == "regularized" and {"v1", "v2"} & {*fixed, *names}:
+        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+    if len({"b2", "dc2"} & {*fixed, *names}) == 1:
+        raise ValueError("a second state has two parameters, b2 and dc2: give both, each fixed or free")
     if not names:
         raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
 
 
-def _build_task(cases, law: str, names, fixed: dict, own) -> Task:
+def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
     several, slots, labels = len(cases) > 1, [{} for _ in cases], []
     for name in names:
         for number, slot in enumerate(slots):
@@ -220,7 +236,8 @@ def _build_task(cases, law: str, names, fixed: dict, own) -> Task:
         raise ValueError(f"{samples} samples cannot determine {len(labels)} parameters: use more data or fix some")
     if all(np.ptp(case.friction[case.used]) == 0 for case in cases):
         raise ValueError("friction never changes in these data: there is nothing to fit")
-    return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter)
+    law, form = laws
+    return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter, form)
 
 
 def _evaluate(task: Task, x, filters) -> Estimates:
@@ -244,7 +261,9 @@ def _build_fit(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
     likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head_volume(filters, pieces(task))
     count = len(x) + 1 + len(filters[0])
-    models = tuple(model_friction(case, parameters_of(task, x, k), task.law) for k, case in enumerate(task.cases))
+    models = tuple(
+        model_friction(case, parameters_of(task, x, k), task.law, task.form) for k, case in enumerate(task.cases)
+    )
     gap = estimates.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
         law=task.law, names=task.names, values=estimates.values, errors=estimates.errors, intervals=estimates.intervals,
@@ -254,10 +273,12 @@ def _build_fit(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
         residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
         noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
-        aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
+        aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,
     )  # fmt: skip
 
 
 def _fixed_values(task: Task) -> dict:
+    """Fixed values that matter: those of the spring if there is one, and of variants of the law that differ from it."""
     spring = any(case.legs is not None for case in task.cases)
-    return {k: v for k, v in task.fixed.items() if spring or k not in ("stiffness", "damping")}
+    plain = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
+    return {k: v for k, v in task.fixed.items() if k not in plain and (spring or k not in ("stiffness", "damping"))}

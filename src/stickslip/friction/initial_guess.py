@@ -4,17 +4,24 @@ from itertools import product
 
 import numpy as np
 
-from .model import Prepared, model_friction
+from .model import PLAIN, Prepared, model_friction
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
 SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
 LENGTHS = 9  # number of values of D_c, the smallest 1/300 of the length of a leg
 STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
+SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
+SHARE = 0.3  # share of a second state in the evolution effect
+FAST = 10.0  # cut-off velocities over the greatest velocity
 BEST = 5  # number of guesses that are returned
 
 
 def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
-    """Best points of a grid, each with mu0 and trend from linear least squares, best first."""
+    """Best points of a grid, each with mu0 and trend from linear least squares, best first.
+
+    The search uses the logarithmic form, with one state and without cut-off velocities.
+    """
+    fixed = fixed | {name: value for name, value in PLAIN.items() if name in free}
     grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
     grid["b/a"] = RATIOS if "b" in free else (None,)
     found = []
@@ -25,6 +32,17 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[
             found.append((cost, values, linear))
     found.sort(key=lambda one: one[0])
     return [{**values, "linear": linear} for _, values, linear in found[:BEST]]
+
+
+def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
+    """Guesses for further parameters: a second state with a longer or a shorter D_c, and high cut-off velocities."""
+    fastest = max(float(np.abs(case.velocity if case.legs is None else case.legs[1]).max()) for case in cases)
+    more = {name: FAST * fastest for name in ("v1", "v2") if name in free}
+    if not {"b2", "dc2"} & set(free):
+        return [{**guess, **more}]
+    if {"b", "b2"} <= set(free):
+        more |= {"b": (1 - SHARE) * guess["b"], "b2": SHARE * guess["b"]}
+    return [{**guess, **more} | ({"dc2": guess["dc"] * ratio} if "dc2" in free else {}) for ratio in SECOND]
 
 
 def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:

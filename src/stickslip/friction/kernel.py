@@ -1,22 +1,22 @@
 """Compiled integration of a slider with rate-and-state friction on a spring.
 
 The unknowns are w = ln(V/V0) and f = ln(V0 θ/D_c), because velocity and state vary over many orders of magnitude during
-a hold.
+a hold, and g = ln(V0 θ2/D_c2) if there is a second state. The laws are those of `laws`.
 
 Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
-no table of coefficients, adapts its order, and solves the 2 × 2 systems by Cramer's rule. A step ends at every
-requested time, so that nothing is interpolated. `python -m benchmarks --friction` compares its speed with that of
-LSODA.
+no table of coefficients, adapts its order, and solves its systems by elimination, since the states are coupled through
+w alone. A step ends at every requested time, so that nothing is interpolated. `python -m benchmarks --friction`
+compares its speed with that of LSODA.
 """
 
 import numpy as np
 from numba import njit
 
 from .. import kernel_cache
+from .laws import AGING, curvatures, friction, log_velocity, slopes, state_rate, state_slopes
 
 kernel_cache.install()
 
-AGING, SLIP = 0, 1
 DONE, RUNAWAY, STEPS_SPENT = 0, 1, 2
 ORDERS = 10  # largest number of columns of the extrapolation
 FASTEST = 200.0  # ln(V/V0) above which slip has run away: quasi-static slip does so in finite time
@@ -24,106 +24,127 @@ MOST_STEPS = 200_000  # between two requested times
 
 
 @njit(cache=True, error_model="numpy")
-def rates(w, f, p, velocity, normal):
-    """Time derivatives dw/dt and df/dt.
+def rates(w, f, g, p, velocity, normal):
+    """Time derivatives dw/dt, df/dt and dg/dt; the last is 0 if b2 = 0.
 
-    f' = (V0/D_c)(e^{−f} − e^{w}) (aging) or −(V0/D_c) e^{w} (w + f) (slip), and the balance of forces
-    n(μ0 + a w + b f) + ηV = k(x_lp − x), differentiated: (n a + ηV) w' = k(V_lp − V) − n b f'.
+    The balance of forces n μ(w, f, g) + ηV = k(x_lp − x), differentiated, is
+    (n ∂μ/∂w + ηV) w' = k(V_lp − V) − n (∂μ/∂f f' + ∂μ/∂g g').
 
     Parameters
     ----------
-    p : a, b, dc, mu0, v0, stiffness, damping, law
+    p : a, b, dc, mu0, v0, stiffness, damping, evolution law, form, b2, dc2, V0/V1, V0/V2
     velocity : of the load point
     normal : normal stress over its reference
     """
-    speed = p[4] / p[2]
     e = np.exp(w)
-    if p[7] == AGING:
-        df = speed * (np.exp(-f) - e)
-    else:
-        df = -speed * e * (w + f)
-    return (p[5] * (velocity - p[4] * e) - normal * p[1] * df) / (normal * p[0] + p[6] * p[4] * e), df
+    mw, mf, mg = slopes(p[8], w, f, g, p[0], p[1], p[9], p[3], p[11], p[12])
+    df, dg = state_rate(p[7], e, w, f, p[4] / p[2]), 0.0
+    if p[9] != 0.0:
+        dg = state_rate(p[7], e, w, g, p[4] / p[10])
+    return (p[5] * (velocity - p[4] * e) - normal * (mf * df + mg * dg)) / (normal * mw + p[6] * p[4] * e), df, dg
 
 
 @njit(cache=True, error_model="numpy")
-def rate_derivatives(w, f, p, velocity, normal):
-    """Derivatives of `rates`: of dw/dt with respect to w and f, and of df/dt with respect to w and f."""
-    speed = p[4] / p[2]
-    e = np.exp(w)
-    if p[7] == AGING:
-        fw, ff = -speed * e, -speed * np.exp(-f)
-    else:
-        fw, ff = -speed * e * (w + f + 1.0), -speed * e
-    inertia = normal * p[0] + p[6] * p[4] * e
-    dw, _ = rates(w, f, p, velocity, normal)
-    ww = (-p[5] * p[4] * e - normal * p[1] * fw - dw * p[6] * p[4] * e) / inertia
-    return ww, -normal * p[1] * ff / inertia, fw, ff
+def rate_derivatives(w, f, g, p, velocity, normal):
+    """Derivatives of `rates`: of dw/dt with respect to w, f and g; of df/dt to w and f; of dg/dt to w and g."""
+    e = p[4] * np.exp(w)
+    mw, mf, mg = slopes(p[8], w, f, g, p[0], p[1], p[9], p[3], p[11], p[12])
+    cww, cwf, cwg, cff, cfg, cgg = curvatures(p[8], w, f, g, p[0], p[1], p[9], p[3], p[11], p[12])
+    fw, ff = state_slopes(p[7], w, f, p[4] / p[2])
+    gw, gg = 0.0, 0.0
+    if p[9] != 0.0:
+        gw, gg = state_slopes(p[7], w, g, p[4] / p[10])
+    dw, df, dg = rates(w, f, g, p, velocity, normal)
+    inertia = normal * mw + p[6] * e
+    ww = (-p[5] * e - normal * (cwf * df + mf * fw + cwg * dg + mg * gw) - dw * (normal * cww + p[6] * e)) / inertia
+    wf = -normal * (cff * df + mf * ff + cfg * dg + dw * cwf) / inertia
+    wg = -normal * (cfg * df + cgg * dg + mg * gg + dw * cwg) / inertia
+    return ww, wf, wg, fw, ff, gw, gg
 
 
 @njit(cache=True, error_model="numpy")
-def extrapolate(w, f, h, p, velocity, normal, tolerance, table):
-    """Take one step of length h; return new w and f and the number of columns used (0 if the tolerance was not met)."""
-    ww, wf, fw, ff = rate_derivatives(w, f, p, velocity, normal)
+def extrapolate(w, f, g, h, p, velocity, normal, tolerance, table):
+    """Take one step of length h; return new w, f, g and the number of columns used (0 if the tolerance was not met)."""
+    ww, wf, wg, fw, ff, gw, gg = rate_derivatives(w, f, g, p, velocity, normal)
+    two = p[9] != 0.0
     for j in range(ORDERS):
         d = h / (j + 1)
-        det = (1.0 - d * ww) * (1.0 - d * ff) - d * d * wf * fw
-        x, y = w, f
+        of, og = 1.0 / (1.0 - d * ff), 1.0 / (1.0 - d * gg)
+        pf, pg = d * wf * of, d * wg * og
+        od = 1.0 / (1.0 - d * ww - d * (pf * fw + pg * gw))
+        x, y, z = w, f, g
         for _ in range(j + 1):
-            gx, gy = rates(x, y, p, velocity, normal)
-            dx = d * ((1.0 - d * ff) * gx + d * wf * gy) / det
-            dy = d * ((1.0 - d * ww) * gy + d * fw * gx) / det
+            gx, gy, gz = rates(x, y, z, p, velocity, normal)
+            dx = (d * (gx + pf * gy + pg * gz)) * od
+            dy = d * (gy + fw * dx) * of
             x, y = x + dx, y + dy
             if not (abs(dx) < 5.0 and abs(dy) < 5.0):
-                return w, f, 0
+                return w, f, g, 0
+            if two:
+                dz = d * (gz + gw * dx) * og
+                z += dz
+                if not abs(dz) < 5.0:
+                    return w, f, g, 0
+        gap = 0.0
         for m in range(j):  # Aitken and Neville: table holds row j − 1 and becomes row j
             share = (j - m) / (m + 1.0)
             nx, ny = x + (x - table[m, 0]) * share, y + (y - table[m, 1]) * share
             table[m, 0], table[m, 1] = x, y
             gap = max(abs(nx - x), abs(ny - y))
             x, y = nx, ny
-        table[j, 0], table[j, 1] = x, y
+            if two:
+                nz = z + (z - table[m, 2]) * share
+                table[m, 2] = z
+                gap = max(gap, abs(nz - z))
+                z = nz
+        table[j, 0], table[j, 1], table[j, 2] = x, y, z
         if j >= 2 and gap <= tolerance:
-            return x, y, j + 1
-    return w, f, 0
+            return x, y, z, j + 1
+    return w, f, g, 0
 
 
 @njit(cache=True, error_model="numpy")
-def after_normal_jump(w, f, p, alpha, old, new):
-    """w and f after a jump in the normal stress from `old` to `new`.
+def after_normal_jump(w, f, g, p, alpha, old, new):
+    """w, f and g after a jump in the normal stress from `old` to `new`.
 
-    θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), at constant spring force F = n(μ0 + a w + b f) + ηV.
+    θ → θ (new/old)^(−α/(b + b2)) for each state (Linker and Dieterich 1992), at constant spring force n μ + ηV.
     """
-    a, b, mu0 = p[0], p[1], p[3]
+    a, b, b2, mu0, form, cut, cut2 = p[0], p[1], p[9], p[3], p[8], p[11], p[12]
     eta = p[6] * p[4]
-    force = old * (mu0 + a * w + b * f) + eta * np.exp(w)
-    f -= (alpha / b if b > 0.0 else 0.0) * np.log(new / old)
-    w = (force / new - mu0 - b * f) / a
+    force = old * friction(form, w, f, g, a, b, b2, mu0, cut, cut2)[0] + eta * np.exp(w)
+    shift = (alpha / (b + b2) if b + b2 > 0.0 else 0.0) * np.log(new / old)
+    f -= shift
+    g -= shift
+    w = (force / new - mu0 - b * f - b2 * g) / a
     if eta > 0.0:
         w = min(w, np.log(max(abs(force), eta) / eta))
-        for _ in range(100):  # Newton's method; the function is convex and increasing, so it converges from above
-            push = eta * np.exp(w)
-            step = (new * (mu0 + a * w + b * f) + push - force) / (new * a + push)
-            w -= step
-            if abs(step) < 1e-14 * (1.0 + abs(w)):
-                break
-    return w, f
+    return log_velocity(force, w, f, g, form, a, b, b2, mu0, cut, cut2, new, eta), f, g
 
 
 @njit(cache=True, error_model="numpy")
-def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
-    """Integrate w and f to `times` (ascending, from the start of the legs); also return a code and the time reached.
+def friction_along(out, p):
+    """Friction coefficient of rows (w, f, g)."""
+    mu = np.empty(len(out))
+    for k in range(len(out)):
+        mu[k] = friction(p[8], out[k, 0], out[k, 1], out[k, 2], p[0], p[1], p[9], p[3], p[11], p[12])[0]
+    return mu
+
+
+@njit(cache=True, error_model="numpy")
+def integrate(w, f, g, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
+    """Integrate w, f and g to `times` (ascending, from the start of the legs); also return a code and the time reached.
 
     At the end of a leg, the values are those before the next leg begins.
     """
-    out = np.full((len(times), 2), np.nan)
-    table = np.empty((ORDERS, 2))
+    out = np.full((len(times), 3), np.nan)
+    table = np.empty((ORDERS, 3))
     began, k, before = 0.0, 0, start_normal
     while k < len(times) and times[k] <= 0.0:
-        out[k, 0], out[k, 1] = w, f
+        out[k, 0], out[k, 1], out[k, 2] = w, f, g
         k += 1
     for leg in range(len(duration)):
         if normal[leg] != before:
-            w, f = after_normal_jump(w, f, p, alpha, before, normal[leg])
+            w, f, g = after_normal_jump(w, f, g, p, alpha, before, normal[leg])
             before = normal[leg]
         ends = began + duration[leg]
         last, t = leg == len(duration) - 1, 0.0
@@ -134,7 +155,7 @@ def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, t
             steps = 0
             while t < target:
                 d = min(h, target - t)
-                w, f, columns = extrapolate(w, f, d, p, velocity[leg], normal[leg], tolerance, table)
+                w, f, g, columns = extrapolate(w, f, g, d, p, velocity[leg], normal[leg], tolerance, table)
                 steps += 1
                 if columns == 0:
                     h = 0.25 * d
@@ -150,7 +171,7 @@ def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, t
                     h = 0.7 * d
             if not asked:
                 break
-            out[k, 0], out[k, 1] = w, f
+            out[k, 0], out[k, 1], out[k, 2] = w, f, g
             k += 1
         began = ends
         if k == len(times):

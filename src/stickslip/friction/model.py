@@ -7,14 +7,15 @@ import numpy as np
 
 from ..core.readable import readable
 from . import kernel
+from .laws import EVOLUTIONS, form_code
 from .loads import check_times, leg_arrays
-from .ratestate import LAWS
 
 TOLERANCE = 1e-10
-NAMES = ("a", "b", "dc", "mu0", "stiffness", "damping", "alpha", "theta", "trend")
+NAMES = ("a", "b", "dc", "mu0", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend")
 FIT = ("a", "b", "dc", "mu0")  # free unless fixed
-DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0}
-LOGARITHMIC = ("a", "b", "dc", "stiffness", "damping", "alpha", "theta")
+PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf}  # one state, and no cut-off velocities
+DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, **PLAIN}
+LOGARITHMIC = ("a", "b", "dc", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta")
 OWN = ("mu0", "theta", "trend")  # by default separate for each of several data sets
 
 
@@ -103,24 +104,31 @@ def _in_windows(time, windows) -> np.ndarray:
     return used
 
 
-def model_friction(case: Prepared, values: dict, law: str, tolerance: float = TOLERANCE) -> np.ndarray | None:
+def model_friction(
+    case: Prepared, values: dict, law: str, form: str = "logarithmic", tolerance: float = TOLERANCE
+) -> np.ndarray | None:
     """Model friction at all samples, or None if the slider runs away.
 
     Parameters
     ----------
-    values : a, b, dc, mu0, v0, stiffness, damping, alpha, theta (initial over steady state) and trend
+    values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (initial over steady state) and trend
     """
-    v = values
-    start = np.log(v["theta"] * v["v0"] / case.before)
+    v = PLAIN | values
+    cuts = v["v0"] / v["v1"], v["v0"] / v["v2"]
+    codes, more = (EVOLUTIONS[law], form_code(form, *cuts)), (v["b2"], v["dc2"], *cuts)
+    p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], *codes, *more], float)
+    start, trend = np.log(v["theta"] * v["v0"] / case.before), v["trend"] * case.place
     if case.legs is None:
-        mean = 0.5 * (case.velocity[1:] + case.velocity[:-1])
-        f = kernel.state_history(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
-        w = np.log(case.velocity / v["v0"])
-        return v["mu0"] + v["a"] * w + v["b"] * np.r_[start, f] + v["trend"] * case.place
-    p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float)
+        mean, spans = 0.5 * (case.velocity[1:] + case.velocity[:-1]), np.diff(case.time)
+        states = [np.full(len(case.time), start) for _ in range(2)]
+        for state, dc in zip(states, (v["dc"], v["dc2"])[: 2 if v["b2"] else 1], strict=False):
+            state[1:] = kernel.state_history(start, spans, mean, v["v0"], dc, EVOLUTIONS[law])
+        return kernel.friction_along(np.stack([np.log(case.velocity / v["v0"]), *states], axis=1), p) + trend
     w = np.log(case.before / v["v0"])
     duration, speed, normal = case.legs
-    out, code, _ = kernel.integrate(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
+    out, code, _ = kernel.integrate(
+        w, start, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance
+    )
     if code != kernel.DONE or not np.isfinite(out).all():
         return None
-    return v["mu0"] + v["a"] * out[:, 0] + v["b"] * out[:, 1] + v["trend"] * case.place
+    return kernel.friction_along(out, p) + trend

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .identifiability import WIDEST
-from .initial_guess import initial_guesses
+from .initial_guess import extended_guesses, initial_guesses
 from .model import DEFAULTS, LOGARITHMIC, Prepared, model_friction
 from .noise import WHITE, whitened
 
@@ -27,6 +27,7 @@ class Task(NamedTuple):
     slots: list[dict]  # for each record: name → index in x
     fixed: dict
     scatter: float  # of friction in the records
+    form: str = "logarithmic"
 
     @property
     def logs(self) -> np.ndarray:
@@ -44,20 +45,25 @@ def residual(task: Task, x) -> np.ndarray:
     """Residual (data − model)/sigma of all fitted samples."""
     out = []
     for number, case in enumerate(task.cases):
-        model = model_friction(case, parameters_of(task, x, number), task.law)
+        model = model_friction(case, parameters_of(task, x, number), task.law, task.form)
         rest = np.full(len(case.time), RUNAWAY_RESIDUAL * task.scatter) if model is None else case.friction - model
         out.append((rest / case.sigma)[case.used])
     return np.concatenate(out)
 
 
 def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
-    """Jacobian d residual/dx: exact for the trend, and for μ0 at constant normal stress, else by finite differences."""
+    """Jacobian d residual/dx: exact for the trend, else by finite differences.
+
+    It is also exact for μ0 at constant normal stress, of which friction in the logarithmic form is a linear function.
+    """
     base = None if central else residual(task, x)
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
     for k, label in enumerate(task.names):
         name, row = label.split("[")[0], 0
         simple = name == "trend" or (
-            name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
+            name == "mu0"
+            and task.form == "logarithmic"
+            and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
         )
         if not simple:
             step = STEP * (10 if central else 1) * np.eye(len(x))[k]
@@ -113,13 +119,12 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     """Best minimum reached from the initial guesses."""
     free = {label.split("[")[0] for label in task.names}
     found, count = [], 0
-    for start in initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed}):
-        x = np.zeros(len(task.names))
-        for slot, linear in zip(task.slots, start["linear"], strict=True):
-            extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
-            for name, k in slot.items():
-                x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
-        solved = solve(task, x, WHITE, most=25, close=1e-6)
+    guesses = initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed})
+    for start in (more for guess in guesses for more in extended_guesses(guess, task.cases, free)):
+        begin = _start_vector(task, start, free)
+        if _runs_away(task, begin):
+            continue
+        solved = solve(task, begin, WHITE, most=25, close=1e-6)
         count += solved.nfev
         again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in found)
         found.append((solved.cost, solved.x))
@@ -128,8 +133,37 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     if not found:
         raise RuntimeError("the slider runs away for all parameters tried: give the damping, or the stiffness")
     x = min(found, key=lambda one: one[0])[1]
-    solved = solve(task, x, WHITE)
+    solved = solve(task, _with_states_in_order(task, x), WHITE)
     return solved.x, count + solved.nfev
+
+
+def _runs_away(task: Task, x) -> bool:
+    parameters = (parameters_of(task, x, k) for k in range(len(task.cases)))
+    return any(
+        model_friction(case, values, task.law, task.form) is None
+        for case, values in zip(task.cases, parameters, strict=True)
+    )
+
+
+def _start_vector(task: Task, start: dict, free) -> np.ndarray:
+    x = np.zeros(len(task.names))
+    for slot, linear in zip(task.slots, start["linear"], strict=True):
+        extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
+        for name, k in slot.items():
+            x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
+    return x
+
+
+def _with_states_in_order(task: Task, x) -> np.ndarray:
+    """Return x with D_c < D_c2, if both states are free and can be exchanged."""
+    pairs = (("b", "b2"), ("dc", "dc2"))
+    if not {name for pair in pairs for name in pair} <= set(task.names):
+        return x
+    (b, b2), (dc, dc2) = ((task.names.index(one), task.names.index(other)) for one, other in pairs)
+    x = x.copy()
+    if x[dc] > x[dc2]:
+        x[[b, b2, dc, dc2]] = x[[b2, b, dc2, dc]]
+    return x
 
 
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:

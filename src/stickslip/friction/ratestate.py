@@ -1,7 +1,8 @@
 """Rate-and-state friction: a spring-slider under any load history, and friction at a prescribed slip velocity.
 
 μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
-doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359).
+doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359). Variants: a second state
+variable, cut-off velocities, and a form that is regular at rest.
 """
 
 from enum import Enum
@@ -12,9 +13,9 @@ import numpy as np
 from ..core.arguments import checked
 from ..core.readable import readable
 from . import kernel
+from .laws import EVOLUTIONS, FORMS, form_code
 from .loads import check_times, leg_arrays
 
-LAWS = {"aging": kernel.AGING, "slip": kernel.SLIP}
 EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
 
 
@@ -24,6 +25,13 @@ class RateState(NamedTuple):
 
     μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c); aging law θ' = 1 − Vθ/D_c, slip law θ' = −(Vθ/D_c) ln(Vθ/D_c). If the normal
     stress σ changes, −(α/b) θ σ'/σ is added to both (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+
+    With b2, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
+    1984, doi:10.1016/0022-5096(84)90007-3), and changes of σ act on both states, with α/(b + b2). With cut-off
+    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2), so that the
+    direct effect ends above V1 and the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The
+    regularized form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith
+    2001, doi:10.1016/S0022-5096(01)00042-4).
 
     Examples
     --------
@@ -38,6 +46,11 @@ class RateState(NamedTuple):
     v0: float = 1e-6  # velocity at which steady friction is mu0 [length/time]
     law: str = "aging"  # or "slip"
     alpha: float = 0.0
+    form: str = "logarithmic"  # or "regularized"
+    b2: float = 0.0  # evolution effect of a second state
+    dc2: float = 1.0  # its characteristic slip; has no effect if b2 = 0 [length]
+    v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
+    v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
 
 
 @readable
@@ -69,6 +82,7 @@ class SlipHistory(NamedTuple):
     normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
     end: End = End.DONE
     reached: float = 0.0  # time at which the history ended
+    theta2: np.ndarray | None = None  # second state, if the surface has one [time]
 
     @property
     def ok(self) -> bool:
@@ -78,17 +92,23 @@ class SlipHistory(NamedTuple):
 
 def check(rs: RateState) -> None:
     """Raise ValueError if the parameters of a surface are not valid."""
-    if rs.law not in LAWS:
-        raise ValueError(f"law = {rs.law!r} was given: use 'aging' or 'slip'")
-    for name in ("a", "dc", "v0"):
+    for name, allowed in (("law", EVOLUTIONS), ("form", FORMS)):
+        if getattr(rs, name) not in allowed:
+            raise ValueError(f"{name} = {getattr(rs, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+    for name in ("a", "dc", "v0", "dc2"):
         if not (getattr(rs, name) > 0 and np.isfinite(getattr(rs, name))):
             raise ValueError(f"{name} = {getattr(rs, name)} was given: use a positive, finite number")
-    for name in ("b", "alpha"):
+    for name in ("v1", "v2"):
+        if not getattr(rs, name) > 0:
+            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a positive velocity, or inf for no cut-off")
+    if rs.form == "regularized" and not np.isinf([rs.v1, rs.v2]).all():
+        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+    for name in ("b", "alpha", "b2"):
         if not (getattr(rs, name) >= 0 and np.isfinite(getattr(rs, name))):
             raise ValueError(f"{name} = {getattr(rs, name)} was given: use a finite number that is not negative")
     if not np.isfinite(rs.mu0):
         raise ValueError(f"mu0 = {rs.mu0} was given: use a finite number")
-    if rs.alpha > 0 and rs.b == 0:
+    if rs.alpha > 0 and rs.b + rs.b2 == 0:
         raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
 
 
@@ -105,16 +125,17 @@ def spring_slider(
 ) -> SlipHistory:
     """History of a slider pulled by a spring.
 
-    (n a + η V) d ln V/dt = k (V_lp − V) − n b d ln θ/dt, with θ' given by the law. ln V and ln θ are integrated with a
-    stiff method that restarts at every leg. With η = 0, the motion is quasi-static, and slip may run away
-    below the critical stiffness.
+    (n A + η V) d ln V/dt = k (V_lp − V) − n B d ln θ/dt, with A = ∂μ/∂ln V and B = ∂μ/∂ln θ, which are a and b in the
+    usual law, and θ' given by the law. ln V and ln θ are integrated with a stiff method that restarts at every leg.
+    With η = 0, the motion is quasi-static, and slip may run away below the critical stiffness.
 
     Parameters
     ----------
     legs : of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
     times : (N,) ascending, within the legs; default: about 120 per leg, denser at its start [time]
     before : initial slip velocity; default: that of the first leg [length/time]
-    theta : initial state; default: the steady state D_c/V [time]
+    theta : initial state; default: the steady state D_c/V. A second state starts in the same ratio to its steady state
+        [time]
     tolerance : error of ln V and ln θ in each step
 
     Raises
@@ -143,18 +164,20 @@ def spring_slider(
     times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
     p = kernel_parameters(rs, spring)
-    out, code, reached = kernel.integrate(w, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
+    out, code, reached = kernel.integrate(w, f, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
     place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
-    return _build_history(rs, spring, times[kept], place, out[kept], factor, (w, f, normal[0]))._replace(
-        end=tuple(End)[code], reached=float(reached)
-    )
+    rows = np.vstack([(w, f, f), out[kept]])
+    place, factor, at = np.r_[0.0, place], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
+    return _build_history(rs, spring, at, place, rows, factor)._replace(end=tuple(End)[code], reached=float(reached))
 
 
 def kernel_parameters(rs: RateState, spring: Spring) -> np.ndarray:
     """Parameters as an array for kernels."""
-    return np.array([rs.a, rs.b, rs.dc, rs.mu0, rs.v0, spring.stiffness, spring.damping, LAWS[rs.law]], float)
+    cuts = rs.v0 / rs.v1, rs.v0 / rs.v2
+    codes, more = (EVOLUTIONS[rs.law], form_code(rs.form, *cuts)), (rs.b2, rs.dc2, *cuts)
+    return np.array([rs.a, rs.b, rs.dc, rs.mu0, rs.v0, spring.stiffness, spring.damping, *codes, *more], float)
 
 
 def check_spring(spring: Spring) -> None:
@@ -165,14 +188,20 @@ def check_spring(spring: Spring) -> None:
         raise ValueError(f"damping = {spring.damping} was given: use 0 (quasi-static) or a positive, finite number")
 
 
-def _build_history(rs, spring, time, place, out, normal, start) -> SlipHistory:
-    """Compute all columns from ln(V/V0) and ln(V0 θ/D_c); slip follows from the balance of spring and friction."""
-    w, f = out.T
-    velocity, friction = rs.v0 * np.exp(w), rs.mu0 + rs.a * w + rs.b * f
-    w0, f0, n0 = start
-    force = n0 * (rs.mu0 + rs.a * w0 + rs.b * f0) + spring.damping * rs.v0 * np.exp(w0)
+def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
+    """Compute all columns from w, ln(V0 θ/D_c) and ln(V0 θ2/D_c2), whose first row is that of the start.
+
+    Slip follows from the balance of spring and friction.
+    """
+    velocity, friction = rs.v0 * np.exp(out[:, 0]), kernel.friction_along(out, kernel_parameters(rs, spring))
+    force = normal[0] * friction[0] + spring.damping * velocity[0]
     slip = place - (normal * friction + spring.damping * velocity - force) / spring.stiffness
-    return SlipHistory(time, place, slip, velocity, rs.dc / rs.v0 * np.exp(f), friction, normal)
+    columns = time, place, slip, velocity, rs.dc / rs.v0 * np.exp(out[:, 1]), friction, normal
+    return SlipHistory(*(column[1:] for column in columns), theta2=_second_state(rs, out[1:, 2]))
+
+
+def _second_state(rs: RateState, g: np.ndarray) -> np.ndarray | None:
+    return rs.dc2 / rs.v0 * np.exp(g) if rs.b2 > 0 else None
 
 
 def _times_within(times, end: float) -> np.ndarray:
@@ -196,13 +225,15 @@ def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> 
     """Friction of a surface with prescribed, piecewise constant slip velocity.
 
     Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
-    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0, where friction is −∞ and returned as NaN.
+    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction of the logarithmic form is −∞ and returned as NaN,
+    and that of the regularized form is 0.
 
     Parameters
     ----------
     time : (N + 1,) edges of the pieces, increasing [time]
     velocity : (N,) velocity of each piece, not negative [length/time]
-    theta : state at time[0]; default: the steady state of the first piece
+    theta : state at time[0]; default: the steady state of the first piece. A second state starts in the same ratio to
+        its steady state
 
     Returns
     -------
@@ -220,12 +251,16 @@ def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> 
     if theta is None and velocity[0] == 0:
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta
-    f = kernel.state_history(np.log(rs.v0 * start / rs.dc), np.diff(time), velocity, rs.v0, rs.dc, LAWS[rs.law])
-    slip = np.cumsum(np.diff(time) * velocity)
-    moves = velocity > 0
-    w = np.where(moves, np.log(np.where(moves, velocity, 1.0) / rs.v0), np.nan)
-    theta_at = rs.dc / rs.v0 * np.exp(f)
-    friction = rs.mu0 + rs.a * w + rs.b * f
-    return SlipHistory(
-        time[1:], slip, slip, velocity, theta_at, friction, np.ones(len(slip)), End.DONE, float(time[-1])
+    first = np.log(rs.v0 * start / rs.dc)
+    f, g = (
+        kernel.state_history(first, np.diff(time), velocity, rs.v0, dc, EVOLUTIONS[rs.law]) for dc in (rs.dc, rs.dc2)
     )
+    slip = np.cumsum(np.diff(time) * velocity)
+    w = np.log(np.where(velocity > 0, velocity, np.nan) / rs.v0)
+    mu = kernel.friction_along(np.stack([w, f, g], axis=1), kernel_parameters(rs, Spring(1.0)))
+    if rs.form == "regularized":
+        mu[velocity == 0] = 0.0
+    return SlipHistory(
+        time[1:], slip, slip, velocity, rs.dc / rs.v0 * np.exp(f), mu, np.ones(len(slip)), End.DONE, float(time[-1]),
+        _second_state(rs, g),
+    )  # fmt: skip

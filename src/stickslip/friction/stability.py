@@ -7,6 +7,7 @@ import numpy as np
 from ..core.arguments import checked
 from ..core.readable import readable
 from .kernel import rate_derivatives
+from .laws import form_code, slopes
 from .ratestate import RateState, Spring, check, check_spring, kernel_parameters
 
 
@@ -16,7 +17,7 @@ class Sliding(NamedTuple):
 
     stable: bool
     critical: float  # stiffness below which it is unstable; not positive if it is always stable [1/length]
-    eigenvalues: np.ndarray  # (2,) complex: a disturbance is a sum of e^{λt} [1/time]
+    eigenvalues: np.ndarray  # (2,) complex, (3,) with two states: a disturbance is a sum of e^{λt} [1/time]
     growth_rate: float  # largest real part; negative if disturbances decay [1/time]
     frequency: float  # angular, 0 without oscillation [1/time]
     sentence: str
@@ -24,14 +25,18 @@ class Sliding(NamedTuple):
 
 @checked
 def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.0) -> float:
-    """k_c = (b − a − η V)/D_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
+    """Critical stiffness k_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
 
-    This holds for both laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and Ruina 1983, doi:10.1115/1.3167042);
-    radiation damping η adds η V to the direct effect a.
+    With one state, k_c = (B − A − η V)/D_c for both evolution laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and
+    Ruina 1983, doi:10.1115/1.3167042), where A = ∂μ/∂ln V and B = ∂μ/∂ln θ in steady sliding at V; for the usual law
+    A = a and B = b. Radiation damping η adds η V to A. With two states, k_c is the larger root of the quadratic
+    equation that follows from Hurwitz's criterion for the cubic characteristic polynomial (compare Gu et al. 1984,
+    doi:10.1016/0022-5096(84)90007-3), and −∞ if there is none.
 
     Parameters
     ----------
-    velocity : V, relevant only with damping [length/time]
+    velocity : V, relevant only with damping, cut-off velocities or the regularized form; 0: slopes are those at v0
+        [length/time]
     damping : η over the normal stress [time/length]
 
     Examples
@@ -40,15 +45,32 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     500.0
     """
     check(rs)
-    return (rs.b - rs.a - damping * velocity) / rs.dc
+    direct, one, two = steady_slopes(rs, velocity or rs.v0)
+    direct += damping * velocity
+    if rs.b2 == 0:
+        return (one - direct) / rs.dc
+    first, second = rs.dc, rs.dc2
+    # of the cubic in λ/V: M D D2, D D2 k + p, (D + D2) k + q, k
+    p, q = direct * (first + second) - one * second - two * first, direct - one - two
+    roots = np.roots(
+        [first * second * (first + second), first * second * q + (first + second) * p - direct * first * second, p * q]
+    )
+    return float(max(roots.real)) if np.isreal(roots).all() else -np.inf
+
+
+def steady_slopes(rs: RateState, velocity: float) -> tuple[float, float, float]:
+    """Derivatives of friction with respect to ln V, ln θ and ln θ2 in steady sliding."""
+    w = np.log(velocity / rs.v0)
+    cuts = rs.v0 / rs.v1, rs.v0 / rs.v2
+    return slopes(form_code(rs.form, *cuts), w, -w, -w, rs.a, rs.b, rs.b2, rs.mu0, *cuts)
 
 
 @checked
 def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     """Stability of steady sliding at V: eigenvalues of the linearised equations for ln V and ln θ.
 
-    trace = (V/D_c) [(b − k D_c)/(a + ηV) − 1], determinant = k V²/[D_c (a + ηV)] > 0; at k = k_c the frequency is
-    (V/D_c) √((b − a − ηV)/(a + ηV)).
+    For the usual law, trace = (V/D_c) [(b − k D_c)/(a + ηV) − 1] and determinant = k V²/[D_c (a + ηV)] > 0; at k = k_c
+    the frequency is (V/D_c) √((b − a − ηV)/(a + ηV)).
 
     Parameters
     ----------
@@ -66,8 +88,9 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     if not (velocity > 0 and np.isfinite(velocity)):
         raise ValueError(f"velocity = {velocity} was given: use a positive, finite velocity for steady sliding")
     w = np.log(velocity / rs.v0)
-    ww, wf, fw, ff = rate_derivatives(w, -w, kernel_parameters(rs, spring), velocity, 1.0)
-    values = np.linalg.eigvals(np.array([[ww, wf], [fw, ff]], complex))
+    ww, wf, wg, fw, ff, gw, gg = rate_derivatives(w, -w, -w, kernel_parameters(rs, spring), velocity, 1.0)
+    matrix = np.array([[ww, wf, wg], [fw, ff, 0], [gw, 0, gg]], complex)
+    values = np.linalg.eigvals(matrix if rs.b2 > 0 else matrix[:2, :2])
     critical = critical_stiffness(rs, velocity, spring.damping)
     growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())
     stable = spring.stiffness > critical
@@ -76,7 +99,10 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
 
 def _sentence(rs, spring, stable: bool, critical: float, growth: float) -> str:
     if critical <= 0:
-        return f"steady sliding is stable with any spring: b = {rs.b:g} does not exceed the direct effect"
+        effects = "b" if rs.b2 == 0 else "b + b2"
+        return (
+            f"steady sliding is stable with any spring: {effects} = {rs.b + rs.b2:g} does not exceed the direct effect"
+        )
     ratio = f"stiffness {spring.stiffness:.4g} is {spring.stiffness / critical:.4g} times the critical {critical:.4g}"
     if stable:
         return f"steady sliding is stable: {ratio}; disturbances decay by a factor of e in {-1 / growth:.4g}"

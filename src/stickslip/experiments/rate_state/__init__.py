@@ -14,6 +14,9 @@ def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
     surface = scenario.surface
     more = ("Linker1992",) if surface.alpha else ()
+    more += ("Rice2001",) if surface.form == "regularized" else ()
+    more += ("Okubo1989",) if surface.v1 or surface.v2 else ()
+    more += ("Gu1984",) if surface.b2 else ()
     return {"rate-and-state friction": STATE[surface.law] + more}
 
 

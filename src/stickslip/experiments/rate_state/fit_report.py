@@ -19,7 +19,16 @@ from ..terminal import STYLE, console, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
-UNITS = {"dc": "m", "stiffness": "1/m", "trend": "1/m", "v0": "m/s", "damping": "s/m"}
+UNITS = {
+    "dc": "m",
+    "dc2": "m",
+    "v1": "m/s",
+    "v2": "m/s",
+    "stiffness": "1/m",
+    "trend": "1/m",
+    "v0": "m/s",
+    "damping": "s/m",
+}
 
 
 class RecordFits(NamedTuple):
@@ -34,6 +43,7 @@ class RecordFits(NamedTuple):
 def fit_record(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
     detrend: bool, normal: bool, out: Path | None, overwrite: bool, columns: str | None = None,
+    form: str = "logarithmic", more_free: tuple[str, ...] = (),
 ) -> RecordFits:  # fmt: skip
     """Read a record and fit each law to it; the output folder is checked first."""
     if out is not None:
@@ -50,9 +60,10 @@ def fit_record(
         )
     changes = normal and np.ptp([leg.normal for leg in record.legs]) > 0
     free = tuple(name for name, on in (("stiffness", free_stiffness), ("alpha", changes), ("trend", detrend)) if on)
+    free = tuple(dict.fromkeys(free + more_free))
     given = {"stiffness": stiffness, "v0": v0}
     fixed = {name: value for name, value in given.items() if value is not None}
-    fits = tuple(fit(record, law=law, fixed=fixed, free=free) for law in laws)
+    fits = tuple(fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws)
     return RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
 
 
@@ -92,6 +103,7 @@ def _fit_dict(one: Fit) -> dict:
         "errors",
         "intervals",
         "names",
+        "form",
         "fixed",
         "identifiable",
         "sentence",

@@ -7,6 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from ...figures import rate_state as figures_of
+from ...friction.closed_forms import steady_friction
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console, show_table
@@ -57,14 +58,14 @@ def show(result: SliderResult) -> None:
 
 def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
     """Return {name: (value, unit)} for sweeps; stability is that of the last moving leg."""
-    h, surface = result.history, result.scenario.surface
+    h, surface = result.history, result.scenario.surface.rate_state
     velocity = [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
     return {
         "final_friction": (h.friction[-1], "1"),
         "final_velocity": (h.velocity[-1], "m/s"),
         "least_friction": (h.friction.min(), "1"),
         "greatest_friction": (h.friction.max(), "1"),
-        "steady_friction": (surface.mu0 + (surface.a - surface.b) * np.log(velocity / surface.v0), "1"),
+        "steady_friction": (float(steady_friction(surface, velocity)), "1"),
         "critical_stiffness": (result.sliding[-1].critical, "1/m"),
         "growth_rate": (result.sliding[-1].growth_rate, "1/s"),
         "stable": (result.sliding[-1].stable, "1"),

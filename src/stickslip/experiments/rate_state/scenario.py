@@ -5,10 +5,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ...friction.ratestate import RateState
 
 
 class Surface(ScenarioTable):
-    """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c)."""
+    """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), or a variant."""
 
     law: Literal["aging", "slip"] = Field("slip", description="evolution law of the state θ")
     a: Positive = Field(0.0247, description="direct effect; the defaults of a, b and dc are those of paper 003")
@@ -19,6 +20,25 @@ class Surface(ScenarioTable):
     alpha: NotNegative = Field(
         0.0, description="Linker and Dieterich's parameter for the effect of normal stress changes on the state"
     )
+    form: Literal["logarithmic", "regularized"] = Field(
+        "logarithmic", description="dependence of friction on velocity: logarithmic, or with arcsinh, regular at rest"
+    )
+    b2: NotNegative = Field(0.0, description="evolution effect of a second state; 0: one state")
+    dc2: Positive = Field(0.1, description="characteristic slip of the second state [m]")
+    v1: Positive | None = Field(None, description="cut-off velocity of the direct effect; default: none [m/s]")
+    v2: Positive | None = Field(None, description="cut-off velocity of the evolution effect; default: none [m/s]")
+
+    @model_validator(mode="after")
+    def _check_form(self):
+        if self.form == "regularized" and (self.v1 or self.v2):
+            raise ValueError('v1 and v2 are for the logarithmic form: leave them out, or set form = "logarithmic"')
+        return self
+
+    @property
+    def rate_state(self) -> RateState:
+        """The surface."""
+        given = {name: value for name, value in self.model_dump().items() if value is not None}
+        return RateState(**given)
 
 
 class Drive(ScenarioTable):
@@ -81,6 +101,6 @@ class RateStateScenario(ScenarioBase):
     def _check_start(self):
         if self.legs[0].velocity == 0:
             raise ValueError("the first leg is a hold: start with a leg of steady sliding at positive velocity")
-        if self.surface.alpha > 0 and self.surface.b == 0:
+        if self.surface.alpha > 0 and self.surface.b + self.surface.b2 == 0:
             raise ValueError("surface.alpha acts through the state variable: set surface.b > 0, or omit alpha")
         return self

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.readable import readable
 from ...friction.loads import LoadStep
-from ...friction.ratestate import RateState, SlipHistory, Spring, spring_slider
+from ...friction.ratestate import SlipHistory, Spring, spring_slider
 from ...friction.stability import Sliding, steady_sliding
 from ..realizations import Report, silent
 from .scenario import RateStateScenario
@@ -30,7 +30,7 @@ def simulate_slider(
     scenario: RateStateScenario, *, folder: Path | None = None, workers: int | None = None, report: Report = silent
 ) -> SliderResult:
     """Run a scenario in one process; nothing is saved during the run."""
-    surface, spring = RateState(**scenario.surface.model_dump()), Spring(**scenario.spring.model_dump())
+    surface, spring = scenario.surface.rate_state, Spring(**scenario.spring.model_dump())
     legs = tuple(LoadStep(leg.time, leg.velocity, leg.normal) for leg in scenario.legs)
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
     rate = f"stiffness {spring.stiffness:g}, growth rate {max(one.growth_rate for one in sliding):.2e}"
