@@ -26,6 +26,7 @@ CELLS = {"gouge, 500 mobile grains": 1, "gouge, 4500 mobile grains": 3}  # copie
 def scene(copies: int) -> tuple[Path, int]:
     """Return a file with a scenario and the state from which its legs start, and the number of grains."""
     from stickslip import scenario
+    from stickslip.core.state import empty_contacts
     from stickslip.experiments.gouge import lammps
     from stickslip.experiments.gouge.protocol import STICKSLIP
     from stickslip.experiments.gouge.sample import prepare_sample
@@ -47,7 +48,9 @@ def scene(copies: int) -> tuple[Path, int]:
         gouge = STICKSLIP.start(whole, prepare_sample(whole, whole.seed))
         gouge, _ = STICKSLIP.leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
     STORE.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(pickle.dumps((whole.text, lammps.start(whole, gouge))))
+    state = gouge.state
+    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
+    path.write_bytes(pickle.dumps((whole.text, lammps.start(whole, gouge._replace(state=bare)))))
     return path, len(gouge.state.grains.radius)
 
 

@@ -10,8 +10,10 @@ fit_growth      growth rate and frequency fitted to M(t)
 kinetic_threshold   load from which on kicked samples slide, and at which sliding ones stop
 find_events     discontinuities of quasi-static shear, bracketed and classified
 release         undamped run from an unstable state, with snapshots of its spectrum
+run_in_lammps   run in LAMMPS, with MPI; contact memory goes there and comes back
 """
 
+from .experiments.lammps.run import run_in_lammps
 from .lazy import unknown
 from .loading.events import find_events
 from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
@@ -29,6 +31,7 @@ __all__ = [
     "load_path",
     "ramp",
     "release",
+    "run_in_lammps",
     "stable_window",
 ]
 

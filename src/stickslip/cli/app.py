@@ -59,6 +59,17 @@ Scheduler = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")]
+Engine = Annotated[
+    str | None,
+    typer.Option(
+        "--engine",
+        help="stickslip or lammps, for flows and fault gouge; instead of the scenario's.",
+        autocompletion=complete_from(ENGINES),
+    ),
+]
+Ranks = Annotated[
+    int | None, typer.Option("--ranks", min=1, metavar="N", help="MPI processes of LAMMPS; instead of the scenario's.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 

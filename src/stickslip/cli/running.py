@@ -10,9 +10,11 @@ import typer
 from .app import (
     ENGINES,
     AsJson,
+    Engine,
     Out,
     Overwrite,
     Quiet,
+    Ranks,
     Scheduler,
     Workers,
     app,
@@ -31,6 +33,8 @@ REPRODUCE = examples(
 RUN = examples(
     ("run examples/rate_state.toml --out results/rate-state", "a slider with rate-and-state friction: seconds"),
     ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, through the [sweep] table"),
+    ("run examples/plane_shear.toml --out results/shear --engine lammps --ranks 2", "a flow in LAMMPS, with MPI"),
+    ("run examples/plane_shear.toml --engine lammps --ranks 64 --export job", "the same for a queue; then resume job"),
     ("run examples/rate_state.toml --out results/rate-state --json", "the same, with a JSON object as output"),
     ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; prints only paths"),
 )
@@ -134,10 +138,14 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
 @app.command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
 def run(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for results; created if it does not exist.")],
-    engine: Annotated[
-        str | None,
-        typer.Option("--engine", help="stickslip or lammps, for fault gouge.", autocompletion=complete_from(ENGINES)),
+    out: Out = None,
+    engine: Engine = None,
+    ranks: Ranks = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            "--export", help="Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
+        ),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -152,18 +160,42 @@ def run(
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
 
+    if (out is None) == (export is None):
+        raise ValueError("give either --out, a folder for results, or --export, a folder for the input of LAMMPS")
     tables, how = read_tables(scenario), {"quiet": quiet, "as_json": as_json}
     if "sweep" in tables:
-        tables, spread = _sweep_tables(tables, engine), _choose_workers(workers, scheduler)
+        if export:
+            raise ValueError("--export was given with a sweep: export its members one by one")
+        tables, spread = _sweep_tables(tables, engine, ranks), _choose_workers(workers, scheduler)
         with _working_in(out, how):
             return _run_sweep_in("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
-    chosen = make_scenario(**tables)
-    if engine is not None:
-        chosen = _with_engine(chosen, engine)
+    chosen = _with_engine(make_scenario(**tables), engine, ranks)
+    if export:
+        return _export_to(export, chosen, how, overwrite=overwrite)
     spread = _choose_workers(workers, scheduler, chosen)
     with _working_in(out, how):
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
         return _run_in("run", chosen, out, spread, how)
+
+
+def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
+    """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
+    from ..data.checkpoint import checkpoint_in
+    from ..experiments import json_output, run_folder, terminal
+    from ..experiments.registry import experiment_of
+
+    write = experiment_of(chosen).export
+    if write is None or chosen.engine != "lammps":
+        what = f"experiment = {chosen.experiment!r}" if write is None else f"engine = {chosen.engine!r}"
+        raise ValueError(f"--export was given with {what}: it writes a flow for LAMMPS; add --engine lammps")
+    with _working_in(folder, how):
+        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        paths = write(chosen, folder)
+        checkpoint_in(folder, chosen).announce()
+    words = f"Submit job.slurm, or run sh run.sh; then stickslip resume {folder}."
+    finish(
+        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(words), **how
+    )  # fmt: skip
 
 
 def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
@@ -258,12 +290,12 @@ def _run_sweep_in(
     return None
 
 
-def _sweep_tables(tables: dict, engine: str | None) -> dict:
-    """Tables of a sweep, with `engine`, if given, in place of their own engine."""
-    if engine is None:
-        return tables
-    check_choice("engine", engine, ENGINES)
-    return tables | {"engine": engine}
+def _sweep_tables(tables: dict, engine: str | None, ranks: int | None) -> dict:
+    """Tables of a sweep, with `engine` and `ranks`, if given, in place of their own."""
+    if engine is not None:
+        check_choice("engine", engine, ENGINES)
+    given = {"engine": engine, "ranks": ranks}
+    return tables | {name: value for name, value in given.items() if value is not None}
 
 
 def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
@@ -281,9 +313,19 @@ def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> 
     return scheduler
 
 
-def _with_engine(chosen, engine: str):
-    """Return the scenario with another engine."""
-    check_choice("engine", engine, ENGINES)
-    if chosen.experiment != "gouge":
-        raise ValueError(f'--engine was given with experiment = {chosen.experiment!r}: it applies to "gouge" only')
-    return chosen.model_copy(update={"engine": engine})
+def _with_engine(chosen, engine: str | None, ranks: int | None):
+    """Return the scenario with another engine or number of MPI processes, if given."""
+    from ..data.schema import require_lammps_for_ranks
+
+    given = {name: value for name, value in (("engine", engine), ("ranks", ranks)) if value is not None}
+    if engine is not None:
+        check_choice("engine", engine, ENGINES)
+    for name in given:
+        if not hasattr(chosen, "engine"):
+            raise ValueError(
+                f'--{name} was given with experiment = {chosen.experiment!r}: it applies to "flow" and "gouge" only'
+            )
+    chosen = chosen.model_copy(update=given)
+    if given:
+        require_lammps_for_ranks(chosen.engine, chosen.ranks)
+    return chosen

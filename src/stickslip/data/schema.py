@@ -27,11 +27,21 @@ Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False), Sized]
 Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON use lists
 Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
+Ranks = Annotated[int, Field(ge=1, le=100_000)]
 Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")]
 
 
 class ScenarioError(ValueError):
     """Raised for a scenario that cannot be run; the message is one sentence for the user."""
+
+
+def require_lammps_for_ranks(engine: str, ranks: int) -> None:
+    """Raise ValueError if several MPI processes are requested of an engine that has none."""
+    if ranks > 1 and engine != "lammps":
+        raise ValueError(
+            f'ranks = {ranks} was given with engine = {engine!r}, which has no MPI processes: use engine = "lammps", '
+            f"or leave ranks out"
+        )
 
 
 class ScenarioTable(BaseModel):

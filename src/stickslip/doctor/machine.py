@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info
 
 from .. import __version__, extras, kernel_cache
 from ..ensemble import default_workers
-from ..experiments.gouge.lammps import load_error
+from ..experiments.lammps.process import load_error
 from ..solve.linear import factorised
 
 CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")

@@ -52,6 +52,7 @@ class Experiment(NamedTuple):
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
     paper: Paper | None = None
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds and use the usual kernels, for `stickslip warm`
+    export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
     parallel: bool = True  # whether realizations can be distributed over the workers of a cluster
 
     @property

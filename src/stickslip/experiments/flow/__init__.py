@@ -57,6 +57,7 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     smallest=(SETTLING, SHEARED),
+    export=_here("lammps.export"),
     parallel=False,
 )
 

@@ -10,7 +10,19 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from ...builtin_laws import BY_NAME, NAMES
 from ...data.law_file import LawFile
-from ...data.schema import Duration, Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Several
+from ...data.schema import (
+    Duration,
+    Finite,
+    Listed,
+    NotNegative,
+    Positive,
+    Ranks,
+    ScenarioBase,
+    ScenarioTable,
+    Seed,
+    Several,
+    require_lammps_for_ranks,
+)
 
 AXES = "xyz"
 MOST = 1_000_000  # grains that are poured or form a plate, and periods of shaking
@@ -235,6 +247,8 @@ class FlowScenario(ScenarioBase):
 
     experiment: Literal["flow"] = "flow"
     seed: Seed = 0
+    engine: Literal["stickslip", "lammps"] = Field("stickslip", description="engine that runs the stages")
+    ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
     grains: Pour
     law: FlowLaw
     cell: Box = Box()
@@ -253,6 +267,11 @@ class FlowScenario(ScenarioBase):
     def duration(self) -> float:
         """Longest possible duration of all stages together [time]."""
         return sum(stage.duration for stage in self.stages)
+
+    @model_validator(mode="after")
+    def _check_engine(self):
+        require_lammps_for_ranks(self.engine, self.ranks)
+        return self
 
     @model_validator(mode="after")
     def _check_dimensions(self):

@@ -1,6 +1,9 @@
 """Simulation of a flow: grains are poured, and the stages run in chunks between samples, with progress reports."""
 
 import time
+from collections.abc import Iterator
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +22,7 @@ from ...data.checkpoint import Checkpoint, checkpoint_in
 from ..realizations import Report, silent
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
-from .stages import stage_conditions, with_controls
+from .stages import FlowEngine, StagePart, stage_conditions, with_controls
 
 BINS = 24  # of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
@@ -104,6 +107,7 @@ def simulate_flow(
         If a grain moves more than a radius in one step or a position is not a number; the message is one sentence.
     """
     start, checkpoint = poured(scenario), checkpoint_in(folder, scenario, Piece, StageEnd)
+    chosen = find_engine(scenario, start, folder, threads)
     pieces = _load_pieces(checkpoint) if checkpoint else []
 
     def keep(piece):
@@ -113,7 +117,7 @@ def simulate_flow(
 
     for number in range(len(scenario.stages)):
         if not any(piece.end for piece in pieces if piece.stage == number):
-            _run_stage(scenario, start, number, pieces, keep, threads, report)
+            _run_stage(scenario, start, number, pieces, keep, chosen, report)
     series = FlowSeries(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in FlowSeries._fields))
     shown = [piece for piece in pieces if piece.frame]
     walls = [stage_conditions(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
@@ -131,27 +135,30 @@ def _load_pieces(checkpoint: Checkpoint) -> list[Piece]:
     return [checkpoint.load(name) for name in checkpoint.names]
 
 
-def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:
+def _run_stage(
+    scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, engine: FlowEngine, report: Report
+) -> None:
     """Run the rest of a stage; `keep` appends to the pieces."""
     stage, edges = scenario.stages[number], _bin_edges(start)
     state, begin, done, conditions = _enter_stage(scenario, start, number, pieces)
     count = sample_count(stage, scenario)
     every = max(1, round(scenario.samples / scenario.frames))
     total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
-    for k in range(done, count):
-        state = _advance(state, start, conditions.drag, begin + (k + 1) * stage.duration / count, threads)
-        rows.append(_measure(state, start, conditions.walls, number, edges))
-        words, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
-        over = rests or k + 1 == count
-        frame = over or (total + k + 1 - done) % every == 0
-        if frame or time.monotonic() - saved > SAVE_EVERY:
-            end = StageEnd(stage.name, begin, state.time, rests if stage.until else None) if over else None
-            columns = {name: np.array([row[name] for row in rows]) for name in FlowSeries._fields}
-            keep(Piece(number, begin, k + 1, columns, state, frame, end))
-            rows, saved = [], time.monotonic()
-        report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames saved")
-        if over:
-            return
+    part = StagePart(number, conditions, state, begin, done, count, stage.duration)
+    with closing(engine.states(part)) as states:
+        for k, state in enumerate(states, start=done):
+            rows.append(_measure(state, start, conditions.walls, number, edges))
+            words, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
+            over = (rests and engine.stops) or k + 1 == count
+            frame = over or (total + k + 1 - done) % every == 0
+            if frame or time.monotonic() - saved > SAVE_EVERY:
+                end = StageEnd(stage.name, begin, state.time, rests if stage.until else None) if over else None
+                columns = {name: np.array([row[name] for row in rows]) for name in FlowSeries._fields}
+                keep(Piece(number, begin, k + 1, columns, state, frame, end))
+                rows, saved = [], time.monotonic()
+            report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames saved")
+            if over:
+                return
 
 
 def _enter_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
@@ -171,6 +178,31 @@ def _bin_edges(start: Poured) -> np.ndarray:
     """Return the (BINS + 1,) edges between the bins of the profile [length]."""
     height = start.state.grains.position[:, 1]
     return np.linspace(height.min(), height.max(), BINS + 1)
+
+
+def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, threads: int | None) -> FlowEngine:
+    """Return the engine of a scenario.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine cannot run this scenario.
+    MissingExtraError
+        If it is not installed. The message says how to install it.
+    """
+    if scenario.engine == "stickslip":
+        return FlowEngine(partial(_run_here, start, threads), True)
+    from .lammps import engine
+
+    return engine(scenario, start, folder)
+
+
+def _run_here(start: Poured, threads: int | None, part: StagePart) -> Iterator[State]:
+    """Yield the states at the samples of a stage, run with this package's engine."""
+    state = part.state
+    for target in part.targets:
+        state = _advance(state, start, part.conditions.drag, target, threads)
+        yield state
 
 
 def _advance(state: State, start: Poured, drag: float, target: float, threads) -> State:

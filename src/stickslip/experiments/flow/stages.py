@@ -1,5 +1,6 @@
 """Conditions in the stages of a flow: motion of walls and plates, gravity and drag."""
 
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,30 @@ class StageConditions(NamedTuple):
     motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
     gravity: tuple[float, ...]
     drag: float
+
+
+class StagePart(NamedTuple):
+    """What remains of a stage."""
+
+    number: int  # of the stage
+    conditions: StageConditions
+    state: State  # from which it continues
+    begin: float  # of the stage [time]
+    done: int  # samples
+    count: int  # samples of the whole stage
+    duration: float  # of the whole stage [time]
+
+    @property
+    def targets(self) -> list[float]:
+        """Times of the remaining samples."""
+        return [self.begin + (k + 1) * self.duration / self.count for k in range(self.done, self.count)]
+
+
+class FlowEngine(NamedTuple):
+    """What runs the stages."""
+
+    states: Callable[[StagePart], Iterator[State]]  # -> the state at each remaining sample
+    stops: bool  # whether a stage may end at rest, before its duration
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:

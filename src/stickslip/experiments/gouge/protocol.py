@@ -63,7 +63,7 @@ class Test(NamedTuple):
     series: Series
     part: int = 0  # entry of the protocol, counted from 0
     branch: int = 0  # number of the state on the trunk
-    elastic: float = np.nan  # energy stored in the contacts at the end; not known for other engines [J]
+    elastic: float = np.nan  # energy stored in the contacts at the end [J]
 
 
 class Branch(NamedTuple):
@@ -113,7 +113,7 @@ class Engine(NamedTuple):
     start: Callable[[GougeScenario, Gouge], Any]  # -> place
     leg: Callable[[GougeScenario, Any, float, int], tuple[Any, Series]]  # place, velocity, steps -> place, series
     state: Callable[[Any], Any]  # place -> State
-    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J], NaN if not known
+    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J]
     nouns: tuple[type, ...]  # classes of the NamedTuples in a place
 
 
@@ -151,8 +151,7 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
                 if part.branches:
                     found.append(Branch(number, k, new, place))
     states["end"] = engine.state(place)
-    counted = scenario.ledger_steps and engine is STICKSLIP  # states of other engines have no contact memory
-    ledger = _run_ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
+    ledger = _run_ledger(scenario, gouge._replace(state=states["end"])) if scenario.ledger_steps else {}
     return Trunk(tuple(tests), tuple(found), states, ledger)
 
 

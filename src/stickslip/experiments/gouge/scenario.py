@@ -10,7 +10,17 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Sized
+from ...data.schema import (
+    Listed,
+    NotNegative,
+    Positive,
+    Ranks,
+    ScenarioBase,
+    ScenarioTable,
+    Seed,
+    Sized,
+    require_lammps_for_ranks,
+)
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
@@ -312,6 +322,7 @@ class GougeScenario(ScenarioBase):
     engine: Literal["stickslip", "lammps"] = Field(
         "stickslip", description="engine that runs the protocol after the preparation"
     )
+    ranks: Ranks = Field(1, description="MPI processes of LAMMPS, for each realization")
     grains: GougeGrains = GougeGrains()
     law: GougeLaw
     cell: GougeCell = GougeCell()
@@ -335,6 +346,11 @@ class GougeScenario(ScenarioBase):
         0, description="steps after the protocol with an energy ledger; each takes as long as ten ordinary steps"
     )
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
+
+    @model_validator(mode="after")
+    def _check_engine(self):
+        require_lammps_for_ranks(self.engine, self.ranks)
+        return self
 
     @model_validator(mode="after")
     def _check_cell(self):

@@ -159,7 +159,7 @@ def find_engine(scenario: GougeScenario) -> Engine:
         return STICKSLIP
     from .lammps import engine
 
-    return engine()
+    return engine(scenario.ranks)
 
 
 def _trunk_task(text: str, kept: Checkpoint | None, tell: Tell) -> Trunk:

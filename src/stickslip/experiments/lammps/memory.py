@@ -1,0 +1,254 @@
+"""Restart files of LAMMPS: grains and the memory of their contacts, read and written to the last bit.
+
+At the end of a restart file, each rank has a block of doubles, in which every grain has a record: its length, position,
+number, type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores something with
+grains. `fix NEIGH_HISTORY`, which every history pair style creates, comes first: it lists the partners of the grain and
+the memory of each contact, in the order i − j. Entries of walls follow in the order of their fixes. Most whole numbers
+are stored in the bits of doubles.
+"""
+
+import struct
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.contacts.forces import accept, forces
+from ...core.contacts.jacobian import linearise
+from ...core.contacts.mechanics import FROZEN
+from ...core.laws.builtin import MU, Law, rescales
+from ...core.measure import branch_vectors, touching
+from ...core.state import SLIDE, STICK, State, empty_contacts
+
+MAGIC = b"LammpS RestartT\x00"
+# the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
+HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
+POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
+AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
+SHARE = 0.05  # share of the dashpots' force that half a step may change
+
+
+class Restart(NamedTuple):
+    """Content of a restart file, sorted by the number of the grain, which counts from 0."""
+
+    position: np.ndarray  # (N, 3) in the box [length]
+    image: np.ndarray  # (N, 3)
+    velocity: np.ndarray  # (N, 3) [length/time]
+    spin: np.ndarray  # (N, 3) [rad/time]
+    i: np.ndarray  # (C,) contacts, each once, i < j
+    j: np.ndarray  # (C,)
+    slip: np.ndarray  # (C, 3) of i relative to j [length]
+    wall: np.ndarray  # (K,) number of the fix of the wall that a grain touches
+    grain: np.ndarray  # (K,)
+    wall_slip: np.ndarray  # (K, 3) [length]
+
+
+def is_complete(path: Path) -> bool:
+    """Return True if a restart file has been written to its end."""
+    if not path.is_file() or path.stat().st_size < 2 * len(MAGIC):
+        return False
+    with path.open("rb") as file:
+        file.seek(-len(MAGIC), 2)
+        return file.read() == MAGIC
+
+
+def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
+    """Start of the first block of a restart file, and the doubles of each block; ValueError if it is no such file."""
+    mark, start = HEADER_END + BLOCK, 0
+    if not content.startswith(MAGIC) or not content.endswith(MAGIC):
+        raise ValueError("no complete restart file of LAMMPS")
+    while (start := content.find(mark, start)) >= 0:
+        place, found = start + len(HEADER_END), []
+        while content[place : place + 4] == BLOCK and place + 8 <= len(content):
+            size = struct.unpack_from("<i", content, place + 4)[0]
+            if size < 0 or place + 8 + 8 * size > len(content):
+                break
+            found.append(np.frombuffer(content, "<f8", size, place + 8))
+            place += 8 + 8 * size
+        if place == len(content) - len(MAGIC):
+            return start + len(HEADER_END), found
+        start += 1
+    raise ValueError("a restart file of LAMMPS in an unknown format")
+
+
+def _record_starts(block: np.ndarray) -> np.ndarray:
+    """First entry of the record of each grain in a block."""
+    starts, place, sizes = [], 0, block
+    while place < len(sizes):
+        starts.append(place)
+        place += int(sizes[place])
+    return np.array(starts, np.int64)
+
+
+def read_restart(path: Path, *, walls: int = 0, values: int = 3) -> Restart:
+    """Read a restart file.
+
+    Parameters
+    ----------
+    walls : number of fixes of walls
+    values : number of doubles in the memory of a contact between grains, of which the first three are the slip
+
+    Raises
+    ------
+    ValueError
+        If the file is incomplete or in another format.
+    """
+    blocks = _blocks(path.read_bytes())[1]
+    parts = [_read_block(block, walls, values) for block in blocks if len(block)]
+    tag, *grains = (np.concatenate(columns) for columns in zip(*(part[0] for part in parts), strict=True))
+    pairs = [np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)]
+    touched = [np.concatenate(columns) for columns in zip(*(part[2] for part in parts), strict=True)]
+    order = np.argsort(tag)
+    if not (tag[order] == np.arange(len(tag)) + 1).all():
+        raise ValueError("a restart file that lacks grains")
+    once = pairs[0] < pairs[1]
+    return Restart(*(column[order] for column in grains), *(column[once] for column in pairs), *touched)
+
+
+def _read_block(block: np.ndarray, walls: int, values: int):
+    """Columns of the grains, of the contacts and of the contacts with walls in the block of a rank."""
+    whole, start = block.view("<i8"), _record_starts(block)
+    tag, bits = whole[start + TAG], whole[start + IMAGE]
+    image = np.stack([bits & 1023, bits >> 10 & 1023, bits >> 20 & 4095], axis=1) - 512
+    position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
+    entry = start + EXTRA
+    count = block[entry + 1].astype(np.int64)
+    first = np.repeat(entry + 2, count) + (values + 1) * _counters(count)
+    pairs = np.repeat(tag, count) - 1, whole[first] - 1, block[first[:, None] + 1 + np.arange(3)]
+    entry, touched = entry + block[entry].astype(np.int64), []
+    for wall in range(walls):
+        on = np.flatnonzero(whole[entry + 1] > 0)
+        slip = block[entry[on][:, None] + 3 + np.arange(3)]
+        touched.append((np.full(len(on), wall), tag[on] - 1, slip))
+        entry = entry + block[entry].astype(np.int64)
+    none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
+    at_walls = tuple(np.concatenate(columns) for columns in zip(none, *touched, strict=True))
+    return (tag, position, image, velocity, spin), pairs, at_walls
+
+
+def _counters(count: np.ndarray) -> np.ndarray:
+    """Numbers 0 … n − 1 for each n, one after the other."""
+    return np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+
+
+def restored(state: State, law: Law, found: Restart) -> State:
+    """State with the memory of a restart file: the grains of `state`, which are already where LAMMPS had them."""
+    n = len(state.grains.radius)
+    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])), instant=None)
+    bare = accept(bare, forces(bare, law)[1])
+    listed = bare.contacts
+    slip, mode = np.zeros_like(listed.slip), listed.mode.copy()
+    rows = touching(bare)
+    key = listed.i[rows].astype(np.int64) * state.n_bodies + listed.j[rows]
+    theirs = np.append(found.i * state.n_bodies + found.j, found.grain * state.n_bodies + n + found.wall)
+    values, order = np.concatenate([found.slip, found.wall_slip]), np.argsort(theirs)
+    place = np.searchsorted(theirs, key, sorter=order)
+    place = order[np.minimum(place, max(len(order) - 1, 0))] if len(order) else np.zeros(0, np.int64)
+    known = theirs[place] == key if len(order) else np.zeros(len(rows), bool)
+    slip[rows[known]] = values[place[known]]
+    full = accept(bare, listed._replace(slip=slip, mode=mode))
+    slides, frictional = _slides(full, law, rows)
+    mode[rows[frictional]] = np.where(slides, SLIDE, STICK)[frictional]
+    return accept(bare, listed._replace(slip=slip, mode=mode, reached=listed.reached | (mode == SLIDE)))
+
+
+def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which contacts are at the Coulomb limit, and which have one that is not zero.
+
+    LAMMPS leaves the spring and the dashpot of a sliding contact together at the limit, with the velocities of the half
+    step; at the full step, their force may have changed by a share of the dashpots' force.
+    """
+    if not len(rows):
+        return np.zeros(0, bool), np.zeros(0, bool)
+    c, contacts = linearise(state, law, memory=FROZEN), state.contacts
+    body = np.concatenate([state.grains.material, state.walls.material])
+    mu = law.table[body[contacts.i[rows]], body[contacts.j[rows]], MU]
+    pace, tangent = _contact_velocity(state, rows, c.normal[rows])
+    spring = -c.stiffness_t[rows, None] * contacts.slip[rows]
+    dashpot = c.damping_t[rows, None] * tangent
+    limit = mu * np.abs(c.force_n[rows] - c.damping_n[rows] * pace)
+    slack = SHARE * (np.linalg.norm(dashpot, axis=1) + mu * c.damping_n[rows] * np.abs(pace))
+    return np.linalg.norm(spring - dashpot, axis=1) >= (1 - AT_LIMIT) * limit - slack, limit > 0
+
+
+def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity of i relative to j, a grain or a wall, at contacts: normal part (M,) and tangential vector (M, 3)."""
+    grains, n = state.grains, len(state.grains.radius)
+    speed = np.concatenate([grains.velocity, state.walls.velocity])
+    turn = np.concatenate([grains.radius[:, None] * grains.spin, np.zeros((len(state.walls.mass), 3))])
+    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    flow = np.where((j < n)[:, None], branch_vectors(state)[rows] @ state.cell.rate.T, 0.0)
+    v = speed[i] - speed[j] + flow - np.cross(turn[i] + turn[j], normal)
+    pace = np.einsum("ck,ck->c", v, normal)
+    return pace, v - pace[:, None] * normal
+
+
+def history_size(law: Law) -> int:
+    """Number of doubles that a pair style stores for a contact."""
+    return 4 if rescales(law.kind) else 3
+
+
+def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
+    """Write a restart file with the memory of a state: `template` is one of the same grains, with any memory.
+
+    Parameters
+    ----------
+    template : written by LAMMPS from a data file of the state
+    """
+    content, n, walls = template.read_bytes(), len(state.grains.radius), len(state.walls.mass)
+    start, blocks = _blocks(content)
+    extra = _entries(state, law, n, walls)
+    written = [content[:start]]
+    for block in blocks:
+        records = []
+        tags = block.view("<i8")
+        for first in _record_starts(block):
+            mine = extra[int(tags[first + TAG]) - 1]
+            record = np.concatenate([block[first : first + EXTRA], mine])
+            record[0] = len(record)
+            records.append(record)
+        doubles = np.concatenate([*records, np.zeros(0)])
+        written += [BLOCK, struct.pack("<i", len(doubles)), doubles.astype("<f8").tobytes()]
+    target.write_bytes(b"".join([*written, MAGIC]))
+
+
+def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
+    """Entries of the pair style and of the walls for each grain."""
+    contacts, rows = state.contacts, touching(state)
+    partners, touched = [[] for _ in range(n)], [{} for _ in range(n)]
+    more = _contact_radii(state, law, rows)
+    for row, radius in zip(rows, more, strict=True):
+        i, j, slip = int(contacts.i[row]), int(contacts.j[row]), contacts.slip[row]
+        if j >= n:
+            touched[i][j - n] = slip
+            continue
+        partners[i].append((j, [*slip, *radius]))
+        partners[j].append((i, [*-slip, *radius]))
+    found = []
+    for i in range(n):
+        size = 2 + (history_size(law) + 1) * len(partners[i])
+        entry = [size, len(partners[i])]
+        for j, memory in partners[i]:
+            entry += [_bits(j + 1), *memory]
+        for wall in range(walls):
+            slip = touched[i].get(wall)
+            entry += [2.0, _bits(0)] if slip is None else [6.0, _bits(1), _bits(0), *slip]
+        found.append(np.array(entry, float))
+    return found
+
+
+def _contact_radii(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
+    """What `mindlin_rescale` stores besides the slip, the contact radius √(δ R_eff): (rows, 1), otherwise (rows, 0)."""
+    if not rescales(law.kind):
+        return np.zeros((len(rows), 0))
+    r, c = state.grains.radius, state.contacts
+    i, j = c.i[rows], c.j[rows]
+    place = state.grains.position
+    distance = np.linalg.norm(place[i] - place[j] + c.image[rows] @ state.cell.vectors, axis=1)
+    overlap, reduced = r[i] + r[j] - distance, r[i] * r[j] / (r[i] + r[j])
+    return np.sqrt(overlap * reduced)[:, None]
+
+
+def _bits(number: int) -> float:
+    """Double with the bits of a whole number."""
+    return struct.unpack("<d", struct.pack("<q", number))[0]

@@ -1,0 +1,164 @@
+"""What LAMMPS can run, and one sentence for each thing that it cannot."""
+
+import numpy as np
+
+from ...builtin_laws import NAMES
+from ...core.laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    HERTZ_MINDLIN,
+    HERTZ_MINDLIN_REFF,
+    HERTZ_MINDLIN_REFF_RESCALED,
+    HERTZ_MINDLIN_RESCALED,
+    LINEAR,
+    MASS,
+    NO_TENSION,
+    SHARP,
+    VISCOELASTIC,
+    Law,
+    damping_model,
+    rescales,
+)
+from ...core.laws.dispatch import Kind
+from ...core.state import State
+from ...data.schema import ScenarioError
+from .leg import Leg, inertia_factor, is_held, members_of
+
+DASHPOTS = {
+    LINEAR: MASS, HERTZ_MINDLIN: VISCOELASTIC, HERTZ_MINDLIN_REFF: VISCOELASTIC, HERTZ_MINDLIN_RESCALED: VISCOELASTIC,
+    HERTZ_MINDLIN_REFF_RESCALED: VISCOELASTIC,
+}  # fmt: skip
+WITHOUT_RADIUS = (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED)
+MAX_KNOTS = 64  # of the course of a velocity within one leg
+STAY = 'or use engine = "stickslip"'
+
+
+def check_law(law: Law, state: State) -> None:
+    """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
+    if isinstance(law.kind, Kind):
+        raise ScenarioError(f"LAMMPS was given a law written in Python, which it cannot evaluate: {STAY[3:]}")
+    if law.coulomb != SHARP:
+        raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
+    if law.kind not in DASHPOTS:
+        raise ScenarioError(f"LAMMPS was given a contact law that it does not have: use hertz_mindlin_reff, {STAY}")
+    if len(np.unique(state.grains.material)) > 1:
+        raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
+    q = parameters_of(law, state)
+    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and damping_model(law) & ~NO_TENSION != DASHPOTS[law.kind]:
+        raise ScenarioError(
+            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
+            f"viscoelastic dashpots or linear with mass_velocity ones, {STAY}"
+        )
+    if (rescales(law.kind) or len(state.walls.mass)) and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
+        what = "a rescaled law" if rescales(law.kind) else "walls and a law"
+        raise ScenarioError(
+            f"LAMMPS was given {what} with damping_t but without damping_n, although it expresses damping_t as a "
+            f"multiple of damping_n: give both or neither"
+        )
+    if law.kind in WITHOUT_RADIUS and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
+        raise ScenarioError(
+            f"LAMMPS multiplies Hertz's law by √R_eff, which is constant for grains of one size only: use "
+            f"hertz_mindlin_reff, {STAY}"
+        )
+    if rescales(law.kind) and len(state.walls.mass):
+        raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
+
+
+def parameters_of(law: Law, state: State) -> np.ndarray:
+    """Parameters of contacts between grains."""
+    material = state.grains.material[0] if len(state.grains.material) else 0
+    return law.table[material, material]
+
+
+def check_leg(leg: Leg) -> None:
+    """Raise ScenarioError if LAMMPS cannot run the conditions of a leg exactly."""
+    check_law(leg.law, leg.state)
+    _check_cell(leg.state)
+    _check_grains(leg.state)
+    _check_groups(leg)
+    _check_walls(leg)
+    if leg.samples > leg.steps:
+        raise ScenarioError(
+            f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "
+            f"fewer samples or a smaller dt"
+        )
+
+
+def _check_cell(state: State) -> None:
+    control, cell = state.control, state.cell
+    if control.cell_free.any():
+        raise ScenarioError(
+            "LAMMPS was given a cell that follows a stress, but none of its barostats (fix nph, fix press/berendsen, "
+            f"fix deform/pressure) obeys M ℓ² L̇ = V (σ − target): prescribe the shear rate, {STAY}"
+        )
+    rate = control.cell_rate
+    lower = np.tril(rate).any()
+    if rate.any() and (lower or (rate @ rate).any() or (control.cell_follows[rate != 0] >= 0).any()):
+        raise ScenarioError(
+            "LAMMPS was given a deforming cell that is not in simple shear at a constant rate along xy, xz or yz, "
+            f"whose equations of motion differ: {STAY[3:]}"
+        )
+    if not (np.triu(cell.vectors, 1) == 0).all() or not (np.diag(cell.vectors) > 0).all():
+        raise ScenarioError("LAMMPS needs a cell whose first vector is along x and second one in the xy plane")
+    reach = 4 * float(state.grains.radius.max(initial=0.0))
+    for k in np.flatnonzero(cell.periodic[: cell.dim]):
+        if cell.vectors[k, k] < reach:
+            raise ScenarioError(
+                f"LAMMPS tells images of a grain apart by its number only, and the cell is {cell.vectors[k, k]:.3g} "
+                f"long along {'xyz'[k]}: use a cell at least two diameters long"
+            )
+
+
+def _check_grains(state: State) -> None:
+    control, n = state.control, len(state.grains.radius)
+    loose = control.group[:n] < 0
+    used = [*range(state.cell.dim), *range(6 - (3 if state.cell.dim == 3 else 1), 6)]
+    if not control.free[:n][loose][:, used].all():
+        raise ScenarioError(f"LAMMPS was given single grains that are held or driven: make them a rigid group, {STAY}")
+    if control.force[:n][loose].any() or control.torque[:n].any() or control.spring[:n][loose].any():
+        raise ScenarioError(f"LAMMPS was given forces on single grains, which are not translated: {STAY[3:]}")
+    i0 = inertia_factor(state)
+    if not (np.isclose(i0, 0.4, rtol=1e-9) or (state.cell.dim == 2 and np.isclose(i0, 0.5, rtol=1e-9))):
+        raise ScenarioError(
+            f"LAMMPS was given I0 = {i0:.4g}, but has I0 = 2/5 and, in two dimensions, 1/2: use one of these, {STAY}"
+        )
+
+
+def _check_groups(leg: Leg) -> None:
+    control, dim = leg.state.control, leg.state.cell.dim
+    for members in members_of(leg.state).values():
+        free, follows = control.free[members[0], :dim], control.follows[members[0], :dim]
+        if free.any() and (follows[~free] >= 0).any():
+            raise ScenarioError(
+                f"LAMMPS was given a plate that a force moves along one axis and a velocity that varies in time along "
+                f"another: use a constant velocity, {STAY}"
+            )
+        if control.free[members, 3:].any():
+            raise ScenarioError(f"LAMMPS was given a rigid group that turns, which is not translated: {STAY[3:]}")
+        if is_held(leg.state, members):
+            for k in range(dim):
+                _check_course(leg, int(follows[k]))
+
+
+def _check_walls(leg: Leg) -> None:
+    state, n = leg.state, len(leg.state.grains.radius)
+    if state.control.free[n:, : state.cell.dim].any():
+        raise ScenarioError(
+            f"LAMMPS was given a wall that a force moves, but it moves walls at given velocities only: use a plate, "
+            f"whose grains are a rigid body, {STAY}"
+        )
+    for column in np.unique(state.control.follows[n:, :3]):
+        _check_course(leg, int(column))
+
+
+def _check_course(leg: Leg, column: int) -> None:
+    """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
+    if column < 0 or column in leg.waves:
+        return
+    begin, end = leg.state.time, leg.state.time + leg.steps * leg.dt
+    inside = (leg.state.control.knots > begin) & (leg.state.control.knots < end)
+    if inside.sum() > MAX_KNOTS:
+        raise ScenarioError(
+            f"LAMMPS was given a velocity with {inside.sum()} knots in one leg, and evaluates it as a formula: use at "
+            f"most {MAX_KNOTS}, {STAY}"
+        )
