@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from .. import kernel_cache
-from .kernel import AGING, SLIP
+from .laws import AGING, SLIP
 
 kernel_cache.install()
 
