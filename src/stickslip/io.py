@@ -2,6 +2,7 @@
 
 Packings
     read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump
+    follow_packings     states of a running LAMMPS simulation, as its dumps become complete
     write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data
     frame_of            columns of a state as these formats store them
     read_mode, mode_frames  a mode from `stickslip stability`, and its motion as frames
@@ -14,6 +15,7 @@ Results
 """
 
 from .data.exchange.files import read_packing, read_packings, write_packing
+from .data.exchange.follow import follow_packings
 from .data.exchange.frame import frame_of
 from .data.exchange.motion import mode_frames, read_mode
 from .experiments.dataset import contact_table, open_dataset
@@ -23,6 +25,7 @@ from .lazy import unknown
 
 __all__ = [
     "contact_table",
+    "follow_packings",
     "frame_of",
     "mode_frames",
     "open_dataset",

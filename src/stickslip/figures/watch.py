@@ -20,7 +20,7 @@ def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
     _line(above, step, pressure, BLUE, words="pressure")
     ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
-    _line(below, step, ratio, ORANGE, words="shear stress / pressure")
+    _line(below, step, ratio, ORANGE, words="shear / pressure")
     below.set_xlabel("time step")
     return figure
 
@@ -31,6 +31,7 @@ def watched_contacts(step: np.ndarray, coordination: np.ndarray, sliding: np.nda
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
     _line(above, step, coordination, BLUE, words="contacts per grain")
     _line(below, step, sliding, ORANGE, words="sliding fraction")
+    below.set_ylim(0, 1.1 * max(np.nanmax(sliding, initial=0.0), 0.01))
     if not np.isfinite(sliding).any():
         below.text(0.5, 0.5, "unknown without memory", ha="center", va="center", transform=below.transAxes)
         below.set_yticks([])

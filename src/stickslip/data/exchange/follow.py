@@ -23,6 +23,7 @@ from .lammps_series import (
 )
 
 INTERVAL = 1.0  # time between two looks at the folder [s]
+FRESH = 3.0  # time after which a file that has not changed is not being written [s]
 NEEDS = "docs/lammps.md shows what LAMMPS must write"
 
 
@@ -81,21 +82,33 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     contacts, columns, boundary, i0 = (given.pop(name, None) for name in ("contacts", "columns", "boundary", "i0"))
     if not memory and (contacts or columns):
         raise PackingError(f"--no-contacts was given with --{'contacts' if contacts else 'columns'}: leave one out")
-    memory = memory and (contacts is not None or has_dumps(folder, CONTACTS))
     _require_dumps(folder, grains, GRAINS)
+    path = Path(contacts or "*")
+    where = folder / path if path.parent == Path() else path
     given, own = law_from_file(given)
     if own is None and "law" not in given:
         raise PackingError(
             "LAMMPS dumps contain no contact law: give --law and its parameters, --kn, --kt and --mu, as in the "
             "pair_style"
         )
+    memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
     law = own or lammps_law(given, memory=memory)
-    where = None
     if memory:
-        path = Path(contacts or "*")
-        where = folder / path if path.parent == Path() else path
         _require_dumps(where.parent, where.name, CONTACTS)
-    return Source(folder, grains, where, law, columns, boundary, i0)
+    return Source(folder, grains, where if memory else None, law, columns, boundary, i0)
+
+
+def _await_contacts(folder: Path, grains: str, where: Path) -> bool:
+    """Return True if there is a dump of contacts; wait for it while LAMMPS writes its first frame."""
+    start = time.monotonic()
+    while not (there := has_dumps(where.parent, CONTACTS, where.name)):
+        changes = [path.stat().st_mtime for path in folder.iterdir() if path.is_file()]
+        fresh = time.time() - max(changes, default=0.0) < FRESH
+        complete = any(dump.frames for dump in find_dumps(folder, {}, grains).values())
+        if not fresh or (complete and time.monotonic() - start > FRESH):
+            break
+        time.sleep(INTERVAL / 4)
+    return there
 
 
 def _place(place: Path) -> tuple[Path, str]:

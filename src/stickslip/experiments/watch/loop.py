@@ -25,6 +25,11 @@ class Progress(NamedTuple):
     at: int | None = None  # step that is computed next
     live: bool = True  # whether the simulation may still be running
 
+    @property
+    def any_computed(self) -> bool:
+        """True if at least one frame could be used."""
+        return any(row.computed for row in self.rows.values())
+
 
 def watch(
     source: Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
@@ -61,7 +66,7 @@ def watch(
                 said |= dict.fromkeys(words)
             except PackingError as trouble:
                 problem = trouble
-                row = Row(pair.grains.step, pair.grains.digest, note=str(trouble))
+                row = Row(pair.grains.step, key_of(pair), note=str(trouble))
                 said[f"step {row.step} cannot be used: {trouble}"] = None
             rows[row.step] = row
             yield Progress(rows, (*said, *found.notes), len(left) - 1, fresh=row)

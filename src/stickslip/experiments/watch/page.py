@@ -18,8 +18,8 @@ from .measures import Row, in_a_word
 RELOAD = 10  # time after which the page is loaded again [s]
 ROWS = 60  # of the table of frames
 COLUMNS = (
-    "step", "contacts", "contacts per grain", "sliding", "pressure", "shear stress / pressure", "unbalanced force",
-    "softest λ", "growing pairs", "growth rate", "verdict",
+    "step", "contacts", "per grain", "sliding", "pressure", "shear/pressure", "unbalanced", "softest λ", "pairs",
+    "growth rate", "verdict",
 )  # fmt: skip
 
 
@@ -86,8 +86,8 @@ def _series(rows: list[Row], name: str) -> np.ndarray:
 
 
 def _frame_table(rows: list[Row], table: Path) -> str:
-    lines = [[str(row.step), *cells(row), row.verdict or row.note] for row in reversed(rows[-ROWS:])]
-    text = page.table(list(COLUMNS), lines, classes=dict.fromkeys(COLUMNS[:-1], "number") | {"verdict": "note"})
+    lines = [[str(row.step), *cells(row), in_a_word(row)] for row in reversed(rows[-ROWS:])]
+    text = page.table(list(COLUMNS), lines, classes=dict.fromkeys(COLUMNS[:-1], "number"))
     rest = f"and {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "all frames with all measures"
     return text + page.paragraph(f"{rest[:1].upper() + rest[1:]} in {table.name}.", kind="soft")
 

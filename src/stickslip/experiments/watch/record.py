@@ -11,7 +11,7 @@ from .page import write_page
 from .screen import screen
 from .table import describe, read_table, write_table
 
-PAGE_EVERY = 3.0  # least time between two pages [s]
+SAVE_EVERY = 3.0  # least time between two writes of table and page [s]
 
 
 def watch_and_record(
@@ -28,29 +28,25 @@ def watch_and_record(
     if table.suffix.lower() != ".csv":
         raise ValueError(f"--out {table} ends with {table.suffix or 'nothing'!r}: use .csv")
     check_output(page, (".html",), overwrite=overwrite, made_from=made_from)
-    known = read_table(table, how, overwrite=overwrite)
     check_free([table], overwrite=True, made_from=made_from)
-    done, written = Progress(known, (), 0), float("-inf")
+    known, written = read_table(table, how, overwrite=overwrite), float("-inf")
+    done = Progress(known, (), 0)
+
+    def save(done: Progress) -> None:
+        write_table(table, done.rows, how)
+        write_page(page, source.folder, table, done, how)
+
     try:
         with screen() as shown:
             for done in watch(source, known, method=method, once=once, until_idle=until_idle, report=shown.report):
                 shown.show(done)
-                if done.fresh:
-                    write_table(table, done.rows, how)
-                if not done.live or (done.fresh and time.monotonic() - written >= PAGE_EVERY):
-                    write_page(page, source.folder, table, done, how)
+                if not done.live or (done.any_computed and time.monotonic() - written >= SAVE_EVERY):
+                    save(done)
                     written = time.monotonic()
     except KeyboardInterrupt:
-        return done, _stopped(source, table, page, done, how)
-    if not table.exists() or overwrite:
-        write_table(table, done.rows, how)
+        if not done.any_computed:
+            return done, "stopped by the user before a frame was computed: there is no table"
+        save(done._replace(live=False))
+        left = f"; {done.left} frames are not computed yet" if done.left else ""
+        return done, f"stopped by the user: {table} has {len(done.rows)} frames{left}, and the same command continues"
     return done, ""
-
-
-def _stopped(source: Source, table: Path, page: Path, done: Progress, how: dict) -> str:
-    """Write the last page, and say what there is."""
-    if not table.exists():
-        return "stopped by the user before a frame was computed: there is no table"
-    write_page(page, source.folder, table, done._replace(live=False), how)
-    left = f"; {done.left} frames are not computed yet" if done.left else ""
-    return f"stopped by the user: {table} has {len(done.rows)} frames{left}, and the same command continues"
