@@ -1,4 +1,4 @@
-"""A LAMMPS simulation watched while it runs: every frame that it dumps is read, with the forces that LAMMPS computed."""
+"""A LAMMPS simulation watched while it runs: all frames that it dumps are read, with the forces that it computed."""
 
 import os
 import subprocess
@@ -47,14 +47,16 @@ def test_a_running_simulation_is_watched(each, tmp_path):
         live.append(run.poll() is None and done.fresh is not None)
     assert run.wait() == 0
     assert any(live)  # some frames were computed while LAMMPS was running
-    assert list(done.rows) == [0, 40000, 80000, 120000]
+    assert sorted(done.rows) == [0, 40000, 80000, 120000]
     assert all(row.balanced and row.note == "" for row in done.rows.values())
     for name, state, law, _ in ss.io.follow_packings(folder, until_idle=0.0, **LAW):
         path = folder / (f"grains.{name}.dump" if each else "grains.dump")
         force = _forces(path, int(name))
         scale = np.abs(ss.measure.contact_forces(state, law)).max()
-        # fifteen digits of positions of order one, over overlaps of order 0.01; the net forces at rest are tiny
-        assert np.abs(ss.forces(state, law)[0].force - force).max() < 1e-11 * scale
+        # LAMMPS's force has the drag at the half step, which differs by less than ω dt of what is left of it at rest
+        assert np.abs(ss.forces(state, law)[0].force - force).max() < 1e-9 * scale
+        bare, law, _ = ss.io.read_packing(path, frame=name, **LAW)
+        assert np.abs(ss.forces(bare, law)[0].force - force).max() > 1e-3 * scale
         assert done.rows[int(name)].pressure == pytest.approx(ss.measure.pressure(state, law), rel=1e-12)
 
 

@@ -12,18 +12,21 @@ from tests.conftest import stickslip_here
 
 ROOT = Path(__file__).parents[2]
 # in this order, so that files are there
-COMMANDS = ("doctor", "warm", "cite", "run", "resume", "fit", "stability", "convert", "report", "movie", "reproduce")
+COMMANDS = (
+    "doctor", "warm", "cite", "run", "resume", "fit", "stability", "convert", "report", "movie", "watch", "reproduce",
+)  # fmt: skip
 DEAR = (
     "reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp",
-    "--more", "report examples", "movie", "column", "warm",
+    "--more", "report examples", "movie", "column", "warm", "--until-idle",
 )  # fmt: skip
 
 
 def examples(command):
-    """Lines of the part Examples of a command's help."""
+    """Lines of the part Examples of a command's help, continued ones as one."""
     said = stickslip_here(command, "--help")
     assert said.returncode == 0
-    return re.findall(r"^ +stickslip (.+)$", said.stdout.partition("Examples:")[2], flags=re.M)
+    text = re.sub(r" \\\n +", " ", said.stdout.partition("Examples:")[2])
+    return re.findall(r"^ +stickslip (.+)$", text, flags=re.M)
 
 
 def is_dear(words):

@@ -13,10 +13,11 @@ METHODS = {
     "auto": "the fastest growth; of many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
     "all": "all complex pairs", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
-LAW = "--law hertz_mindlin_reff --kn 1 --kt 0.8 --mu 0.2 --damping-n 0 --damping-t 0"
+LAW = r"""--law hertz_mindlin_reff \
+      --kn 1 --kt 0.8 --mu 0.2 --damping-n 0 --damping-t 0"""
 WATCH = examples(
-    (f"watch examples/sheared {LAW} --once --out watch.csv", "a finished series; writes watch.csv and watch.html"),
-    (f"watch examples/sheared {LAW} --until-idle 1 -q --out watch.csv", "ends when LAMMPS has not written for 1 s"),
+    (f"watch examples/sheared {LAW} --once", "a finished series; writes watch.csv and watch.html next to it"),
+    (f"watch examples/sheared {LAW} --until-idle 1", "ends when LAMMPS has not written for a second"),
 )
 NAME = "watch.csv"
 

@@ -12,6 +12,7 @@ from .screen import screen
 from .table import describe, read_table, write_table
 
 SAVE_EVERY = 3.0  # least time between two writes of table and page [s]
+REST = 5.0  # the same, over the time that a write takes
 
 
 def watch_and_record(
@@ -29,7 +30,7 @@ def watch_and_record(
         raise ValueError(f"--out {table} ends with {table.suffix or 'nothing'!r}: use .csv")
     check_output(page, (".html",), overwrite=overwrite, made_from=made_from)
     check_free([table], overwrite=True, made_from=made_from)
-    known, written = read_table(table, how, overwrite=overwrite), float("-inf")
+    known, due = read_table(table, how, overwrite=overwrite), float("-inf")
     done = Progress(known, (), 0)
 
     def save(done: Progress) -> None:
@@ -40,9 +41,11 @@ def watch_and_record(
         with screen() as shown:
             for done in watch(source, known, method=method, once=once, until_idle=until_idle, report=shown.report):
                 shown.show(done)
-                if not done.live or (done.any_computed and time.monotonic() - written >= SAVE_EVERY):
+                if not done.live or (done.any_computed and time.monotonic() >= due):
+                    start = time.monotonic()
                     save(done)
-                    written = time.monotonic()
+                    now = time.monotonic()
+                    due = now + max(SAVE_EVERY, REST * (now - start))
     except KeyboardInterrupt:
         if not done.any_computed:
             return done, "stopped by the user before a frame was computed: there is no table"

@@ -66,10 +66,9 @@ class _Live:
 
 
 def _table(done: Progress) -> Table:
-    table = Table(**STYLE)
-    for name, width in COLUMNS.items():
-        right = name != "verdict"
-        table.add_column(name, justify="right" if right else "left", min_width=width if right else 0, no_wrap=True)
+    table = Table(**STYLE, padding=(0, 0, 0, 1))
+    for name in COLUMNS:
+        table.add_column(name, justify="left" if name == "verdict" else "right", no_wrap=True)
     rows = [row for _, row in sorted(done.rows.items())]
     for row in rows[-max(console.height - AROUND, 5) :]:
         *numbers, word = _line(row)
