@@ -3,7 +3,8 @@
     python -m benchmarks.fault
 
 The benchmark problem BP1-QD with cells of 100 m is run for 280 years with our stepper and with `scipy.integrate`
-(RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Tolerances of SciPy's solvers are absolute
+(RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Ours is DOP853 with the largest error of
+all cells in place of SciPy's root mean square, and with compiled stages. Tolerances of SciPy's solvers are absolute
 ones of the same unknowns, slip over D_c and ln θ. The error is the difference from our stepper with tolerance 1e-9.
 """
 
@@ -13,12 +14,13 @@ import numpy as np
 from scipy.integrate import DOP853, LSODA, RK23, RK45
 
 from stickslip import friction
+from stickslip.friction import fault_kernel as kernel
 from stickslip.friction.fault_record import YEAR
 from stickslip.friction.fault_state import Machine, initial_state
 
-YEARS, THRESHOLD = 280.0, 1e-3
+YEARS, THRESHOLD, ROUNDS = 280.0, 1e-3, 3
 SOLVERS = {"RK23": RK23, "RK45": RK45, "DOP853": DOP853, "LSODA": LSODA}
-TOLERANCES = {"RK23": (1e-3, 1e-4, 1e-5), "LSODA": (1e-4,)}
+TOLERANCES = {"RK23": (1e-3, 1e-4), "RK45": (1e-4, 1e-5, 1e-6), "LSODA": (1e-4,)}
 
 
 def benchmark_fault(cell: float = 100.0):
@@ -32,7 +34,7 @@ def ours(fault, tolerance: float) -> tuple[float, float, int]:
     """Time of the second event [s], processor time [s], and evaluations of the rates."""
     start = time.process_time()
     found = friction.simulate_fault(fault, YEARS, tolerance=tolerance)
-    return found.events.start[1], time.process_time() - start, 6 * (found.steps + found.rejected)
+    return found.events.start[1], time.process_time() - start, kernel.NUMBER * (found.steps + found.rejected)
 
 
 def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:
@@ -64,16 +66,21 @@ def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:
 
 
 def main() -> None:
-    """Print a table."""
+    """Print a table; the processor time is the least of three rounds in which the steppers alternate."""
     fault = benchmark_fault()
     friction.simulate_fault(fault, 0.01)
     exact = ours(fault, 1e-9)[0]
     print(f"second event after {exact / YEAR:.6f} years")
-    print("stepper   tolerance   error [s]   processor time [s]   evaluations")
-    for name in ("ours", *SOLVERS):
-        for tolerance in TOLERANCES.get(name, (1e-3, 1e-4, 1e-5, 1e-6)):
+    cases = [(name, one) for name in ("ours", *SOLVERS) for one in TOLERANCES.get(name, (1e-2, 1e-3, 1e-4, 1e-5))]
+    best: dict[tuple, tuple] = {}
+    for _ in range(ROUNDS):
+        for name, tolerance in cases:
             event, seconds, number = ours(fault, tolerance) if name == "ours" else scipys(fault, name, tolerance)
-            print(f"{name:8s} {tolerance:10.0e} {abs(event - exact):11.3g} {seconds:20.1f} {number:13d}", flush=True)
+            before = best.get((name, tolerance), (np.inf,))[0]
+            best[name, tolerance] = min(before, seconds), abs(event - exact), number
+    print("stepper   tolerance   error [s]   processor time [s]   evaluations")
+    for (name, tolerance), (seconds, error, number) in best.items():
+        print(f"{name:8s} {tolerance:10.0e} {error:11.3g} {seconds:20.2f} {number:13d}")
 
 
 if __name__ == "__main__":

@@ -187,34 +187,32 @@ def test_critical_wavelength_is_that_of_the_critical_stiffness():
 
 
 def march(fault, state, steps, duration):
-    """Fixed steps of the formula of order 5."""
+    """Fixed steps of the formula of order 8; also the largest estimated error of a step."""
     machine, h = Machine(fault, state.prestress), duration / steps
     y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
-    stages, powers, out = np.zeros((7, *y.shape)), np.zeros((7, 3)), np.zeros_like(y)
-    machine.rates(y, w, stages[0], powers[0])
+    stages, power, out = np.zeros((kernel.NUMBER + 1, *y.shape)), np.zeros(3), np.zeros_like(y)
+    machine.rates(y, w, stages[0], power)
     errors = []
     for _ in range(steps):
-        for i in range(6):
+        for i in range(kernel.NUMBER):
             kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, out)
-            machine.rates(out, w, stages[i + 1], powers[i + 1])
+            machine.rates(out, w, stages[i + 1], power)
         errors.append(kernel.error_norm(stages, h, fault.dc))
         y, out = out.copy(), y
-        stages[0] = stages[6]
+        stages[0] = stages[-1]
     return y, max(errors)
 
 
 def test_order_of_the_time_stepper():
     fault = friction.line_fault(2e3, 100.0, a=0.010, b=0.015, dc=2e-3, normal=10e6, plate_rate=1e-6)
     state = perturbed_state(fault, initial_state(fault), np.cos(fault.depth / 300))
-    exact, _ = march(fault, state, 512, 300.0)
-    found = [march(fault, state, steps, 300.0) for steps in (16, 32, 64)]
-    errors = [np.abs(y - exact).max(axis=1) for y, _ in found]
-    for k in range(2):
-        slopes = np.log2([errors[0][k] / errors[1][k], errors[1][k] / errors[2][k]])
-        assert (slopes > 4.6).all()
-        assert (slopes < 5.6).all()
-    estimates = np.array([estimate for _, estimate in found])
-    assert np.log2(estimates[1] / estimates[2]) == pytest.approx(5.0, abs=0.4)  # local error of order 4: h⁵
+    exact, _ = march(fault, state, 1024, 5000.0)
+    for steps in (12, 16):
+        (coarse, large), (fine, small_error) = (march(fault, state, n, 5000.0) for n in (steps, 2 * steps))
+        slopes = np.log2(np.abs(coarse - exact).max(axis=1) / np.abs(fine - exact).max(axis=1))
+        assert (slopes > 7.6).all(), slopes
+        assert (slopes < 8.4).all(), slopes
+        assert np.log2(large / small_error) == pytest.approx(8.0, abs=0.5)  # the step is chosen by its power 1/8
 
 
 @pytest.fixture(scope="module")

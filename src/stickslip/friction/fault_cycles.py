@@ -1,7 +1,7 @@
 """Simulation of sequences of earthquakes and aseismic slip on a straight fault.
 
-The time step follows from an embedded Runge–Kutta formula of order 5(4) (Dormand and Prince) with compiled stages.
-`python -m benchmarks --fault` compares it with the solvers of SciPy at equal error.
+The time step follows from the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
+`python -m benchmarks.fault` compares it with the solvers of SciPy at equal error.
 """
 
 from collections.abc import Callable
@@ -131,7 +131,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
     machine = Machine(fault, state.prestress)
     y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
-    stages, powers = np.empty((7, *y.shape)), np.zeros((7, 3))
+    stages, powers = np.empty((kernel.NUMBER + 1, *y.shape)), np.zeros((kernel.NUMBER + 1, 3))
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
@@ -141,16 +141,16 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         error = _try_step(machine, y, w_trial, stages, powers, h, trial) / tolerance
         if not error <= 1.0:
             rejected += 1
-            h *= max(LEAST, SAFETY * error**-0.2) if np.isfinite(error) else LEAST
+            h *= max(LEAST, SAFETY * error**-kernel.EXPONENT) if np.isfinite(error) else LEAST
             if time + h == time:
                 raise RuntimeError(f"the time step became too small at {time / YEAR:g} years: use shorter cells")
             continue
-        energy += h * (kernel.STAGES[5] @ powers[:6])
+        energy += h * (kernel.STAGES[-1] @ powers[:-1])
         time, steps = time + h, steps + 1
         y, trial, w, w_trial = trial, y, w_trial, w
-        stages[0], powers[0] = stages[6], powers[6]
+        stages[0], powers[0] = stages[-1], powers[-1]
         error = max(error, 1e-4)
-        h *= min(MOST, max(LEAST, SAFETY * error**-0.14 * last**0.08))
+        h *= min(MOST, max(LEAST, SAFETY * (error**-0.7 * last**0.4) ** kernel.EXPONENT))
         last = error
         before, now = (
             now,
@@ -171,7 +171,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
 
 def _try_step(machine: Machine, y, w, stages, powers, h: float, trial) -> float:
     """Evaluate all stages of a step; return its estimated error, infinite if a stage fails."""
-    for i in range(6):
+    for i in range(kernel.NUMBER):
         kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, trial)
         if not machine.rates(trial, w, stages[i + 1], powers[i + 1]):
             return np.inf

@@ -9,6 +9,7 @@ To add one, give it a number and a name here, and a branch.
 
 import numpy as np
 from numba import njit
+from scipy.integrate import DOP853
 
 from .. import kernel_cache
 from .laws import AGING, SLIP
@@ -21,15 +22,12 @@ EVOLUTIONS = {"aging": AGING, "slip": SLIP}
 MOST_ITERATIONS = 60
 LARGE = 20.0  # exponent above which arcsinh(x) equals ln(2x) in double precision
 
-# Dormand and Prince 1980, doi:10.1016/0771-050X(80)90013-3: order 5, with an error estimate of order 4
-STAGES = np.zeros((6, 6))
-STAGES[0, :1] = 1 / 5
-STAGES[1, :2] = 3 / 40, 9 / 40
-STAGES[2, :3] = 44 / 45, -56 / 15, 32 / 9
-STAGES[3, :4] = 19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729
-STAGES[4, :5] = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
-STAGES[5, :6] = 35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
-ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+# Order 8 with error estimates of order 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I,
+# section II.5, with the coefficients of SciPy
+NUMBER = DOP853.n_stages
+STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
+ERROR_5, ERROR_3 = DOP853.E5, DOP853.E3
+EXPONENT = 1 / 8  # of the error in the choice of the step
 
 
 @njit(cache=True, error_model="numpy")
@@ -113,24 +111,33 @@ def rates(codes, constants, cells, transferred, y, w, out, power):
 @njit(cache=True, error_model="numpy")
 def advance(y, stages, number, weights, step, out):
     """Add step × Σ weights × stages, over the first `number` stages, to y."""
-    for k in range(2):
-        for i in range(y.shape[1]):
-            total = 0.0
-            for j in range(number):
-                total += weights[j] * stages[j, k, i]
-            out[k, i] = y[k, i] + step * total
+    out[:] = y
+    for j in range(number):
+        if weights[j] != 0.0:
+            factor = step * weights[j]
+            for k in range(2):
+                for i in range(y.shape[1]):
+                    out[k, i] += factor * stages[j, k, i]
 
 
 @njit(cache=True, error_model="numpy")
 def error_norm(stages, step, dc):
     """Largest estimated error of u/D_c and of s in a step."""
-    worst = 0.0
-    for i in range(len(dc)):
-        for k in range(2):
-            total = 0.0
-            for j in range(7):
-                total += ERROR[j] * stages[j, k, i]
-            size = abs(step * total) / (dc[i] if k == 0 else 1.0)
+    n, worst = len(dc), 0.0
+    five, three = np.empty(n), np.empty(n)
+    for k in range(2):
+        five[:] = 0.0
+        three[:] = 0.0
+        for j in range(NUMBER + 1):
+            if ERROR_5[j] != 0.0 or ERROR_3[j] != 0.0:
+                for i in range(n):
+                    five[i] += ERROR_5[j] * stages[j, k, i]
+                    three[i] += ERROR_3[j] * stages[j, k, i]
+        for i in range(n):
+            size = five[i] * five[i]
+            if size > 0.0:
+                size /= np.sqrt(size + 0.01 * three[i] * three[i])
+            size *= abs(step) / (dc[i] if k == 0 else 1.0)
             if not size <= worst:  # also catches NaN
                 worst = size
     return worst

@@ -15,7 +15,7 @@ def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
     return {
         "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
         "rate-and-state friction": STATE[scenario.friction.law],
-        "time stepping": ("Dormand1980",),
+        "time stepping": ("Hairer1993",),
     }
 
 
