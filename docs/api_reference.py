@@ -14,7 +14,8 @@ from pydantic import BaseModel
 NAMESPACES = (
     "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
     "experiments", "experiments.disk_array", "experiments.sphere_shear", "experiments.quasi_rigid", "experiments.gouge",
-    "experiments.flow", "experiments.rate_state", "experiments.catalogue", "io", "figures", "results", "ensemble",
+    "experiments.flow", "experiments.rate_state", "experiments.catalogue", "experiments.threshold", "io", "figures",
+    "results", "ensemble",
 )  # fmt: skip
 
 

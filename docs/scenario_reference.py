@@ -23,6 +23,7 @@ TITLES = {
     "rate-state": "Rate-and-state scenarios",
     "catalogue": "Event catalogue scenarios",
     "fault": "Earthquake cycle scenarios",
+    "threshold": "Threshold scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 SWEEP = {

@@ -4,6 +4,8 @@ Protocol        how loads are applied and equilibria are found
 load_path       values of the load between turning points
 ramp            equilibria along a path of loads
 aqs             protocol of athermal quasi-static shear
+cell_shear      protocol of shear of a periodic cell under stress
+plate_shear     protocol of shear by a plate under a force
 stable_window   range of loads without complex pairs nearest to a given load
 free_run        Newtonian dynamics from a state, with M(t) and events
 fit_growth      growth rate and frequency fitted to M(t)
@@ -19,16 +21,19 @@ from .loading.events import find_events
 from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
 from .loading.release import release
 from .loading.shear import aqs
+from .loading.stress import cell_shear, plate_shear
 from .loading.threshold import kinetic_threshold
 
 __all__ = [
     "Protocol",
     "aqs",
+    "cell_shear",
     "find_events",
     "fit_growth",
     "free_run",
     "kinetic_threshold",
     "load_path",
+    "plate_shear",
     "ramp",
     "release",
     "run_in_lammps",

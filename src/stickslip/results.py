@@ -13,7 +13,7 @@ Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawCompariso
     Mean, Healing, HoldResponse, Nucleation (functions of `friction`), FaultHistory, FaultEvents
     (friction.simulate_fault)
 Experiments: CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries,
-    Deposit, PlaneShear, SliderResult, FaultResult, Sweep, SweepResult (run_sweep)
+    Deposit, PlaneShear, SliderResult, FaultResult, ThresholdResult, Sweep, SweepResult (run_sweep)
 Files: Frame (io.frame_of)
 """
 
@@ -33,6 +33,7 @@ from .experiments.rate_state.simulate import SliderResult
 from .experiments.sphere_shear.simulate import ShearPath, ShearResult
 from .experiments.sweep.definition import Sweep
 from .experiments.sweep.run import SweepResult
+from .experiments.threshold.simulate import ThresholdResult
 from .friction.fault_cycles import FaultHistory
 from .friction.fault_record import FaultEvents
 from .friction.fault_theory import Nucleation
@@ -129,6 +130,7 @@ __all__ = [
     "StrainStep",
     "Sweep",
     "SweepResult",
+    "ThresholdResult",
     "TransientGrowth",
     "Uniqueness",
     "Verdict",

@@ -56,6 +56,10 @@ MEANT = {
         LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom", VELOCITY: "max_velocity",
         FORCE: "moment",
     },
+    "threshold": {
+        NUMBER: "threshold threshold_low threshold_high largest_share arrest_low arrest_high strength first_pair "
+        "first_limit",
+    },
 }  # fmt: skip
 WORDS = WRITTEN | {"load": ("load",) * 2, PER_LENGTH: ("1/length", "1/m")}
 UNITS = {
@@ -199,8 +203,23 @@ def cycled():
     }  # fmt: skip
 
 
+def kicked():
+    """Two velocities, of which the smaller never makes the sample slide."""
+    found = Made(
+        kicks=np.array([1e-13, 1e-4]), threshold=np.array([np.nan, 0.04]), arrest=(0.02, 0.03), first_pair=0.01,
+        interval=np.array([[-np.inf, np.inf], [0.035, 0.05]]), probability=np.array([[0.0, 0.2], [0.0, 0.9]]),
+        first_limit=0.015,
+    )  # fmt: skip
+    return Made(found=found, strength=0.06), {
+        "threshold_low@1e-13": -np.inf, "threshold_high@1e-13": np.inf,
+        "largest_share@1e-13": 0.0, "threshold@0.0001": 0.04, "threshold_low@0.0001": 0.035,
+        "threshold_high@0.0001": 0.05, "largest_share@0.0001": 0.9, "arrest_low": 0.02, "arrest_high": 0.03,
+        "strength": 0.06, "first_pair": 0.01, "first_limit": 0.015,
+    }  # fmt: skip
+
+
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
-        "rate-state": slid, "fault": cycled, "catalogue": announced}  # fmt: skip
+        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced}  # fmt: skip
 
 
 def test_every_experiment_has_a_table():

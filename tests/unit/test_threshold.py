@@ -5,7 +5,7 @@ import pytest
 from scipy.special import expit
 
 import stickslip as ss
-from stickslip.loading.threshold import fit_threshold
+from stickslip.loading.threshold import fit_threshold, travel
 
 PRESS, MU, MASS = 0.01, 0.4, 1.0
 LAW = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=1.0, mu=MU, coulomb="sharp"), 0, 1)
@@ -113,3 +113,68 @@ def test_loads_off_the_path_are_refused():
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, seed=-1)
     with pytest.raises(ValueError, match="duration"):
         ss.protocols.kinetic_threshold(path, protocol, duration=-1.0, dt=0.1)
+
+
+def test_a_sliding_block_stops_at_the_first_lower_load_however_fast_it_is():
+    """Below the limit, friction is the same at any velocity: a block that slides for many distances still stops."""
+    loads = [0.0005, 0.001, 0.0015, 0.002]
+    path, protocol = path_and_protocol(loads)
+    found = ss.protocols.kinetic_threshold(
+        path, protocol, kicks=0.1, realizations=4, duration=400.0, dt=0.1, workers=1, seed=5
+    )
+    assert found.slid[-1].sum() and found.arrest == (0.0015, 0.002)
+
+
+def test_travel_is_the_strain_of_a_cell_the_way_of_a_plate_and_else_the_median_way():
+    state = ss.assembly(ss.spheres([[0, 0, 0], [0, 1, 0], [3, 0, 0]], 0.25), cell=ss.box([4.0, 4.0, 4.0], [True] * 3))
+    ways = np.array([[0.1, 0, 0], [0.3, 0.4, 0], [1.0, 0, 0]])
+    moved = state._replace(grains=state.grains._replace(position=state.grains.position + ways))
+    assert travel(state, moved) == pytest.approx(0.5 / 0.5)
+    plated = state._replace(control=ss.control.rigid(state.control, [2]))
+    assert travel(plated, moved) == pytest.approx(1.0 / 0.5)
+    held = plated._replace(control=ss.control.fixed(plated.control, [2]))  # a plate that cannot move does not count
+    assert travel(held, moved) == pytest.approx(0.5 / 0.5)
+    stressed = state._replace(control=ss.control.stress_controlled(state.control, {"yy": 1.0, "xy": 0.1}))
+    once = ss.packings.sheared(stressed, 0.2)
+    assert travel(stressed, once) == pytest.approx(0.2)
+    assert travel(once, ss.packings.sheared(once, -0.05)) == pytest.approx(0.05)
+
+
+def test_a_cell_under_stress_has_that_stress_and_no_other_strain():
+    law = ss.laws.hertz_mindlin(mu=0.5, coulomb="sharp")
+    state, _ = ss.packings.jammed(20, pressure=1e-3, dim=2, seed=3)
+    path = ss.protocols.ramp(state, [0.0, 0.05, 0.1], ss.protocols.cell_shear(law, 2e-3))
+    for point in path:
+        stress = ss.measure.stress(point.state, law)
+        assert stress[1, 1] == pytest.approx(2e-3, rel=1e-6)
+        assert -stress[0, 1] / stress[1, 1] == pytest.approx(point.load, abs=1e-6)
+        assert point.state.cell.vectors[0] == pytest.approx(state.cell.vectors[0])  # neither width nor lean along y
+    assert np.all(np.diff([ss.measure.shear_strain(p.state) for p in path]) > 0)
+
+
+def plate(press):
+    """Two spheres that form a plate, pressed on a wall."""
+    control = ss.control.rigid(ss.control.loads(2, 1), [0, 1])
+    control = ss.control.force_controlled(control, [0, 1], [0, -press])
+    wall = ss.flat_walls([0, 0, 0], [0, 1, 0], material=1)
+    grains = ss.spheres([[0, 0.5 - press, 0], [2, 0.5 - press, 0]], 0.5)
+    return ss.assembly(grains, wall, ss.box([4.0, 4.0, 4.0], [True, False, True]), control)
+
+
+def test_a_plate_moves_by_force_over_stiffness():
+    press, kt = 0.01, 0.5
+    law = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=kt, mu=0.4, coulomb="sharp"), 0, 1)
+    path = ss.protocols.ramp(plate(press), [0.0, 0.1, 0.35], ss.protocols.plate_shear(law, [0, 1]))
+    for point in path:
+        way = point.state.grains.position - path[0].state.grains.position
+        np.testing.assert_allclose(way[:, 0], point.load * press / kt, rtol=1e-6, atol=1e-12)
+    with pytest.raises(ValueError, match="a plate is pressed along −y"):
+        ss.protocols.plate_shear(law, [2]).step(path[0].state, 0.0)
+
+
+@pytest.mark.slow
+def test_a_plate_has_no_equilibrium_beyond_friction():
+    law = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=0.5, mu=0.4, coulomb="sharp"), 0, 1)
+    protocol = ss.protocols.plate_shear(law, [0, 1])
+    with pytest.raises(ss.NotInEquilibriumError, match=r"no equilibrium at a load of 0\.45"):
+        protocol.step(plate(0.01), 0.45)

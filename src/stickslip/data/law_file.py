@@ -6,6 +6,7 @@ run, new or resumed, uses the file only if its text is unchanged.
 """
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
@@ -57,24 +58,41 @@ def _checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
+def with_laws(tables: dict, change: Callable[[dict], dict]) -> dict:
+    """Tables of a scenario with every table `law` changed, whether at the top or in a table `sample`."""
+    out = dict(tables)
+    if isinstance(tables.get("law"), dict):
+        out["law"] = change(tables["law"])
+    if isinstance(tables.get("sample"), dict):
+        out["sample"] = with_laws(tables["sample"], change)
+    return out
+
+
 def with_checksum(tables: dict) -> dict:
     """Add the checksum of a law's file to tables written by hand; the law is built and validated immediately."""
-    law = tables.get("law")
-    if not isinstance(law, dict) or not isinstance(law.get("file"), str) or "checksum" in law:
-        return tables
-    path = Path(law["file"]).absolute()
-    from_file(path)
-    return tables | {"law": law | {"file": str(path), "checksum": _checksum(path)}}
+
+    def add(law: dict) -> dict:
+        if not isinstance(law.get("file"), str) or "checksum" in law:
+            return law
+        path = Path(law["file"]).absolute()
+        from_file(path)
+        return law | {"file": str(path), "checksum": _checksum(path)}
+
+    return with_laws(tables, add)
 
 
 def require_checksum(tables: dict, path: Path) -> None:
     """Raise ScenarioError if the scenario of an earlier run names a law's file without its checksum."""
-    law = tables.get("law")
-    if isinstance(law, dict) and law.get("file") is not None and "checksum" not in law:
-        raise ScenarioError(
-            f"{path} names law.file = {law['file']} without the checksum that every run writes, so the file is not "
-            f"run: name it in a scenario in TOML"
-        )
+
+    def check(law: dict) -> dict:
+        if law.get("file") is not None and "checksum" not in law:
+            raise ScenarioError(
+                f"{path} names law.file = {law['file']} without the checksum that every run writes, so the file is "
+                f"not run: name it in a scenario in TOML"
+            )
+        return law
+
+    with_laws(tables, check)
 
 
 def load_law(choice: LawFile) -> Law:

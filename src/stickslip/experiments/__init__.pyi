@@ -7,5 +7,6 @@ from . import gouge as gouge
 from . import quasi_rigid as quasi_rigid
 from . import rate_state as rate_state
 from . import sphere_shear as sphere_shear
+from . import threshold as threshold
 from .experiment import Experiment as Experiment
 from .registry import EXPERIMENTS as EXPERIMENTS

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from ..core.arguments import checked
 from ..core.text import read_text, shortened
-from ..data.law_file import require_checksum
+from ..data.law_file import require_checksum, with_laws
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
-from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear
+from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
 from .experiment import Experiment
 
-_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, catalogue)
+_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, threshold, catalogue)
 # the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
@@ -52,8 +52,8 @@ def simulate(
 
     Returns
     -------
-    CatalogueResult, DiskArrayResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult or SliderResult,
-    with the scenario as `result.scenario`.
+    CatalogueResult, DiskArrayResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult, SliderResult or
+    ThresholdResult, with the scenario as `result.scenario`.
 
     Examples
     --------
@@ -159,9 +159,11 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
 
 
 def _resolve_files(tables: dict, folder: Path) -> dict:
-    """Return the tables with absolute paths of a law's file and of draws, which are relative to the scenario."""
-    for name, key in (("law", "file"), ("sweep", "draws")):
-        table = tables.get(name)
-        if isinstance(table, dict) and isinstance(table.get(key), str):
-            tables[name] = table | {key: str(folder.absolute() / table[key])}
-    return tables
+    """Return the tables with absolute paths of files of laws and of draws, which are relative to the scenario."""
+
+    def resolve(table: dict, key: str) -> dict:
+        return table | {key: str(folder.absolute() / table[key])} if isinstance(table.get(key), str) else table
+
+    if isinstance(tables.get("sweep"), dict):
+        tables["sweep"] = resolve(tables["sweep"], "draws")
+    return with_laws(tables, lambda law: resolve(law, "file"))

@@ -18,9 +18,10 @@ NUMBERS, MOVIE = "results.h5", "transition.gif"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
-SERIES, CURVES = "series.csv", "curves.csv"
+SERIES, CURVES, THRESHOLD = "series.csv", "curves.csv", "threshold.csv"
 EVENTS, STEPS, SLIPS = "events.csv", "steps.csv", "slips.csv"
-RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, EVENTS, STEPS, SLIPS, PAGE, FILM)
+TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS)
+RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, *TABLES, PAGE, FILM)
 _RUN_FILE = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|fltst_dp\d+\.txt|devol\.dat|" + "|".join(map(re.escape, RUN_FILES))
 )

@@ -32,24 +32,38 @@ def growth_by_amplitude(form):
 
 
 @styled
-def static_and_kinetic(found, *, label: str = "load"):
-    """Share of kicked runs that slide against the load, with the fitted curves and the static thresholds."""
-    figure, axes = column_axes(1, 2.6)
+def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
+    """Share of kicked runs that slide against the load, and their lifetimes, beside the static thresholds.
+
+    Shaded bands are 95 % intervals of the fitted thresholds; `strength` is the load at which the sample slides by
+    itself.
+    """
+    figure, (axes, below) = column_axes(2, 4.0, sharex=True, height_ratios=(3, 2))
     loads = found.loads
-    x = np.linspace(loads[0], loads[-1], 400)
+    top = loads[-1] if np.isnan(strength) else max(strength, loads[-1])
+    x = np.linspace(loads[0], top, 400)
     for k, kick in enumerate(found.kicks):
         color = COLORS[k % len(COLORS)]
-        axes.plot(loads, found.probability[:, k], "o", color=color, ms=3.5, label=f"velocities of {kick:.0e}")
+        axes.plot(loads, found.probability[:, k], "o", color=color, ms=3.5, label=f"velocities of {kick:.3g}")
+        below.plot(loads, found.lifetime[:, k], "o-", color=color, ms=3.5, lw=0.6)
         if np.isfinite(found.threshold[k]):
             axes.plot(x, expit((x - found.threshold[k]) / found.width[k]), color=color)
-            axes.axvspan(*np.clip(found.interval[k], loads[0], loads[-1]), color=color, alpha=0.12, lw=0)
+            axes.axvspan(*np.clip(found.interval[k], loads[0], top), color=color, alpha=0.12, lw=0)
     if found.arrest:
-        axes.axvspan(*found.arrest, ymax=0.06, color=BLACK, alpha=0.5, lw=0, label="a sliding sample stops")
-    for load, words, style in ((found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--")):
-        if loads[0] <= load <= loads[-1]:
+        axes.axvspan(*found.arrest, color=BLACK, alpha=0.25, lw=0, label="a sliding sample stops")
+    static = (
+        (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
+        (strength, "slides by itself", "-"),
+    )  # fmt: skip
+    for load, words, style in static:
+        if x[0] <= load <= top:
             axes.axvline(load, color=BLACK, ls=style, lw=0.8, label=words)
+            below.axvline(load, color=BLACK, ls=style, lw=0.8)
     axes.set_ylim(-0.03, 1.03)
-    axes.set_xlabel(label)
     axes.set_ylabel("share of runs that slide")
-    axes.legend(loc="best")
+    below.set_ylabel("median lifetime [time]")
+    below.set_ylim(0, 1.1 * found.duration)
+    below.axhline(found.duration, color=BLACK, lw=0.5, ls=":")
+    below.set_xlabel(label)
+    figure.legend(loc="outside upper center", ncols=2)
     return figure

@@ -112,14 +112,15 @@ def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Checkpoi
     """
     path = []
     for k, load in enumerate(loads):
-        path.append(_solve_point(state, load, protocol, kept, f"{k:06d}"))
+        path.append(solve_point(state, load, protocol, kept, f"{k:06d}"))
         state = path[-1].state
         if report:
             report(path[-1])
     return path
 
 
-def _solve_point(state: State, load: float, protocol: Protocol, kept: Checkpoint | None, name: str) -> Equilibrium:
+def solve_point(state: State, load: float, protocol: Protocol, kept: Checkpoint | None, name: str) -> Equilibrium:
+    """Equilibrium at the next load of a path, or the one that was saved under a name."""
     if kept and kept.has(name):
         state, outcome = kept.load(name)
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)

@@ -1,8 +1,8 @@
 """Kinetic threshold: from which load on a kicked sample slides, and at which load a sliding sample stops.
 
-A sample that is at rest at a load is kicked with random velocities and runs freely. It has *slid* once half of its
-grains have moved by a given number of mean diameters, and is at rest again if they have not within the duration. The
-share of kicks that end in sliding rises with the load; a logistic curve is fitted to it by maximum likelihood.
+A sample that is at rest at a load is kicked with random velocities and runs freely. It has *slid* once what bears the
+load has moved by a given distance (see `travel`), and is at rest again if it has not within the duration. The share of
+kicks that end in sliding rises with the load; a logistic curve is fitted to it by maximum likelihood.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,12 @@ from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
 from ..core.state import SLIDE, State
+from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
 from .protocols import Equilibrium, Protocol, perturbed
 
 LEGS = 40  # into which a run is divided, to see whether the sample has slid
-SLID = 0.1  # median displacement of a sample that has slid, in mean diameters
+SLID = 0.1  # distance by which a sample has slid, as of `travel`
 FINE, WIDTHS = 200, 80  # thresholds per range of loads, and widths, at which the likelihood is evaluated
 BEYOND, WIDEST = 5, 50  # largest distance of a threshold from the loads and largest width, in their range
 DROP = 1.92  # of the log-likelihood at the ends of an interval of 95 % (half of the quantile 3.84 of χ² with 1 degree)
@@ -58,7 +59,7 @@ class KineticThreshold(NamedTuple):
         for kick, at, (low, high), slid in zip(self.kicks, self.threshold, self.interval, self.slid.T, strict=True):
             found = f"slide from {at:.4g} on (95 %: {low:.4g} to {high:.4g})"
             found = found if np.isfinite(at) else "always slide" if slid.any() else "never slide"
-            words.append(f"runs from velocities of {kick:.0e} {found}")
+            words.append(f"runs from velocities of {kick:.3g} {found}")
         if self.arrest:
             words.append(f"a sliding sample stops between {self.arrest[0]:.4g} and {self.arrest[1]:.4g}")
         for name, load in (("first complex pair", self.first_pair), ("first contact at the limit", self.first_limit)):
@@ -70,7 +71,7 @@ class KineticThreshold(NamedTuple):
 def kinetic_threshold(
     path: list[Equilibrium], protocol: Protocol, *, kicks=(1e-13, 1e-4), realizations: int = 10, duration: float,
     dt: float, loads=None, distance: float = SLID, ramp_down: bool = True, drag: float = 0.0, seed: int = 0,
-    workers: Workers = None, report: Callable | None = None,
+    workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide.
 
@@ -84,10 +85,12 @@ def kinetic_threshold(
     realizations : number of seeds for each load and kick
     duration, dt : of a run [time]
     loads : loads of the path that are tried; default: all
-    distance : median displacement of a sample that has slid, in mean diameters
-    ramp_down : whether the load is also lowered from a sliding sample, through the loads that are tried, with two stays
-        of `duration` at each
+    distance : by which a sample has slid: shear strain of a cell whose shear follows a stress; or else the displacement
+        of a plate (rigid groups that are free to move) in mean diameters; or else the median one of all grains
+    ramp_down : whether the load is also lowered from a sliding sample, through the loads that are tried; it stays at
+        each of them while the sample slows down, and has come to rest if it does not slide in two runs
     drag : of all runs [1/time]
+    kept : where finished runs are saved; runs that it has are not repeated
     report : called as report(share done, words)
 
     Raises
@@ -131,6 +134,8 @@ def kinetic_threshold(
     done = run_members(
         _kick, tasks, workers=workers,
         report=report and (lambda count, total, one: report(count / total, _describe_run(one))),
+        load=lambda k: kept.load(f"run-{k:06d}") if kept and kept.has(f"run-{k:06d}") else None,
+        save=lambda k, time: kept and kept.save(f"run-{k:06d}", time),
     )  # fmt: skip
     for one in done:
         if one.failure:
@@ -144,7 +149,10 @@ def kinetic_threshold(
     threshold, interval, width = (np.array(values) for values in zip(*fits, strict=True))
     arrest = None
     if ramp_down and slid.any():
-        arrest = _ramp_down(path, places, slid, times, kicks, seed, protocol, how, report)
+        found = load_or_compute(
+            kept, "arrest", lambda: _ramp_down(path, places, slid, times, kicks, seed, protocol, how, report)
+        )
+        arrest = (float(found[0]), float(found[1])) if np.isfinite(found).all() else None
     pair = [point.load for point in path if len(point.spectrum.pairs)]
     limit = [point.load for point in path if _at_limit(point.state)]
     return KineticThreshold(
@@ -192,10 +200,20 @@ def _at_limit(state: State) -> bool:
     return bool((state.contacts.reached[:count] & (state.contacts.mode[:count] == SLIDE)).any())
 
 
-def _moved(start: State, end: State) -> float:
-    """Median displacement of the grains, in mean diameters."""
+def travel(start: State, end: State) -> float:
+    """Distance by which a sample has slid.
+
+    Of a cell whose shear follows a stress, its shear strain. Otherwise, in mean diameters, the displacement of rigid
+    groups that are free to move, such as a plate, or the median displacement of all grains if there are none.
+    """
+    control, count = start.control, len(start.grains.radius)
+    shear = control.cell_free & ~np.eye(3, dtype=bool)
+    if shear.any():
+        gradient = np.linalg.solve(start.cell.vectors, end.cell.vectors).T
+        return float(np.abs(gradient[shear]).max())
     way = np.linalg.norm(end.grains.position - start.grains.position, axis=1)
-    return float(np.median(way) / (2 * start.grains.radius.mean()))
+    plate = (control.group[:count] >= 0) & control.free[:count, :3].any(axis=1)
+    return float(np.median(way[plate] if plate.any() else way) / (2 * start.grains.radius.mean()))
 
 
 def _describe_run(member) -> str:
@@ -216,26 +234,38 @@ def _run_until_slid(start: State, law: Law, duration: float, dt: float, distance
         end, _, outcome = run(end, law, steps, dt, drag=drag, threads=1)
         if outcome.broken:
             raise NotInEquilibriumError("a run of the kinetic threshold blew up", outcome)
-        if _moved(start, end) > distance:
+        if travel(start, end) > distance:
             return end, (leg + 1) * steps * dt
     return end, np.nan
 
 
-def _ramp_down(path, places, slid, times, kicks, seed, protocol: Protocol, how, report) -> tuple[float, float] | None:
-    """Loads between which a sample that slides at the highest load that lets it slide comes to rest."""
+def _ramp_down(path, places, slid, times, kicks, seed, protocol: Protocol, how, report) -> np.ndarray:
+    """(2,) loads between which a sample that slides at the highest load that lets it slide comes to rest, or NaN."""
     last = int(np.flatnonzero(slid.any(axis=1))[-1])
     kick, k = np.argwhere(np.isfinite(times[last]))[-1]
-    moving = path[places[last]].load
-    state, _ = _run_until_slid(perturbed(path[places[last]].state, seed + int(k), kicks[kick]), *how)
+    moving, start = path[places[last]].load, path[places[last]].state
+    state, time = _run_until_slid(perturbed(start, seed + int(k), kicks[kick]), *how)
+    velocity = travel(start, state) / time
     for place in places[:last][::-1]:
         load = path[place].load
-        state = protocol.apply(state, load)
-        end, time = _run_until_slid(state, *how)
-        calm, again = _run_until_slid(end, *how) if np.isnan(time) else (end, time)
-        rests = bool(np.isnan(time) and np.isnan(again))  # twice, as it may just have been slowing down
+        state, velocity = _slow_down(protocol.apply(state, load), velocity, how)
         if report:
-            report(1.0, f"ramp down, load {load:.4g}: {'stopped' if rests else 'slides'}")
-        if rests:
-            return float(load), float(moving)
-        state, moving = calm, load
-    return None
+            report(1.0, f"ramp down, load {load:.4g}: {'slides' if velocity else 'stopped'}")
+        if not velocity:
+            return np.array([load, moving])
+        moving = load
+    return np.full(2, np.nan)
+
+
+def _slow_down(state: State, velocity: float, how) -> tuple[State, float]:
+    """Run a sliding sample as long as it becomes slower; its velocity at the end, and zero if it came to rest."""
+    while True:
+        end, time = _run_until_slid(state, *how)
+        if np.isnan(time):
+            calm, time = _run_until_slid(end, *how)  # it may just have been slowing down
+            if np.isnan(time):
+                return calm, 0.0
+            state, end = end, calm
+        before, velocity, state = velocity, travel(state, end) / time, end
+        if velocity >= before:
+            return state, velocity

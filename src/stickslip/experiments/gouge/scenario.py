@@ -164,8 +164,8 @@ class RateState(ScenarioTable):
     dc: Positive = Field(5.3e-3, description="slip over which the state evolves [m]")
 
 
-class Preparation(ScenarioTable):
-    """Preparation of a steadily sliding sample; each stage ends when its criterion is met, or fails after `most`."""
+class Settling(ScenarioTable):
+    """Preparation of a sample at rest; each stage ends when its criterion is met, or fails after `most`."""
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
     drag: NotNegative = Field(
@@ -175,6 +175,11 @@ class Preparation(ScenarioTable):
         1e-2, description="mean unbalanced force over mean contact force below which the sample is settled"
     )
     most: Positive = Field(1e5, description="maximum number of steps for settling")
+
+
+class Preparation(Settling):
+    """Preparation of a steadily sliding sample; each stage ends when its criterion is met, or fails after `most`."""
+
     velocity: Positive = Field(0.3, description="velocity of the load point until sliding is steady [m/s]")
     slip: Positive = Field(
         8.0, description="minimum slip before steadiness is checked; before that, friction is at its peak [D]"

@@ -1,0 +1,101 @@
+"""Output of the static and kinetic friction of a sample: files in the run folder and the summary on the terminal."""
+
+import csv
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from ...figures.instability import static_and_kinetic
+from ..run_folder import THRESHOLD, archive_fields
+from ..terminal import STYLE, console, show_table
+from .simulate import ThresholdResult
+
+LABEL = {
+    "disk-array": "push over normal force",
+    "packing": "shear stress over normal stress",
+    "gouge": "shear force over normal force",
+}
+
+
+def figures(result: ThresholdResult):
+    """Yield (file name, Figure) of a run."""
+    label = LABEL[result.scenario.sample.kind]
+    yield "fig1_static_and_kinetic.png", static_and_kinetic(result.found, label=label, strength=result.strength)
+
+
+def files(result: ThresholdResult):
+    """Yield (file name, function that writes it) for the outcomes at each load and velocity."""
+    yield THRESHOLD, partial(_write_outcomes, result)
+
+
+def _write_outcomes(result: ThresholdResult, path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["load", "velocity", "runs", "slid", "share", "median lifetime"])
+        for load, _, kick, runs, slid, lifetime in _outcomes(result):
+            writer.writerow([load, kick, runs, slid, slid / runs, "" if np.isnan(lifetime) else lifetime])
+
+
+def _outcomes(result: ThresholdResult):
+    """Rows (load, number of complex pairs, velocity, runs, slid, lifetime)."""
+    found = result.found
+    pairs = {point.load: len(point.spectrum.pairs) for point in result.path}
+    for row, load in enumerate(found.loads):
+        for column, kick in enumerate(found.kicks):
+            yield (
+                float(load), pairs[float(load)], float(kick), int(found.runs[row, column]),
+                int(found.slid[row, column]), float(found.lifetime[row, column]),
+            )  # fmt: skip
+
+
+def numbers(result: ThresholdResult) -> dict:
+    """Return the contents of the archive, besides scenario and version."""
+    path, kept = result.path, set(result.found.loads)
+    return {
+        "law": result.law,
+        "path": {
+            "load": np.array([point.load for point in path]),
+            "pairs": np.array([len(point.spectrum.pairs) for point in path]),
+            "growth_rate": np.array([point.spectrum.growth_rate.max(initial=0.0) for point in path]),
+        },
+        "frames": {f"{point.load:.6f}": point.state for point in path if point.load in kept},
+        "threshold": archive_fields(result.found),
+        "strength": result.strength,
+    }
+
+
+def show(result: ThresholdResult) -> None:
+    """Print a summary of a run on the terminal."""
+    table = Table(title="Kicked runs", **STYLE)
+    for name in ("load", "pairs", "velocity", "slid", "median lifetime"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for load, pairs, kick, runs, slid, lifetime in _outcomes(result):
+        time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
+        table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", time)
+    show_table(table)
+    for sentence in result.sentence.split("; "):
+        console.print(f"  {sentence}", soft_wrap=True)
+    if left := [load for load in result.scenario.load.loads if load > result.path[-1].load]:
+        console.print(
+            f"No kicks at {', '.join(f'{load:.4g}' for load in left)}: the sample slides by itself there.",
+            style="yellow", soft_wrap=True,
+        )  # fmt: skip
+
+
+def measures(result: ThresholdResult) -> dict[str, tuple[float, str]]:
+    """Return the measures of a run for sweeps as {name: (value, unit)}; loads are shear force over normal force."""
+    found, out = result.found, {}
+    for kick, at, (low, high), slid in zip(
+        found.kicks, found.threshold, found.interval, found.probability.T, strict=True
+    ):
+        out |= {
+            f"threshold@{kick:g}": (at, "1"), f"threshold_low@{kick:g}": (low, "1"),
+            f"threshold_high@{kick:g}": (high, "1"), f"largest_share@{kick:g}": (slid.max(), "1"),
+        }  # fmt: skip
+    low, high = found.arrest or (np.nan, np.nan)
+    return out | {
+        "arrest_low": (low, "1"), "arrest_high": (high, "1"), "strength": (result.strength, "1"),
+        "first_pair": (found.first_pair, "1"), "first_limit": (found.first_limit, "1"),
+    }  # fmt: skip
