@@ -19,8 +19,8 @@ from .experiments.lammps.run import run_in_lammps
 from .lazy import unknown
 from .loading.events import find_events
 from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
+from .loading.quasistatic import aqs
 from .loading.release import release
-from .loading.shear import aqs
 from .loading.stress import cell_shear, plate_shear
 from .loading.threshold import kinetic_threshold
 

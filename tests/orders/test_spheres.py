@@ -11,8 +11,9 @@ from stickslip.core.measure import branch_vectors, touching
 from stickslip.experiments.sphere_shear.simulate import find_onset
 from stickslip.loading.packing import frictionless, jammed
 from stickslip.loading.protocols import ramp
+from stickslip.loading.quasistatic import aqs
 from stickslip.loading.release import release
-from stickslip.loading.shear import aqs, sheared
+from stickslip.loading.shear import sheared
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import assembled, dynamical_matrix, freedom
 from tests.derivatives.test_jacobian import differences

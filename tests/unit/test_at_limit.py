@@ -6,7 +6,7 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.loading.protocols import ramp
-from stickslip.loading.shear import aqs
+from stickslip.loading.quasistatic import aqs
 from tests.conftest import stickslip_here as run
 
 

@@ -8,7 +8,7 @@ from stickslip.core.contacts.jacobian import linearise
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.data.exchange.files import capture_warnings
 from stickslip.loading.protocols import ramp
-from stickslip.loading.shear import aqs
+from stickslip.loading.quasistatic import aqs
 from stickslip.solve.balance import with_modes_under
 from stickslip.solve.freedom import jacobian
 from tests.derivatives.test_jacobian import differences

@@ -12,7 +12,7 @@ from stickslip.data.exchange.files import read_packing
 from stickslip.data.sample import PackingError, PackingWarning, accepted, from_arrays
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
-from stickslip.loading.shear import aqs
+from stickslip.loading.quasistatic import aqs
 from stickslip.solve.stability import stability
 from tests.conftest import stickslip_here as run
 

@@ -17,9 +17,10 @@ from .event_path import TIME_STEP, Judge, Point, displacement
 from .event_types import Event, EventKind
 
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-FITTED = 4  # of these distances, the nearest ones, to which an exponent is fitted
+FITTED = 3  # of these distances, the nearest ones, to which an exponent is fitted
 VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
+NEAREST, ALMOST = 5, 0.99  # most mobilised sticking contacts that are tried, too, if their mobilisation is above this
 RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one
 
@@ -84,7 +85,7 @@ def _point_at(found: Break, strain: float) -> Point | None:
     below = [point for point in (*found.history, found.last) if point.strain <= strain]
     if not below:
         return None
-    return below[-1] if below[-1].strain == strain else below[-1].newton(strain)
+    return below[-1] if below[-1].strain == strain else below[-1].newton(strain, thorough=True)
 
 
 def _softness(point: Point) -> tuple[float, float, float, float]:
@@ -141,35 +142,36 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     -------
     kind, row of the contact in the list, eigenvalues with that contact sliding or open; None without such a contact
     """
-    state, response, tried = last.state, last.response, set()
-    count = len(response.branch)
-    held = response.support.contacts
+    response, drag = last.response, last.judge.drag
+    for row, mode in dict.fromkeys([*_changing(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
+        values = response.switched(row, mode)
+        near = mode == OPEN or response.mobilised[row] > ALMOST
+        if near and damped_exponents(values, drag).max() > 0:
+            return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, row, values
+    return None
+
+
+def _changing(last: Point, upper: float):
+    """Yield rows and new modes of supported contacts that open or slide along the linear motion, in their order."""
+    state, response, law = last.state, last.response, last.judge.law
     for widths in BEYOND:
         advance = widths * (upper - last.strain)
         there = displaced(last.ahead(last.strain + advance), response.free, _coordinates(response, advance))
-        line = linearise(with_neighbor_list(there, last.judge.law), last.judge.law, memory=FREE)
-        found = dict(zip(_keys(there, last.judge.law), np.stack([line.closed, line.slides], axis=1), strict=True))
-        for row in np.flatnonzero(held):
+        there = with_neighbor_list(there, law)
+        line, key = linearise(there, law, memory=FREE), there.contacts.key[: there.contacts.count[0]].tolist()
+        found = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
+        for row in np.flatnonzero(response.support.contacts).tolist():
             closed, slides = found.get(int(state.contacts.key[row]), (0.0, 0.0))
-            mode = OPEN if not closed else SLIDE if slides and state.contacts.mode[:count][row] == STICK else None
-            if mode is None or (row, mode) in tried:
-                continue
-            tried.add((row, mode))
-            values = response.switched(row, mode)
-            if damped_exponents(values, last.judge.drag).max() > 0:
-                return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, int(row), values
-    return None
+            if not closed:
+                yield row, OPEN
+            elif slides and state.contacts.mode[row] == STICK:
+                yield row, SLIDE
 
 
 def _coordinates(response, strain: float) -> np.ndarray:
     """Coordinates of the supported grains along the linear motion."""
     flat = np.append(response.rate.ravel(), np.zeros(6 * response.free.bodies - response.rate.size + 9))
     return strain * flat[response.free.component]
-
-
-def _keys(state, law) -> list[int]:
-    contacts = with_neighbor_list(state, law).contacts
-    return contacts.key[: contacts.count[0]].tolist()
 
 
 def _growth_rate(found: Break, values: np.ndarray | None) -> float:

@@ -4,11 +4,15 @@ from functools import cached_property
 
 import numpy as np
 
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, mean_normal_force, touching, volume
 from ..core.state import State
+from ..solve.balance import with_modes_under
 from ..solve.freedom import displaced
+from ..solve.linear import suitable_threads
 from ..solve.newton import Factorisation, newton
 from ..solve.relax import relax
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
@@ -18,13 +22,14 @@ BEND = 0.05  # distance of a step from the motions predicted at its ends, over t
 JUMP = 10.0  # motion over that predicted in a bracket, from which it is a jump
 STILL = 1e-7  # displacement below which nothing jumped, in mean overlaps
 BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
-ITERATIONS, PATIENCE = 15, 3  # of Newton's method, and steps that may leave more than half of the residual
+ITERATIONS, PATIENCE = 30, 3  # of Newton's method, and its steps that may leave more than half of the residual
 RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which dynamics hands over to Newton's method, over the mean normal force
 KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
 LEFT = 10.0  # distance from an unstable equilibrium at which it has been left, over that of the start
 TIME_STEP = 0.1  # of dynamics, in units of the longest stable one
-MOST_STEPS = 2_000_000  # of dynamics
+MOST_STEPS = 500_000  # of dynamics
 E_FOLDS, MOST_KICKED = 40.0, 200_000  # of dynamics from an unstable equilibrium: growth times, and steps at most
+AROUND = 0.3  # distance from an equilibrium around which a packing oscillates without end, in mean overlaps
 MOST_DEPARTURES = 5  # from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
 
@@ -32,18 +37,18 @@ GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest
 class Judge:
     """The law, the drag and the scales of a search for events."""
 
-    def __init__(self, state: State, law: Law, drag: float, prune: float = PRUNE):
-        self.law, self.drag, self.prune = law, drag, prune
+    def __init__(self, state: State, law: Law, drag: float, prune: float = PRUNE, *, slip: bool = True):
+        self.law, self.drag, self.prune, self.slip = law, drag, prune, slip
         self.force = mean_normal_force(state, law)
         self.diameter = float(2 * state.grains.radius.mean())
         self.overlap = mean_overlap(state)
         self.keep = Factorisation()
 
-    def newton(self, state: State, *, keep: Factorisation | None = None):
-        """State at rest from Newton's method, or None."""
+    def newton(self, state: State, *, keep: Factorisation | None = None, thorough: bool = False) -> State | None:
+        """State at rest from Newton's method, or None; by default it gives up early."""
         end, outcome = newton(
-            state, self.law, tolerance=BALANCED * self.force, iterations=ITERATIONS, patience=PATIENCE,
-            keep=keep or self.keep,
+            state, self.law, tolerance=BALANCED * self.force, iterations=ITERATIONS,
+            patience=None if thorough else PATIENCE, keep=keep or self.keep,
         )  # fmt: skip
         return end if outcome.ok else None
 
@@ -63,7 +68,7 @@ class Judge:
             )
             if not outcome.ok:
                 return here, False
-            end = self.newton(here, keep=Factorisation())
+            end = self.newton(here, keep=Factorisation(), thorough=True)
             if end is not None and distance(here, end, self.supported(here)) < 1e3 * share * self.overlap:
                 return end, True
         return here, True
@@ -79,7 +84,7 @@ class Point:
     @cached_property
     def response(self) -> Response:
         """Linear response."""
-        return Response(self.state, self.judge.law, self.judge.prune)
+        return Response(self.state, self.judge.law, self.judge.prune, slip=self.judge.slip)
 
     @cached_property
     def exponents(self) -> np.ndarray:
@@ -101,23 +106,33 @@ class Point:
 
     def ahead(self, strain: float) -> State:
         """State strained affinely from here to a given strain, not in equilibrium."""
-        return sheared(self.state, strain - self.strain)
+        return sheared(self.state, strain - self.strain, slip=self.judge.slip)
 
-    def newton(self, strain: float) -> "Point | None":
+    def newton(self, strain: float, *, thorough: bool = False) -> "Point | None":
         """Equilibrium of Newton's method at another strain, in one step; None if it fails."""
-        end = self.judge.newton(self.ahead(strain))
+        end = self.judge.newton(self.ahead(strain), thorough=thorough)
         return None if end is None else Point(strain, end, self.judge)
 
     def kicked(self) -> State:
         """State displaced along its fastest growing mode, in the direction in which the path moves."""
         response = self.response
-        values, vectors = np.linalg.eig(response.matrix)
+        with suitable_threads(len(response.matrix)):
+            values, vectors = np.linalg.eig(response.matrix)
         mode = vectors[:, np.argmax(damped_exponents(values, self.judge.drag))]
         mode = mode * np.exp(-0.5j * np.angle((mode * mode).sum()))
         moved = mode.real / np.sqrt(response.free.mass)
         along = (response.free.spread(moved)[: len(response.rate)] * response.rate).sum()
         size = KICK * self.judge.overlap / np.abs(moved).max() * (1.0 if along >= 0 else -1.0)
         return displaced(self.state, response.free, size * moved)
+
+
+def committed(state: State, law: Law) -> State:
+    """State with the memory of its contacts committed, each in its mode under a given law.
+
+    Contacts of packings made without friction slide without slip, which has no meaning under a law with friction.
+    """
+    here = with_neighbor_list(state, law)
+    return with_modes_under(accept(here, forces(here, law)[1]), law)
 
 
 def mean_overlap(state: State) -> float:
@@ -197,9 +212,17 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 
 
 def fall(point: Point, strain: float) -> Point | None:
-    """Point to which dynamics leads from the state of another point at an advanced strain; None without rest."""
+    """Point to which dynamics leads from the state of another point at an advanced strain.
+
+    If it oscillates without end around an equilibrium, the result is that equilibrium; otherwise None.
+    """
     end, rested = point.judge.rest(point.ahead(strain))
-    return settle(Point(strain, end, point.judge)) if rested else None
+    if rested:
+        return settle(Point(strain, end, point.judge))
+    centre = point.judge.newton(end, keep=Factorisation(), thorough=True)
+    if centre is None or distance(end, centre, point.judge.supported(centre)) > AROUND * point.judge.overlap:
+        return None
+    return Point(strain, centre, point.judge, tolerated=True)
 
 
 def settle(point: Point) -> Point:

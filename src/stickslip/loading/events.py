@@ -5,21 +5,19 @@ from collections.abc import Callable
 import numpy as np
 
 from ..core.arguments import checked, require_positive
-from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
-from ..solve.balance import with_modes_under
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
 from .event_class import Break, describe
-from .event_path import BALANCED, Judge, Point, continuous, depart, distance, fall, jumped, settle
+from .event_path import BALANCED, Judge, Point, committed, continuous, depart, distance, fall, jumped, settle
 from .event_types import Event, Events, StrainStep
 from .shear import reduced_cell
 
-FINER = 64  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+FINER = 128  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
 SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
 SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 
@@ -104,8 +102,7 @@ def _check(state: State, law: Law, step: float, resolution: float, most: int | N
 
 def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
-    here = with_neighbor_list(state, law)
-    here = with_modes_under(accept(here, forces(here, law)[1]), law)
+    here = committed(state, law)
     if not len(touching(here)):
         raise ValueError("a packing without contacts was given: it bears no load; compress it first")
     judge = Judge(here, law, drag, prune)
@@ -131,8 +128,8 @@ class Search:
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; False if dynamics does not come to rest."""
         self.rows.append(_predictors(self.point))
-        alone, known = self.point.newton(goal), len(self.events)
-        waiting, trial = [goal], alone
+        first, known = self.point, len(self.events)
+        waiting, trial = [goal], first.newton(goal)
         while waiting:
             if self._follows(trial):
                 self._accept(trial)
@@ -143,15 +140,23 @@ class Search:
                 waiting.pop()
             else:
                 return False
-            trial = self.point.newton(waiting[-1]) if waiting else None
-        off = distance(alone.state, self.point.state, self._supported(alone)) if alone else np.nan
-        for k in range(known, len(self.events)):
-            self.events[k] = self.events[k]._replace(newton_distance=off / self.point.judge.diameter)
+            trial = self._try(waiting[-1]) if waiting else None
+        if len(self.events) > known:
+            off = self._distance_from(first.newton(goal, thorough=True))
+            self.events[known:] = [event._replace(newton_distance=off) for event in self.events[known:]]
         self._choose_cell()
         return True
 
-    def _supported(self, other: Point) -> np.ndarray:
-        return self.point.response.support.grains & other.response.support.grains
+    def _try(self, strain: float) -> Point | None:
+        """Point of Newton's method at a strain; it must not fail by impatience where that matters."""
+        return self.point.newton(strain, thorough=strain - self.point.strain <= THOROUGH * self.resolution)
+
+    def _distance_from(self, other: Point | None) -> float:
+        """Distance of a point from the present one, in mean diameters; NaN without a point."""
+        if other is None:
+            return np.nan
+        both = self.point.response.support.grains & other.response.support.grains
+        return distance(other.state, self.point.state, both) / self.point.judge.diameter
 
     def _follows(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
@@ -161,6 +166,8 @@ class Search:
         return trial.stable or trial.tolerated
 
     def _accept(self, point: Point) -> None:
+        if self.point.stable and not point.stable:
+            self.lost = (self.point, point)
         self.point = point
         self.history = [p for p in self.history if p.strain >= point.strain - 2 * self.step] + [point]
         if point.stable:
@@ -173,7 +180,6 @@ class Search:
             other, _ = depart(trial)
             if other is None:
                 trial.tolerated = True
-                self.lost = (before, trial) if before.stable else self.lost
                 self._accept(trial)
             else:
                 self._record(before, trial, settle(other), goal)
@@ -203,7 +209,7 @@ class Search:
         """Bracket between the last stable point and a strain, bisected further."""
         while upper - last.strain > self.resolution / FINER:
             middle = 0.5 * (last.strain + upper)
-            trial = last.newton(middle)
+            trial = last.newton(middle, thorough=True)
             if trial is not None and trial.stable and continuous(last, trial):
                 last = trial
             else:

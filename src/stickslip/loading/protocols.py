@@ -96,11 +96,13 @@ class Protocol(NamedTuple):
     apply: Callable[[State, float], State]  # the state under a new load
     settle: Callable[[State, float], tuple[State, Outcome]]  # the equilibrium at that load, or NotInEquilibriumError
     modes: bool = True  # whether spectra contain modes, which are needed to track pairs
+    check: Callable[[State, Equilibrium], Equilibrium] | None = None  # of each step, given the state before it
 
     def step(self, state: State, load: float) -> Equilibrium:
         """Apply one increment of the load and find the equilibrium."""
-        state, outcome = self.settle(self.apply(state, load), load)
-        return Equilibrium(float(load), state, spectrum(state, self.law, modes=self.modes), outcome)
+        end, outcome = self.settle(self.apply(state, load), load)
+        point = Equilibrium(float(load), end, spectrum(end, self.law, modes=self.modes), outcome)
+        return self.check(state, point) if self.check else point
 
 
 @checked

@@ -1,18 +1,11 @@
-"""Simple shear of a periodic cell, reduced cells, and athermal quasi-static shear."""
-
-import warnings
+"""Simple shear of a periodic cell, and reduced cells."""
 
 import numpy as np
 
 from ..core.arguments import checked
 from ..core.contacts.neighbors import pack_key
 from ..core.dynamics.cell_motion import strained
-from ..core.laws.builtin import Law
-from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
-from ..solve.equilibrate import UnstableEquilibriumWarning, equilibrate
-from ..solve.newton import Factorisation
-from .protocols import Protocol
 
 
 @checked
@@ -74,37 +67,3 @@ def reduced_cell(state: State) -> State:
 def shear_strain(state: State) -> float:
     """Shear strain γ, the tangent of the angle by which the second cell vector leans along x."""
     return float(state.cell.vectors[1, 0] / state.cell.vectors[1, 1])
-
-
-@checked
-def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = False) -> Protocol:
-    """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
-
-    Parameters
-    ----------
-    slip : whether the affine displacement contributes to the slip; see `strained`
-    tolerance : float, largest unbalanced force or torque/R [force]
-    modes : whether spectra along the path contain modes
-
-    Examples
-    --------
-    >>> import stickslip as ss
-    >>> state, _ = ss.packings.jammed(30, packing_fraction=0.7)
-    >>> protocol = ss.protocols.aqs(ss.laws.hertz_mindlin(mu=10, coulomb="smooth"))
-    >>> [len(point.spectrum.pairs) for point in ss.protocols.ramp(state, [0.0, 1e-5], protocol)]
-    [0, 0]
-    """
-    keep = Factorisation()
-
-    def apply(state, strain):
-        return sheared(state, strain - shear_strain(state), slip=slip)
-
-    def settle(state, strain):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
-            end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
-        if not outcome.ok:
-            raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
-        return end, outcome
-
-    return Protocol(law, apply, settle, modes)

@@ -37,6 +37,10 @@ class UnstableEquilibriumWarning(UserWarning):
     """The forces balance, but the equilibrium is unstable."""
 
 
+class LeftPathError(RuntimeError):
+    """A step of a load path ended at an unstable equilibrium or on another branch; the message says where."""
+
+
 @checked
 def equilibrate(
     state: State,

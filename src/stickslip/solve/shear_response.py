@@ -9,21 +9,28 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import eigvals
 
 from ..core.arguments import checked
+from ..core.contacts.forces import forces
 from ..core.contacts.jacobian import contact_blocks, linearise
+from ..core.contacts.mechanics import HELD
+from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors, touching, volume
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
-from .freedom import Freedom, assembled, backbone, freedom, incidence
-from .linear import suitable_threads
+from .freedom import Freedom, assembled, backbone, freedom, incidence, residual_vector
+from .linear import DENSE_BELOW, factorised, suitable_threads
 from .moduli import HELD_ABOVE
 from .spectrum import REAL_BELOW
 
 SOLVED = 1e-9  # largest relative residual of the non-affine motion
 FLOATS = 1e-12  # singular value, over the largest one, below which a motion is not resisted
+SHIFT = 1e-9  # added to the diagonal of large systems, over their largest entry
+SMALL_STRAIN = 1e-8  # of finite differences
+XY = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 PRUNE = 2e-3  # share of the mean overlap below which a contact does not support anything
 
 
@@ -69,8 +76,8 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
 class Response:
     """Response of an accepted state in a periodic cell to simple shear, from the exact Jacobian; parts as needed."""
 
-    def __init__(self, state: State, law: Law, prune: float = PRUNE):
-        self.state, self.law = state, law
+    def __init__(self, state: State, law: Law, prune: float = PRUNE, *, slip: bool = True):
+        self.state, self.law, self.slip = state, law, slip
         self.support = support(state, law, prune=prune)
         self.blocks = contact_blocks(state, law)[0]
         self.branch = branch_vectors(state)
@@ -110,15 +117,25 @@ class Response:
         free = backbone(self.state, self.law)
         matrix = assembled(self.state, self.blocks, free)
         free = _resisted(matrix, free)
-        matrix = assembled(self.state, self.blocks, free).toarray()
-        count, width = self.blocks.shape[:2]
-        sheared = np.zeros((count, width))
-        sheared[:, 0] = self.branch[:, 1]
-        pull = incidence(self.state, count, free, width) @ np.einsum("ckl,cl->ck", self.blocks, sheared).ravel()
-        rigid = _translations(free, np.ones(len(free)))
-        matrix -= np.abs(matrix).max(initial=0.0) * rigid @ rigid.T
+        matrix = assembled(self.state, self.blocks, free)
+        if len(free) >= DENSE_BELOW:  # a small shift holds translations and what floats
+            shift = SHIFT * np.abs(matrix.data).max() * sparse.eye_array(len(free), format="csr")
+            return factorised(sparse.csr_array(shift - matrix))(self._pull(free)), free
+        full, rigid = matrix.toarray(), _translations(free, np.ones(len(free)))
+        full -= np.abs(full).max(initial=0.0) * rigid @ rigid.T
         with suitable_threads(len(free)):
-            return _solve(matrix, -pull), free
+            return _solve(full, -self._pull(free)), free
+
+    def _pull(self, free: Freedom) -> np.ndarray:
+        """(n,) derivative of the generalised forces with respect to the strain, at affine motion [force]."""
+        if not self.slip:  # the memory moves with the flow: there are no blocks for that
+            ends = (strained(self.state, SMALL_STRAIN * sign * XY, slip=False) for sign in (1, -1))
+            plus, minus = (residual_vector(s, forces(s, self.law, memory=HELD)[0], free) for s in ends)
+            return (plus - minus) / (2 * SMALL_STRAIN)
+        count, width = self.blocks.shape[:2]
+        moved = np.zeros((count, width))
+        moved[:, 0] = self.branch[:, 1]
+        return incidence(self.state, count, free, width) @ np.einsum("ckl,cl->ck", self.blocks, moved).ravel()
 
     @cached_property
     def rate(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 from rich.table import Table
 
+from ...core.readable import pluralize
 from ...figures import sphere_shear as figures_of
 from ..run_folder import archive_fields
 from ..terminal import STYLE, console, show_table
@@ -50,6 +51,9 @@ def show(result: ShearResult) -> None:
         )  # fmt: skip
     show_table(table)
     for p in result.paths:
+        steps = pluralize(len(p.strain), "step")
+        ends = f"{p.unstable} ended at an unstable equilibrium and {p.left} left their branch"
+        console.print(f"packing {p.seed}: of {steps}, {ends}")
         if p.stopped:
             console.print(f"packing {p.seed} stopped early: {p.stopped}", style="yellow")
     runs = [r for r in (*result.single, *result.later) if r]
@@ -80,6 +84,8 @@ def measures(result: ShearResult) -> dict[str, tuple[float, str]]:
         "onset_strain": ([p.onset.strain for p in paths if p.onset], "1"),
         "onset_exponent": ([p.onset.exponent for p in paths if p.onset], "1"),
         "pairs_at_last_strain": ([p.pairs[-1] for p in paths], "1"),
+        "unstable_steps": ([p.unstable for p in paths], "1"),
+        "steps_off_branch": ([p.left for p in paths], "1"),
         "largest_growth_rate": ([p.growth_rate.max() for p in paths], "1/time"),
         "shear_stress_at_last_strain": ([p.shear_stress[-1] for p in paths], "force/length^(dim-1)"),
         "fitted_over_predicted_growth": (fitted, "1"),

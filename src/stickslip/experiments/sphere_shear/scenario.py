@@ -17,9 +17,24 @@ class Shear(ScenarioTable):
     step: Several = Field((2e-5, 1e-4), description="largest strain step: one value, or one for each leg of the path")
     slip: bool = Field(True, description="whether the affine displacement contributes to the slip of the contacts")
     tolerance: Positive = Field(5e-14, description="largest unbalanced force, or torque over R [force]")
+    on_instability: Literal["tell", "follow-dynamics", "stop"] = Field(
+        "tell",
+        description="after a step to an unstable equilibrium or another branch: count it, follow damped dynamics, or "
+        "end the path",
+    )
+    drag: Positive | None = Field(
+        None,
+        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow in spite of "
+        "it count as unstable [1/time]",
+    )
 
     @model_validator(mode="after")
     def _check_path(self):
+        if self.on_instability == "follow-dynamics" and self.drag is None:
+            raise ValueError(
+                "shear.on_instability = 'follow-dynamics' was given without shear.drag: the drag decides which "
+                "oscillations grow"
+            )
         if len(self.strain) < 2 or self.strain[0] != 0.0:
             raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")
         legs = len(self.strain) - 1

@@ -1,5 +1,6 @@
 """Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, and release."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -16,8 +17,9 @@ from ...data.law_schema import make_law
 from ...ensemble import Member, Workers
 from ...loading.packing import PackingInfo
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
+from ...loading.quasistatic import aqs, told
 from ...loading.release import Released, release
-from ...loading.shear import aqs
+from ...solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
 from ...solve.spectrum import spectrum
 from ..jammed_packing import make_packing
 from ..realizations import Realizations, Report, Task, run_realizations, silent
@@ -60,6 +62,8 @@ class ShearPath(NamedTuple):
     touching: np.ndarray  # (P,) number of contacts
     residual: np.ndarray  # (P,) largest unbalanced force or torque/R
     fallbacks: int  # steps in which Newton's method needed a fallback
+    unstable: int  # steps that ended at an unstable equilibrium
+    left: int  # steps that left their branch
     onset: Onset | None
     single: State | None  # the fastest-growing state with one pair, before there were two
     single_strain: float
@@ -101,6 +105,8 @@ class Step(NamedTuple):
     row: tuple  # columns of ShearPath from `pairs` to `residual`
     zero_modes: int
     fallback: bool
+    unstable: bool
+    left: bool
 
 
 def shear_packing(
@@ -118,17 +124,18 @@ def shear_packing(
     """
     law, kept = make_law(scenario.law), kept and kept.seen()
     report(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
-    state, packed = load_or_compute(
-        kept, "packing", lambda: make_packing(scenario.packing, law, seed, scenario.shear.tolerance)
+    shear = scenario.shear
+    state, packed = load_or_compute(kept, "packing", lambda: make_packing(scenario.packing, law, seed, shear.tolerance))
+    protocol = aqs(
+        law, slip=shear.slip, tolerance=shear.tolerance, on_instability=shear.on_instability, drag=shear.drag
     )
-    protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
     path, loads, stopped = [], strain_path(scenario), ""
     for k, strain in enumerate(loads):
         try:
             step = load_or_compute(
                 kept, f"strain-{k:06d}", lambda state=state, strain=strain: _equilibrate(protocol, state, strain)
             )
-        except NotInEquilibriumError as problem:
+        except (NotInEquilibriumError, LeftPathError) as problem:
             stopped = str(problem)
             break
         path.append(step)
@@ -144,16 +151,25 @@ def shear_packing(
     single = max((step for step in path[:two] if step.row[0]), key=lambda step: step.row[3], default=None)
     return ShearPath(
         seed, packed, path[0].zero_modes, loads[: len(path)], *np.array([step.row for step in path]).T,
-        sum(step.fallback for step in path), onset, single.state if single else None,
-        single.strain if single else np.nan, state, stopped,
+        *(sum(getattr(step, name) for step in path) for name in ("fallback", "unstable", "left")),
+        onset, single.state if single else None, single.strain if single else np.nan, state, stopped,
     )  # fmt: skip
 
 
 def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
-    point = protocol.step(state, strain)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the steps are counted
+        point = protocol.step(state, strain)
     size = np.abs(point.spectrum.eigenvalues)
     zeros = int((size < 1e-9 * size.max()).sum())
-    return Step(float(strain), point.state, _path_columns(point, protocol.law), zeros, point.outcome.fallback)
+    return Step(
+        float(strain),
+        point.state,
+        _path_columns(point, protocol.law),
+        zeros,
+        point.outcome.fallback,
+        *told(point.outcome),
+    )
 
 
 def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:

@@ -1,0 +1,200 @@
+"""Athermal quasi-static shear, with a check that each step follows the path of stable equilibria."""
+
+import warnings
+
+import numpy as np
+
+from ..core.arguments import checked, require_positive
+from ..core.laws.builtin import Law
+from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.readable import pluralize
+from ..core.state import State
+from ..solve.equilibrate import LeftPathError, UnstableEquilibriumWarning, equilibrate
+from ..solve.newton import Factorisation
+from ..solve.shear_response import damped_exponents, root_mean_square
+from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
+from ..solve.stability import contacts_at_limit
+from .event_path import BEND, Judge, Point, committed, continuous, displacement, distance, fall
+from .protocols import Equilibrium, Protocol
+from .shear import shear_strain, sheared
+
+CHOICES = ("tell", "follow-dynamics", "stop")
+STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
+HALVINGS = 5  # of a step whose grains do not move as the linear responses predict
+UNSTABLE, LEFT = "the equilibrium is unstable", "the step left its branch"
+NEGATIVE = "of negative stiffness"
+
+
+@checked
+def aqs(
+    law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = False, on_instability: str = "tell",
+    drag: float | None = None,
+) -> Protocol:  # fmt: skip
+    """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
+
+    Newton's method finds equilibria whether they are stable or not, and may land on another branch than that on which
+    the step began. Both are checked: the first by the spectrum of the step; the second by the motion of the grains,
+    which must continue that of the step before or follow from the Jacobians at both ends. Where it does not, the step
+    is repeated in up to 32 smaller ones, which must lead to the same state.
+
+    Parameters
+    ----------
+    slip : whether the affine displacement contributes to the slip; see `strained`
+    tolerance : float, largest unbalanced force or torque/R [force]
+    modes : whether spectra along the path contain modes
+    on_instability : what happens after a step to an unstable equilibrium or another branch. "tell": the outcome of the
+        step contains a warning; the first one on a path that is not only about complex pairs, which the spectra of
+        the path contain, is also issued as an UnstableEquilibriumWarning.
+        "follow-dynamics": the end is that of damped dynamics from the state before the step, if this equilibrium is
+        unstable under the drag or on another branch; there is a warning, too. "stop": a LeftPathError is raised
+    drag : of the dynamics, for translations and rotations; needed for "follow-dynamics", because it decides which
+        oscillations grow. If given, only pairs that grow in spite of it count as unstable [1/time]
+
+    Raises
+    ------
+    ValueError
+        if a choice is unknown or the drag is missing.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(30, packing_fraction=0.7)
+    >>> protocol = ss.protocols.aqs(ss.laws.hertz_mindlin(mu=10, coulomb="smooth"))
+    >>> [len(point.spectrum.pairs) for point in ss.protocols.ramp(state, [0.0, 1e-5], protocol)]
+    [0, 0]
+    """
+    if on_instability not in CHOICES:
+        raise ValueError(f"on_instability={on_instability!r} was given: {', '.join(map(repr, CHOICES))} are allowed")
+    if on_instability == "follow-dynamics" and drag is None:
+        raise ValueError("on_instability='follow-dynamics' was given without drag: it decides which oscillations grow")
+    if drag is not None:
+        require_positive(drag=drag)
+    keep, watch = Factorisation(), Watch(law, slip, modes, on_instability, drag)
+
+    def apply(state, strain):
+        return sheared(state, strain - shear_strain(state), slip=slip)
+
+    def settle(state, strain):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
+            end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
+        if not outcome.ok:
+            raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
+        return end, outcome
+
+    return Protocol(law, apply, settle, modes, watch.check)
+
+
+class Watch:
+    """Check of the steps of a path of quasi-static shear."""
+
+    def __init__(self, law: Law, slip: bool, modes: bool, choice: str, drag: float | None):
+        self.law, self.slip, self.modes, self.choice, self.drag = law, slip, modes, choice, drag
+        self.rate: np.ndarray | None = None  # (N, 6) motion per strain in the last step
+        self.told = False
+
+    def check(self, start: State, point: Equilibrium) -> Equilibrium:
+        """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
+        left = self._leaves(start, point)
+        words = [words for words in (instability(point.spectrum, point.state, self.law, self.drag), left) if words]
+        if not words:
+            return point
+        if self.choice == "stop":
+            raise LeftPathError(f"at strain {point.load:g} {' and '.join(words)}: use smaller steps, or dynamics")
+        if self.choice == "follow-dynamics":
+            point, followed = self._follow(start, point, bool(left))
+            words += ["damped dynamics led to another state"] if followed else []
+        return self._tell(point, "; ".join(words))
+
+    def _tell(self, point: Equilibrium, words: str) -> Equilibrium:
+        if not self.told and (NEGATIVE in words or LEFT in words):  # pairs are seen in the spectrum
+            self.told = True
+            more = "further warnings are in the outcomes of the path"
+            warnings.warn(f"at strain {point.load:g} {words}; {more}", UnstableEquilibriumWarning, stacklevel=4)
+        known = f"{point.outcome.warning}; " if point.outcome.warning else ""
+        return point._replace(outcome=point.outcome._replace(warning=known + words))
+
+    def _leaves(self, start: State, point: Equilibrium) -> str:
+        """Description of how a step left its branch; empty if it did not."""
+        strain, before = point.load - shear_strain(start), self.rate
+        if not strain:
+            return ""
+        moved, everything = displacement(start, point.state, strain) / strain, np.ones(len(start.grains.radius), bool)
+        self.rate = moved
+        if before is not None and before.shape == moved.shape:
+            change = root_mean_square(moved - before, everything)
+            if change <= STEADY * root_mean_square(before, everything):
+                return ""
+        start = committed(start, self.law)
+        judge = self._judge(start)
+        begin, end = (Point(x, s, judge) for x, s in ((point.load - strain, start), (point.load, point.state)))
+        if (off := branch_distance(begin, end)) == 0.0:
+            return ""
+        self.rate = None
+        size = f", {off / judge.diameter:.2g} mean diameters away" if np.isfinite(off) else ""
+        return f"{LEFT}: smaller steps do not lead to this state{size}"
+
+    def _judge(self, state: State) -> Judge:
+        return Judge(state, self.law, self.drag or 0.0, slip=self.slip)
+
+    def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
+        """Equilibrium to which damped dynamics leads, and whether it is another one."""
+        start, begin = committed(start, self.law), shear_strain(start)
+        judge = self._judge(start)
+        if not left and Point(point.load, point.state, judge).stable:
+            return point, False  # stable under the drag
+        end = fall(Point(begin, start, judge), point.load)
+        if end is None:
+            words = "damped dynamics did not come to rest"
+            raise NotInEquilibriumError(f"{words} at strain {point.load:g}", point.outcome)
+        self.rate = None
+        modes = spectrum(end.state, self.law, modes=self.modes)
+        return point._replace(state=end.state, spectrum=modes), True
+
+
+def instability(found: Spectrum, state: State, law: Law, drag: float | None = None) -> str:
+    """Description of the instability of an equilibrium, under a drag [1/time] if given; empty if it is stable."""
+    real = found.eigenvalues.real[found.eigenvalues.imag == 0]
+    negative = int((real < -REAL_BELOW * np.abs(found.eigenvalues).max(initial=0.0)).sum())
+    pairs = found.pairs if drag is None else found.pairs[damped_exponents(found.pairs, drag) > 0]
+    parts = [f"{pluralize(negative, 'direction')} {NEGATIVE}"] if negative else []
+    parts += [f"{pluralize(len(pairs), 'complex pair')}"] if len(pairs) else []
+    if not parts:
+        return ""
+    limit = ", if contacts at the Coulomb limit keep sliding" if len(contacts_at_limit(state, law)) else ""
+    return f"{UNSTABLE} ({' and '.join(parts)}{limit})"
+
+
+def branch_distance(start: Point, end: Point) -> float:
+    """Distance of a point from the end of the path that smaller steps follow from another point [length].
+
+    Returns
+    -------
+    float
+        zero if grains moved as the linear responses predict, or if smaller steps lead to the same state; infinite if
+        they do not get there
+    """
+    if continuous(start, end):
+        return 0.0
+    there = _trace(start, end.strain, HALVINGS)
+    if there is None:
+        return np.inf
+    off = distance(there.state, end.state, start.response.support.grains & end.response.support.grains)
+    largest = abs(end.strain - start.strain) * max(start.response.speed, end.response.speed)
+    return off if off > BEND * largest else 0.0
+
+
+def _trace(start: Point, strain: float, halvings: int) -> Point | None:
+    """Point that a path reaches at a strain if each step, halved if need be, is continuous."""
+    end = start.newton(strain)
+    if end is not None and continuous(start, end):
+        return end
+    if not halvings:
+        return None
+    middle = _trace(start, 0.5 * (start.strain + strain), halvings - 1)
+    return None if middle is None else _trace(middle, strain, halvings - 1)
+
+
+def told(outcome: Outcome) -> tuple[bool, bool]:
+    """Return whether a step landed on an unstable equilibrium, and whether it left its branch."""
+    return UNSTABLE in outcome.warning, LEFT in outcome.warning
