@@ -158,7 +158,7 @@ def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, 
             f"Area under the ROC curve for an event within a strain of {SHEAR['window']:g}, with 95 % intervals from "
             f"resampled packings:",
             "",
-            "| law | smallest λ | \\|dq/dγ\\| | growth rate | tangent modulus | switch test |",
+            "| law | smallest λ | \\|dq/dγ\\| | growth rate | tangent modulus | switch test | loss ahead |",
             "|---|" + "---|" * len(PREDICTORS),
             *areas,
             "",
@@ -194,15 +194,18 @@ def _published(found: dict[str, list[Skill]]) -> str:
     if law is None:
         return ""
     by = {one.predictor: one for one in found[law]}
-    flat, switch, rate = by["softest"], by["switch"], by["nonaffine_rate"]
+    flat, switch, rate, loss = (by[name] for name in ("softest", "switch", "nonaffine_rate", "loss_ahead"))
     inside = "contains" if flat.low <= 0.5 <= flat.high else "does not contain"
     return (
-        f"Ishima et al. (arXiv:2212.04628) report that eigenvalues of frictional packings with a harmonic potential do "
-        f"not announce stress drops. With the linear sharp law the area of the smallest λ is {flat.roc.area:.3f}, and "
-        f"its interval {flat.low:.3f} to {flat.high:.3f} {inside} 1/2. The switch test has {switch.roc.area:.3f} "
-        f"({switch.low:.3f} to {switch.high:.3f}), and |dq/dγ| has {rate.roc.area:.3f} ({rate.low:.3f} to "
-        f"{rate.high:.3f})."
+        "Ishima et al. (arXiv:2212.04628) report that eigenvalues of frictional packings with a harmonic potential do "
+        f"not announce stress drops. With the linear sharp law the area of the smallest λ is {_area(flat)}; the interval "
+        f"{inside} 1/2. The strain to the loss of a contact that leaves an unstable state has {_area(loss)}, |dq/dγ| "
+        f"has {_area(rate)}, and the switch test without that strain has {_area(switch)}."
     )
+
+
+def _area(one: Skill) -> str:
+    return f"{one.roc.area:.3f} ({one.low:.3f} to {one.high:.3f})"
 
 
 if __name__ == "__main__":

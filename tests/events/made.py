@@ -41,7 +41,7 @@ def steps(strain: np.ndarray, rng, alarm: np.ndarray | None = None) -> StrainSte
     return StrainStep(
         strain=strain, softest=noise[0], nonaffine_rate=noise[1] + 1.5 * alarm, growth=np.maximum(noise[2], 0),
         tangent_modulus=noise[3], switch=noise[4] - 6 * alarm, shear_stress=strain.copy(),
-        pressure=np.ones(len(strain)),
+        pressure=np.ones(len(strain)), loss_ahead=np.where(alarm, 1e-4, np.inf),
     )  # fmt: skip
 
 

@@ -102,6 +102,7 @@ def test_a_predictor_that_announces_is_told_from_those_that_do_not():
     steps["switch"][5] = np.nan
     found = {one.predictor: one for one in skills(steps, events, 4e-4, resamples=200)}
     assert found["switch"].low > 0.95 and found["nonaffine_rate"].low > 0.6
+    assert found["loss_ahead"].roc.area == 1 and len(found["loss_ahead"].roc.hits) == 3  # infinite strains are ties
     assert found["softest"].low < 0.5 < found["softest"].high
     assert found["switch"].followed == found["softest"].followed == 72
     assert found["softest"].steps - found["switch"].steps == 1

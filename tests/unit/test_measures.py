@@ -45,7 +45,7 @@ MEANT = {
     "catalogue": {
         NUMBER: "events packings events_per_strain share_saddle_node share_pair share_sliding share_opening "
         "share_unstable share_unresolved saddle_node_exponent stress_drop_over_pressure jump_over_diameter "
-        "auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch",
+        "auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch auc_loss_ahead",
     },
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",

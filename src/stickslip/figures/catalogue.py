@@ -20,7 +20,8 @@ PREDICTORS = {
     "nonaffine_rate": (r"$|dq/d\gamma|$", GREEN),
     "growth": ("growth rate", SKY),
     "tangent_modulus": ("modulus", ORANGE),
-    "switch": ("switch test", RED),
+    "switch": ("switch test", PURPLE),
+    "loss_ahead": ("loss ahead", RED),
 }
 LINES = 60  # events drawn one by one
 

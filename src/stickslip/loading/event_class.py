@@ -19,6 +19,7 @@ from .event_types import Event, EventKind
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
 FITTED = 3  # of these distances, the nearest ones, to which an exponent is fitted
 VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
+PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
 NEAREST, ALMOST = 5, 0.99  # most mobilised sticking contacts that are tried, too, if their mobilisation is above this
 RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
@@ -166,6 +167,36 @@ def _changing(last: Point, upper: float):
                 yield row, OPEN
             elif slides and state.contacts.mode[row] == STICK:
                 yield row, SLIDE
+
+
+def loss_ahead(point: Point, strain: float) -> float:
+    """Strain after which a contact is lost on the linear motion ahead, so that the state is then unstable; ∞ without.
+
+    A contact is lost where it reaches the Coulomb limit or opens. Mobilisations and normal forces are extrapolated from
+    their change over a small part of `strain`. The contacts that are lost first are tried, one by one.
+    """
+    response, state, part = point.response, point.state, PROBE * strain
+    there = displaced(point.ahead(point.strain + part), response.free, _coordinates(response, part))
+    there = with_neighbor_list(there, point.judge.law)
+    keys, later = state.contacts.key, dict(zip(_keys(there, point.judge.law), _margins(there, point), strict=True))
+    now, losses = _margins(state, point), []
+    for row in np.flatnonzero(response.support.contacts):
+        then = later.get(int(keys[row]), np.zeros(2))
+        for mode, margin, rest in zip((SLIDE, OPEN), now[row], then, strict=True):
+            if margin > rest and (mode == OPEN or state.contacts.mode[row] == STICK):
+                losses.append((part * margin / (margin - rest), row, mode))
+    for left, row, mode in sorted(losses)[:TRIED]:
+        if damped_exponents(response.switched(row, mode), point.judge.drag).max() > 0:
+            return float(left)
+    return np.inf
+
+
+def _margins(state, point: Point) -> np.ndarray:
+    """(C, 2) 1 − |F_t|/(μ F_n), and F_n, of every pair in the list."""
+    line = linearise(state, point.judge.law, memory=FREE)
+    pull = line.secant * np.linalg.norm(line.slip, axis=1)
+    free = 1 - np.divide(pull, line.limit, out=np.zeros(len(pull)), where=line.limit > 0)
+    return np.stack([np.maximum(free, 0), line.force_n * line.closed], axis=1)
 
 
 def _coordinates(response, strain: float) -> np.ndarray:

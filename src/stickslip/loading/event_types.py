@@ -59,6 +59,7 @@ class StrainStep(NamedTuple):
     switch: np.ndarray  # smallest λ_min if one of the most mobilised sticking contacts slides [1/time²]
     shear_stress: np.ndarray  # −σ_xy [force/length^(dim−1)]
     pressure: np.ndarray  # [force/length^(dim−1)]
+    loss_ahead: np.ndarray  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
 
 
 @readable(head=lambda found: f"{pluralize(len(found.events), 'event')}; {found.end}")

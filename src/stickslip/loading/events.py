@@ -11,7 +11,7 @@ from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
-from .event_class import Break, describe
+from .event_class import Break, describe, loss_ahead
 from .event_path import BALANCED, Judge, Point, committed, continuous, depart, distance, fall, jumped, settle
 from .event_types import Event, Events, StrainStep
 from .shear import reduced_cell
@@ -127,7 +127,7 @@ class Search:
 
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; False if dynamics does not come to rest."""
-        self.rows.append(_predictors(self.point))
+        self.rows.append((*_predictors(self.point), loss_ahead(self.point, self.step)))
         first, known = self.point, len(self.events)
         waiting, trial = [goal], first.newton(goal)
         while waiting:
@@ -225,7 +225,7 @@ class Search:
 
 
 def _predictors(point: Point) -> tuple:
-    """Row of `StrainStep`."""
+    """Row of `StrainStep`, but for its last column."""
     response, (shear, pressure) = point.response, point.stress
     values = response.eigenvalues
     growth = np.abs(np.sqrt(values[values.imag > 0]).imag).max(initial=0.0)

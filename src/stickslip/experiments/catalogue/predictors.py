@@ -10,7 +10,8 @@ from ...core.readable import readable
 from .tables import Table
 
 # columns of the steps, and whether an event is expected for large values (1) or for small ones (−1)
-PREDICTORS = {"softest": -1, "nonaffine_rate": 1, "growth": 1, "tangent_modulus": -1, "switch": -1}
+PREDICTORS = {"softest": -1, "nonaffine_rate": 1, "growth": 1, "tangent_modulus": -1, "switch": -1, "loss_ahead": -1}
+LARGEST = 1e300  # in place of infinite values, so that they are equal to each other
 RESAMPLES = 1000
 LEVEL = 0.95  # of intervals and bands
 GRID = np.linspace(0, 1, 101)  # shares of false alarms at which bands are computed
@@ -119,14 +120,14 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
     """Skill of every predictor for an event within the next `window` of strain.
 
     A step counts if an event follows within the window, or if the path of its packing continues beyond the window.
-    Steps at which a predictor has no value do not count for this predictor.
+    Steps at which a predictor has no value (NaN) do not count for this predictor.
     """
     followed, known = follow(steps, events, window)
     out = []
     for name, sign in PREDICTORS.items():
-        rows = known & np.isfinite(steps[name])
+        rows = known & ~np.isnan(steps[name])
         if rows.any():
-            score = sign * steps[name][rows]
+            score = sign * np.clip(steps[name][rows], -LARGEST, LARGEST)
             out.append(resampled_skill(name, score, followed[rows], steps["sample"][rows], resamples=resamples))
     return out
 

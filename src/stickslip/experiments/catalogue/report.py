@@ -19,7 +19,8 @@ WORDS = {
     "nonaffine_rate": "|dq/dγ| of the non-affine motion",
     "growth": "growth rate of the fastest pair",
     "tangent_modulus": "tangent shear modulus",
-    "switch": "switch test: smallest eigenvalue with one contact set to slide",
+    "switch": "switch test: smallest eigenvalue with one mobilised contact set to slide",
+    "loss_ahead": "strain to the first loss of a contact that leaves an unstable state",
 }
 
 
