@@ -24,13 +24,12 @@ def test_slides_come_where_they_were_announced(found):
     assert len(slides) >= 2
     for event in slides:
         row = np.searchsorted(found.steps.strain, event.strain) - 1
-        assert found.steps.strain[row] + found.steps.loss_ahead[row] == pytest.approx(
-            event.strain, abs=0.2 * found.step
-        )
+        announced = found.steps.strain[row] + found.steps.loss_ahead[row]
+        assert announced == pytest.approx(event.strain, abs=0.2 * found.step)
 
 
 def test_without_friction_nothing_slides():
-    """Packings of the law without friction lose contacts by opening only; where they are far from it, nothing is lost."""
+    """Without friction contacts are lost by opening only; with large overlaps, no loss is near."""
     law = ss.laws.linear(mu=0.0)
     state, _ = ss.packings.jammed(20, packing_fraction=0.95, dim=2, law=law, seed=3)
     point = Point(0.0, state, Judge(state, law, 0.1))
