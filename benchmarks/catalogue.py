@@ -198,9 +198,9 @@ def _published(found: dict[str, list[Skill]]) -> str:
     inside = "contains" if flat.low <= 0.5 <= flat.high else "does not contain"
     return (
         "Ishima et al. (arXiv:2212.04628) report that eigenvalues of frictional packings with a harmonic potential do "
-        f"not announce stress drops. With the linear sharp law the area of the smallest λ is {_area(flat)}; the interval "
-        f"{inside} 1/2. The strain to the loss of a contact that leaves an unstable state has {_area(loss)}, |dq/dγ| "
-        f"has {_area(rate)}, and the switch test without that strain has {_area(switch)}."
+        f"not announce stress drops. With the linear sharp law the area of the smallest λ is {_area(flat)}; this "
+        f"interval {inside} 1/2. The strain to the loss of a contact that leaves an unstable state has {_area(loss)}, "
+        f"|dq/dγ| has {_area(rate)}, and the switch test without that strain has {_area(switch)}."
     )
 
 
