@@ -1,0 +1,27 @@
+"""What announces the events of frictional packings, against Ishima et al., arXiv:2212.04628.
+
+Their disks have a harmonic potential and contacts that do not slide; eigenvalues show no precursors of stress drops.
+Here the law is linear with sharp friction and μ = 10.
+"""
+
+import pytest
+
+import stickslip as ss
+from stickslip.experiments.catalogue.measures import predictor_skills
+
+SCENARIO = {
+    "experiment": "catalogue", "events": 40, "packings": 20, "seed": 500,
+    "packing": {"grains": 50, "dim": 2, "packing_fraction": 0.845},
+    "law": {"kind": "linear", "coulomb": "sharp", "mu": 10.0},
+    "shear": {"drag": 0.1, "strain": 0.03},
+}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_eigenvalues_do_not_announce_events_but_the_next_loss_of_a_contact_does():
+    found = {one.predictor: one for one in predictor_skills(ss.simulate(ss.scenario(**SCENARIO), workers=1))}
+    flat, loss = found["softest"], found["loss_ahead"]
+    assert flat.followed >= 30 and flat.packings >= 3
+    assert flat.low < 0.5 + 0.1 and flat.roc.area < loss.roc.area  # "announces nothing", within the small sample
+    assert loss.low > 0.5
+    assert loss.roc.area > found["switch"].roc.area  # where the contact is on its way to the limit counts
