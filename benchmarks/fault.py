@@ -3,9 +3,9 @@
     python -m benchmarks.fault
 
 The benchmark problem BP1-QD with cells of 100 m is run for 280 years with our stepper and with `scipy.integrate`
-(RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Ours is DOP853 with the largest error of
-all cells in place of SciPy's root mean square, and with compiled stages. Tolerances of SciPy's solvers are absolute
-ones of the same unknowns, slip over D_c and ln θ. The error is the difference from our stepper with tolerance 1e-9.
+(RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Ours is DOP853, too, with compiled stages
+and a step size that also depends on the previous error. Tolerances of SciPy's solvers are absolute ones of the same
+unknowns, slip over D_c and ln θ. The error is the difference from our stepper with tolerance 1e-9.
 """
 
 import time
@@ -20,7 +20,7 @@ from stickslip.friction.fault_state import Machine, initial_state
 
 YEARS, THRESHOLD, ROUNDS = 280.0, 1e-3, 3
 SOLVERS = {"RK23": RK23, "RK45": RK45, "DOP853": DOP853, "LSODA": LSODA}
-TOLERANCES = {"RK23": (1e-3, 1e-4), "RK45": (1e-4, 1e-5, 1e-6), "LSODA": (1e-4,)}
+TOLERANCES = {"RK23": (1e-3, 1e-4), "RK45": (1e-4, 1e-5), "LSODA": (1e-4,)}
 
 
 def benchmark_fault(cell: float = 100.0):
@@ -54,7 +54,7 @@ def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:
     y = np.r_[state.excess_slip, state.log_state]
     solver = SOLVERS[name](rates, 0.0, y, YEARS * YEAR, rtol=1e-13, atol=scale, first_step=state.step)
     before, events, fast = (0.0, fault.plate_rate), [], False
-    while solver.status == "running" and len(events) < 2 and time.process_time() - begin < 120:
+    while solver.status == "running" and time.process_time() - begin < 120:
         solver.step()
         rates(0.0, solver.y)
         now = solver.t, fault.v0 * float(np.exp(w.max()))

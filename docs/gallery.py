@@ -43,6 +43,7 @@ SHOWN = {
     "plane-shear": ("Plane shear", "plane_shear.toml", "snapshots time_series velocity_profile"),
     "gouge": ("Fault gouge", "gouge.toml", "steady_sliding velocity_steps holds reslides healing sample"),
     "rate-state": ("Rate-and-state friction", "rate_state.toml", "slid"),
+    "fault": ("Earthquake cycles on a fault", "fault.toml", "slip_contours max_slip_velocity station_series"),
 }  # fmt: skip
 
 

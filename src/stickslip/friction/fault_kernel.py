@@ -122,9 +122,10 @@ def advance(y, stages, number, weights, step, out):
 
 @njit(cache=True, error_model="numpy")
 def error_norm(stages, step, dc):
-    """Largest estimated error of u/D_c and of s in a step."""
-    n, worst = len(dc), 0.0
+    """Root mean square of the estimated errors of u/D_c and of s in a step, as `scipy.integrate.DOP853` has it."""
+    n = len(dc)
     five, three = np.empty(n), np.empty(n)
+    sum_five = sum_three = 0.0
     for k in range(2):
         five[:] = 0.0
         three[:] = 0.0
@@ -134,10 +135,9 @@ def error_norm(stages, step, dc):
                     five[i] += ERROR_5[j] * stages[j, k, i]
                     three[i] += ERROR_3[j] * stages[j, k, i]
         for i in range(n):
-            size = five[i] * five[i]
-            if size > 0.0:
-                size /= np.sqrt(size + 0.01 * three[i] * three[i])
-            size *= abs(step) / (dc[i] if k == 0 else 1.0)
-            if not size <= worst:  # also catches NaN
-                worst = size
-    return worst
+            scale = dc[i] if k == 0 else 1.0
+            sum_five += (five[i] / scale) ** 2
+            sum_three += (three[i] / scale) ** 2
+    if sum_five == 0.0:
+        return 0.0
+    return abs(step) * sum_five / np.sqrt((sum_five + 0.01 * sum_three) * 2 * n)
