@@ -28,6 +28,8 @@ IDS = {
     "wall-mode-frequency", *PAIRS, "stable-window", "late-pair-birth", *IM,
     *(f"growth-rate-ratio-{f}" for f in ("0.030", "0.040", "0.083", "0.087", "0.090")),
     "stable-msd-0.062", "msd-saturation-0.030", "msd-saturation-0.040", "sliding-0.083",
+    *(f"arrest-{what}-{f}" for what in ("msd", "pairs") for f in ("0.030", "0.040")),
+    "kinetic-threshold", "threshold-between-arrest-and-sliding",
     *(f"{i}{end}" for i in (*FORWARD, "backward-front-speed", *V1) for end in ("", "-free")),
     "sliding-velocity-slope", "sliding-velocity-intercept", "y-mode-share", "y-mode-frequency",
     *(f"{i}@quarter" for i in (*PAIRS, "stable-window", "late-pair-birth", *IM, "stable-msd-0.062",
@@ -102,7 +104,7 @@ def test_every_claim_is_there_with_exactly_the_agreed_keys(claims):
 def test_what_the_paper_states_is_quoted_as_published(claims):
     with (Path(__file__).with_name("disk_array.csv")).open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    assert len(rows) == 25
+    assert len(rows) == 28
     derived = {"v1-power-of-im-lambda", "v1-power-of-im-lambda-free"}  # a constant ratio is a power of one
     printed = {name for name, row in claims.items() if row["paper"] is not None and "@" not in name}
     assert printed == {row["id"] for row in rows} | derived
@@ -130,6 +132,12 @@ def test_physics_that_does_not_depend_on_the_length_of_the_runs(claims):
     assert [measured(f"{name}@quarter") for name in PAIRS] == [1, 1, 0]
     assert np.allclose(measured("stable-window@quarter"), [0.062, 0.0826], rtol=0.01)
     assert measured("sliding-0.083") is True
+    # an independent trial: F_k between 0.045 and 0.047, arrest in equilibria without pairs, M at rest 1.7e-5 and 2.4e-5
+    assert 0.04 < measured("kinetic-threshold") < 0.05 and measured("threshold-between-arrest-and-sliding") is True
+    for load, rest in (("0.030", 1.7e-5), ("0.040", 2.4e-5)):
+        assert measured(f"arrest-pairs-{load}") == 0
+        assert 0.5 * rest < measured(f"arrest-msd-{load}") < 2 * rest
+        assert claims[f"arrest-msd-{load}"]["reference"] == pytest.approx(measured(f"arrest-msd-{load}"), rel=0.1)
     assert measured("stable-msd-0.062") is False  # the printed model has pairs there
     assert measured("stable-msd-0.062@quarter") is True
 
@@ -137,7 +145,7 @@ def test_physics_that_does_not_depend_on_the_length_of_the_runs(claims):
 def test_figures_animation_and_numbers_are_there(folder):
     names = {p.name for p in folder.iterdir()}
     assert {"claims.json", "claims.md", "claims.png", "results.h5", "scenario.json", "transition.gif"} <= names
-    for k in range(2, 8):
+    for k in range(2, 9):
         (picture,) = folder.glob(f"fig{k}_*.png")
         with Image.open(picture) as image:
             assert len(image.convert("L").getcolors()) > 20, "a blank figure"

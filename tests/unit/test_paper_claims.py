@@ -5,9 +5,11 @@ from types import SimpleNamespace as Made
 import numpy as np
 import pytest
 
+import stickslip as ss
 from stickslip.experiments.claims import NO_REFERENCE, NOT_REPRODUCED, REFUTED, REPRODUCED, UNDECIDED, note_quick_run
 from stickslip.experiments.disk_array import claims as disk_claims
 from stickslip.experiments.disk_array import measures as disk_measures
+from stickslip.experiments.disk_array.arrest import Arrest, find_arrest
 from stickslip.experiments.disk_array.fronts import fit_front
 from stickslip.experiments.quasi_rigid import claims as quasi_claims
 from stickslip.experiments.sphere_shear import claims as shear_claims
@@ -194,3 +196,47 @@ def test_both_estimators_of_a_front_have_an_error_that_repeated_ensembles_show()
         assert np.median([getattr(f, error) for f in fits]) == pytest.approx(spread, rel=0.3)  # 60 fits: 9 % and more
     late = np.mean([f.free_intercept for f in fits]) / np.mean([f.speed for f in fits])
     assert late > 1.05  # a start that is early pulls the fit through it down
+
+
+def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
+    late = np.array([1.6e-5, 1.7e-5, 1.5e-5])
+    found = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), 9)
+    msd, pairs = disk_claims._arrest_claims(found)
+    assert msd.id == "arrest-msd-0.030" and msd.measured == pytest.approx(1.632e-5) and msd.verdict == REPRODUCED
+    assert "agrees with the reference 1.6e-05" in msd.note and "of 9 disk–disk contacts they have 1, 1, 2" in msd.note
+    assert pairs.measured == 0 and "2 have none" in pairs.note
+    far = disk_claims._arrest_claims(found._replace(static=0.01 * late))[0]
+    assert far.verdict == NOT_REPRODUCED and "differs from the reference" in far.note
+
+
+@pytest.mark.parametrize(
+    ("interval", "verdict"),
+    [((0.043, 0.045), REPRODUCED), ((0.038, 0.045), NOT_REPRODUCED), ((0.043, 0.09), NOT_REPRODUCED),
+     ((-np.inf, 0.045), UNDECIDED)],
+)  # fmt: skip
+def test_the_threshold_must_lie_between_arrest_and_sliding(interval, verdict):
+    found = Made(
+        loads=np.array([0.04, 0.083]), probability=np.array([[0.0], [1.0]]), runs=np.full((2, 1), 16),
+        kicks=np.array([1e-4]), threshold=np.array([0.044]), interval=np.array([interval]), arrest=(0.04, 0.045),
+    )  # fmt: skip
+    value, between = disk_claims._threshold_claims(found)
+    assert between.verdict == verdict and value.verdict == NO_REFERENCE
+    assert value.measured == (None if verdict == UNDECIDED else 0.044)
+
+
+def test_late_states_of_an_array_relax_to_equilibria_at_rest():
+    """Three disks at a push at which they oscillate: M of the equilibria is that of relaxation by hand."""
+    chosen = ss.scenario(load={"push": (0.0, 0.03), "step": 5e-3}, array={"disks": 3}, dynamics={
+        "loads": (0.03,), "duration": 400.0, "seed_velocity": 1e-6})  # fmt: skip
+    result = ss.simulate(chosen)
+    found = find_arrest(result, 0.03)
+    start = result.path[-1].state
+    state = ss.packings.perturbed(start, velocity=1e-6, seed=0)
+    for k, duration in enumerate((400.0, *[50.0] * 7)):
+        state, _, _ = ss.run(state, result.law, round(duration / 0.1), 0.1, threads=1)
+        rest, outcome = ss.relax(state, result.law, tolerance=1e-14)
+        assert outcome.ok
+        assert found.late[k] == pytest.approx(((state.grains.position - start.grains.position) ** 2).sum(), rel=1e-6)
+        assert found.static[k] == pytest.approx(((rest.grains.position - start.grains.position) ** 2).sum(), abs=1e-14)
+    # while the pair still grows, the state relaxes to where it was: to the same contacts, and the same pair
+    assert found.static[0] < 1e-6 * found.late[0] and found.neighbours[0] == found.before == 2 and found.pairs[0] == 1

@@ -4,7 +4,9 @@ import numpy as np
 
 from ...core.readable import pluralize
 from ...loading.protocols import stable_window
+from ...loading.threshold import KineticThreshold
 from ..claims import Claim, claim, format_value
+from .arrest import ARREST_LOADS, Arrest
 from .fronts import Front
 from .measures import (
     LATE,
@@ -47,6 +49,7 @@ TOLERANCE = {
     "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last is 5 % of 0.001
     "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
     "saturation": 1.0,  # the paper says "about" and prints a power of ten: a factor of two either way
+    "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
     "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realizations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter that the paper prints: 4.3 ± 1.5
     "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3, this change of the power equals the ratio's scatter of 35 %
@@ -58,14 +61,19 @@ TOLERANCE = {
 }
 
 
-def evaluate_claims(main: DiskArrayResult, quarter: DiskArrayResult, report=lambda share, words: None) -> list[Claim]:
+def evaluate_claims(
+    main: DiskArrayResult, quarter: DiskArrayResult, arrests: list[Arrest], threshold: KineticThreshold,
+    report=lambda share, words: None,
+) -> list[Claim]:  # fmt: skip
     """Evaluate all claims, those of the main scenario first.
 
     Parameters
     ----------
+    arrests, threshold : of the main scenario
     report : called as report(share done, words) during the ramps with other load steps
     """
     printed = _spectrum_claims(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics_claims(main)
+    printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
     printed += _front_claims(main) + _ratio_claims(main) + _mode_claims(main) + _sliding_claims(main, "")
     suffix = "@quarter"
     return [
@@ -200,6 +208,55 @@ def _sliding_onset(main: DiskArrayResult) -> Claim:
         )
     said = 'Fig 3: at 0.083 "the Coulomb law is breached", "subsequently M(t) increases linearly in time"'
     return claim("sliding-0.083", said, True, free.slid, "", 0.0, note)
+
+
+def _arrest_claims(arrest: Arrest) -> list[Claim]:
+    """Claims that the array comes to rest in another equilibrium, and that M is the displacement to it."""
+    static, count = arrest.static, len(arrest.static)
+    kept = ", ".join(map(str, arrest.neighbours))
+    return [
+        claim(
+            f"arrest-msd-{arrest.load:.3f}",
+            'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
+            float(static.mean()), "(2R)^2", TOLERANCE["saturation"],
+            f"M of the equilibria to which {count} late states of the run relax: {static.min():.2e} to "
+            f"{static.max():.2e}; of {arrest.before} disk–disk contacts they have {kept}",
+            error=float(static.std(ddof=1)), reference=float(arrest.late.mean()),
+            reference_source="M of the same late states in motion: if the two agree, M is a displacement at rest",
+        ),
+        claim(
+            f"arrest-pairs-{arrest.load:.3f}", "Fig 3: the MSD becomes stationary; not explained", None,
+            float(np.median(arrest.pairs)), "pairs", TOLERANCE["pairs"],
+            f"median of the equilibria to which {count} late states relax; {(arrest.pairs == 0).sum()} have none",
+            error=0.0, reference=0.0,
+            reference_source="arrest in a stable equilibrium",
+        ),
+    ]  # fmt: skip
+
+
+def _threshold_claims(found: KineticThreshold) -> list[Claim]:
+    """Claims about the kinetic threshold, and that it separates the paper's loads of arrest and of sliding."""
+    at, (low, high), top = float(found.threshold[0]), found.interval[0], min(FRONT_LOADS)
+    outcomes = zip(found.loads, found.probability[:, 0], strict=True)
+    shares = ", ".join(f"{share:.2g} at {load:g}" for load, share in outcomes)
+    note = f"share of {found.runs[0, 0]} runs from velocities of {found.kicks[0]:g} that slide: {shares}"
+    stops = "no lower load stops a sliding array"
+    if found.arrest:
+        stops = f"a sliding array stops between {found.arrest[0]:g} and {found.arrest[1]:g}"
+    known = bool(np.isfinite([at, low, high]).all())
+    return [
+        claim(
+            "kinetic-threshold", "Fig 3: between 0.04 and 0.083; not printed", None, at if known else None, "F_x",
+            TOLERANCE["threshold"], f"{note}; 95 % between {low:.4f} and {high:.4f}; {stops}",
+            error=(high - low) / 3.92 if known else None,
+        ),
+        claim(
+            "threshold-between-arrest-and-sliding",
+            'Fig 3: "the MSD becomes stationary" at 0.03 and 0.04, "M(t) increases linearly in time" at 0.083',
+            True, bool(max(ARREST_LOADS) < low and high < top) if known else None, "", 0.0,
+            f"whether the kinetic threshold, {low:.4f} to {high:.4f} (95 %), lies between 0.04 and {top:g}",
+        ),
+    ]  # fmt: skip
 
 
 def _count_realizations(found: Front, result: DiskArrayResult, loads) -> str:

@@ -13,7 +13,9 @@ from typing import NamedTuple
 from ...data.checkpoint import UNFINISHED
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
+from ...loading.threshold import KineticThreshold
 from ..claims import Claim, note_quick_run
+from .arrest import Arrest, find_arrests, kick_array
 from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims
 from .scenario import DiskArrayScenario
 from .simulate import DiskArrayResult, Report, silent, simulate_disk_array
@@ -24,6 +26,8 @@ class Reproduction(NamedTuple):
 
     main: DiskArrayResult
     quarter: DiskArrayResult
+    arrests: list[Arrest]  # of the main scenario
+    threshold: KineticThreshold  # likewise
     claims: list[Claim]
 
 
@@ -80,6 +84,8 @@ def reproduce(
         workers=workers,
         report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
     )
+    threshold = kick_array(main, quick=quick, folder=folder, workers=workers, report=report)
+    arrests = find_arrests(main, folder)
     report("claims", 0.0, "births by bisection, for four load steps")
-    claims = evaluate_claims(main, quarter, lambda share, words: report("claims", share, words))
-    return Reproduction(main, quarter, note_quick_run(claims) if quick else claims)
+    claims = evaluate_claims(main, quarter, arrests, threshold, lambda share, words: report("claims", share, words))
+    return Reproduction(main, quarter, arrests, threshold, note_quick_run(claims) if quick else claims)

@@ -6,6 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from ...figures import disk_array as figures_of
+from ...figures.instability import static_and_kinetic
 from ..run_folder import MOVIE, archive_fields
 from ..terminal import STYLE, console
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
@@ -20,6 +21,7 @@ FIGURES = (
     "fig5_fronts.png",
     "fig6_y_mode.png",
     "fig7_center_of_mass.png",
+    "fig8_static_and_kinetic.png",
 )
 
 
@@ -50,11 +52,16 @@ def paper_figures(found: Reproduction):
     yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
     point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
+    yield FIGURES[6], static_and_kinetic(found.threshold, label="$F_x$")
 
 
 def paper_numbers(found: Reproduction) -> dict:
     """Return the contents of the archive of the paper's reproduction."""
-    return {"main": _numbers(found.main), "quarter": _numbers(found.quarter)}
+    return {
+        "main": _numbers(found.main), "quarter": _numbers(found.quarter),
+        "arrests": {f"{one.load:.6f}": archive_fields(one) for one in found.arrests},
+        "threshold": archive_fields(found.threshold),
+    }  # fmt: skip
 
 
 def paper_failures(found: Reproduction) -> tuple[str, ...]:
