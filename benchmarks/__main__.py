@@ -19,7 +19,18 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from . import cold_start, contact_status, engine, gouge, packings, quasi_static, rate_state, spheres, writing
+from . import (
+    cold_start,
+    contact_status,
+    engine,
+    gouge,
+    lammps_ranks,
+    packings,
+    quasi_static,
+    rate_state,
+    spheres,
+    writing,
+)
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -143,16 +154,16 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--gouge`, `--friction`, `--start` and
-    `--writing` select time steps of many grains, the preparation of packings, quasi-static sphere packings, their
-    spectra only, strain steps of frictional packings, contact status, time steps of fault gouge, the spring-slider with
-    rate-and-state friction, the time to the first result with and without compiled kernels, or archives, movies and
-    reports.
+    `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--gouge`, `--friction`, `--start`,
+    `--writing` and `--lammps-ranks` select time steps of many grains, the preparation of packings, quasi-static sphere
+    packings, their spectra only, strain steps of frictional packings, contact status, time steps of fault gouge, the
+    spring-slider with rate-and-state friction, the time to the first result with and without compiled kernels,
+    archives, movies and reports, or the scaling of LAMMPS over MPI ranks.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = set(sys.argv) & {
         "--engine", "--packings", "--spheres", "--spectra", "--steps", "--status", "--gouge", "--friction", "--start",
-        "--writing",
+        "--writing", "--lammps-ranks",
     }  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
@@ -177,6 +188,8 @@ def main() -> None:
         rows += cold_start.rows()
     if "--writing" in chosen or not (chosen or quick):
         rows += writing.rows()
+    if "--lammps-ranks" in chosen:
+        rows += lammps_ranks.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
     measured, rows = {_row_key(row) for row in rows}, [row | {"date": today} for row in rows]

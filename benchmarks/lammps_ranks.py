@@ -1,0 +1,89 @@
+"""Strong scaling of LAMMPS over MPI ranks: the same 10,000 spheres on one core and more, alternating, best of rounds.
+
+`python -m benchmarks --lammps-ranks` measures on the cores at hand. `python -m benchmarks.lammps_ranks log.lammps …`
+prints the same numbers from logs of other runs, such as those of a folder that `stickslip run --export` wrote.
+"""
+
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+ROUNDS, STEPS, PART = 3, 400, 1250
+LOOP = re.compile(r"Loop time of (\S+) on (\d+) procs for (\d+) steps with (\d+) atoms")
+
+
+class Speed(NamedTuple):
+    """Speed of one run."""
+
+    ranks: int
+    grains: int
+    rate: float  # grain-steps per second
+
+
+def speed(log: str) -> Speed:
+    """Speed of the longest run in a log of LAMMPS; ValueError if there is none."""
+    found = [(float(s), int(p), int(steps), int(n)) for s, p, steps, n in LOOP.findall(log)]
+    if not found:
+        raise ValueError("the log contains no line with a loop time")
+    seconds, ranks, steps, grains = max(found, key=lambda one: one[2])
+    return Speed(ranks, grains, grains * steps / seconds)
+
+
+def dense():
+    """Eight copies of a dense packing with random velocities and spins, and its law."""
+    import stickslip as ss
+    from stickslip.loading.packing import jammed
+
+    part, _ = jammed(PART, packing_fraction=0.66, seed=0)
+    size = part.cell.vectors[0, 0]
+    offsets = size * np.array([[a, b, c] for a in range(2) for b in range(2) for c in range(2)])
+    position = (part.grains.position[None] + offsets[:, None]).reshape(-1, 3)
+    velocity, spin = np.random.default_rng(3).normal(0, 0.02, (2, len(position), 3))
+    grains = ss.spheres(position, np.tile(part.grains.radius, 8), velocity=velocity, spin=spin)
+    state = ss.assembly(grains, cell=ss.box([2 * size] * 3, [True] * 3))
+    return state, ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.3, damping_n=0.3, damping_t=0.2)
+
+
+def rows() -> list[dict]:
+    """One row per number of ranks above one, with the speed of one rank as the peer."""
+    import os
+
+    from stickslip.experiments.lammps.leg import Leg
+    from stickslip.experiments.lammps.process import LOG, require_lammps
+    from stickslip.experiments.lammps.run import run_leg
+
+    require_lammps(2)
+    state, law = dense()
+    counts = [n for n in (1, 2, 4, 8, 16, 32) if n <= (os.cpu_count() or 1)]
+    best = dict.fromkeys(counts, 0.0)
+    for _ in range(ROUNDS):
+        for ranks in counts:
+            with tempfile.TemporaryDirectory() as name:
+                list(run_leg(Leg(state, law, 0.05, STEPS, 1, ranks=ranks), Path(name)))
+                best[ranks] = max(best[ranks], speed((Path(name) / LOG).read_text()).rate)
+    return [
+        {"case": "LAMMPS, dense spheres, dashpots, by MPI ranks", "n": 8 * PART, "threads": ranks, "ours": best[ranks],
+         "unit": "grain-steps/s", "peer": best[1], "peer_name": "one rank", "ratio": best[ranks] / best[1]}
+        for ranks in counts[1:]
+    ]  # fmt: skip
+
+
+def main() -> None:
+    """Print the speeds in the logs given on the command line, and their ratios to that with the fewest ranks."""
+    found = sorted(speed(Path(path).read_text(errors="replace")) for path in sys.argv[1:])
+    if not found:
+        raise SystemExit("give logs of LAMMPS: python -m benchmarks.lammps_ranks log.lammps …")
+    for one in found:
+        ratio = one.rate / found[0].rate
+        print(
+            f"{one.ranks:6d} ranks, {one.grains} grains: {one.rate / 1e6:.3g} M grain-steps/s, {ratio:.2f} x "
+            f"{found[0].ranks} ranks"
+        )
+
+
+if __name__ == "__main__":
+    main()

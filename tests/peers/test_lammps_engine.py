@@ -1,0 +1,378 @@
+"""LAMMPS as an engine: first steps, contact memory there and back, what it refuses, and what a queue gets."""
+
+import os
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.contacts.mechanics import FROZEN
+from stickslip.data.schema import ScenarioError
+from stickslip.experiments.flow import SETTLING, SHEARED
+from stickslip.experiments.flow import lammps as flow_lammps
+from stickslip.experiments.flow.pouring import poured
+from stickslip.experiments.lammps import memory, process, script
+from stickslip.experiments.lammps.job import leg_folder
+from stickslip.experiments.lammps.leg import Leg, Wave
+from stickslip.experiments.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
+from stickslip.experiments.lammps.supported import check_leg
+from stickslip.extras import MissingExtraError
+from stickslip.friction.measure import steady_mean
+from tests.peers.lammps_scenes import DT, LINEAR, SCENES, STEPS, between_walls, differ, stirred
+
+# without LAMMPS
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (ss.laws.hertz_mindlin_reff(coulomb="smooth"), "smooth Coulomb friction"),
+        (ss.laws.linear(damping="velocity", damping_n=0.1), "dashpots that it does not have for linear"),
+        (ss.laws.hertz_mindlin_reff(damping="mass_velocity", damping_n=0.1), "dashpots"),
+        (ss.laws.hertz_mindlin(), "grains of one size only"),
+        (ss.laws.hertz_mindlin_reff(rescaled=True, damping_t=0.1), "damping_t but without damping_n"),
+    ],
+)
+def test_a_law_that_lammps_does_not_have_is_refused(law, words):
+    with pytest.raises(ScenarioError, match=words) as found:
+        check_leg(Leg(stirred(), law, DT, STEPS, 1))
+    assert "\n" not in str(found.value)
+
+
+def test_a_law_of_a_user_is_refused():
+    law = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, kn=1.0)
+    with pytest.raises(ScenarioError, match="a law written in Python"):
+        check_leg(Leg(stirred(), law, DT, STEPS, 1))
+
+
+def refused_conditions():
+    state, n = stirred(), 200
+    control = state.control
+    compressed = np.diag([-0.01, 0, 0])
+    free_wall = between_walls(3)
+    free_wall.control.free[-2, 0] = True
+    held, pushed = ss.control.fixed(control, [3]), control._replace(force=np.ones((n, 3)))
+    heavy = state._replace(grains=state.grains._replace(inertia=2 * state.grains.inertia))
+    shaken = between_walls(2, moving=True)
+    many = ss.control.time_dependent(shaken.control, [36], np.linspace(0, 1, 90), np.ones(90), axes=[0])
+    return [
+        (state._replace(control=ss.control.stress_controlled(control, {"yy": 0.1})), "a cell that follows a stress"),
+        (state._replace(control=ss.control.strained_at(control, compressed)), "not in simple shear"),
+        (free_wall, "a wall that a force moves"),
+        (state._replace(control=held), "single grains that are held"),
+        (state._replace(control=pushed), "forces on single grains"),
+        (heavy, "I0 = 0.8"),
+        (shaken._replace(control=many), "91 knots"),
+    ]
+
+
+def test_conditions_that_lammps_cannot_keep_are_refused():
+    for state, words in refused_conditions():
+        with pytest.raises(ScenarioError, match=words) as found:
+            check_leg(Leg(state, LINEAR, 0.02, 500, 1))
+        assert "\n" not in str(found.value)
+    with pytest.raises(ScenarioError, match="60 samples in 50 steps"):
+        check_leg(Leg(stirred(), LINEAR, DT, STEPS, 60))
+
+
+def template(leg, ranks):
+    """A restart file without memory: the header is only its end, and grains are dealt to ranks."""
+    n, state = len(leg.state.grains.radius), leg.state
+    content = memory.MAGIC + b"header" + memory.HEADER_END
+    for rank in range(ranks):
+        doubles = []
+        for k in range(rank, n, ranks):
+            record = np.zeros(memory.EXTRA + 2 + 2 * len(state.walls.mass))
+            record.view("<i8")[memory.TAG] = k + 1
+            record.view("<i8")[memory.IMAGE] = 513 | 511 << 10 | 512 << 20
+            record[0], record[memory.EXTRA] = len(record), 2
+            record[memory.EXTRA + 2 :: 2] = 2
+            record[memory.POSITION : memory.POSITION + 3] = state.grains.position[k]
+            doubles.append(record)
+        block = np.concatenate(doubles)
+        content += memory.BLOCK + struct.pack("<i", len(block)) + block.tobytes()
+    return content + memory.MAGIC
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_memory_is_written_and_read_bit_for_bit(tmp_path, ranks):
+    """Also when the header happens to contain the mark of its end."""
+    state, law = between_walls(3), SCENES["walls, no dashpots"][1]
+    state, _, _ = ss.run(state, law, 20, DT, slip_update="rate")
+    path, leg = tmp_path / "sample.restart", Leg(state, law, DT, 1, 1)
+    made = template(leg, ranks).replace(b"header", memory.HEADER_END + memory.BLOCK + b"\x01\x00\x00\x00")
+    path.write_bytes(made)
+    memory.write_memory(path, path, state, law)
+    found = memory.read_restart(path, walls=2)
+    assert (found.position == state.grains.position).all() and (found.image == [1, -1, 0]).all()
+    back = memory.restored(state, law, found)
+    c, rows = state.contacts, ss.measure.touching(state)
+    assert np.count_nonzero(c.j[rows] >= 64) > 5 and len(rows) > 50
+    assert (back.contacts.key[ss.measure.touching(back)] == c.key[rows]).all()
+    mine, theirs = c.slip[rows], back.contacts.slip[ss.measure.touching(back)]
+    assert (mine == theirs).all() and mine.any()
+    assert (back.contacts.mode[ss.measure.touching(back)] == c.mode[rows]).all()
+
+
+def test_a_damaged_restart_file_is_one_sentence(tmp_path):
+    path = tmp_path / "a.restart"
+    path.write_bytes(template(Leg(between_walls(3), LINEAR, DT, 1, 1), 1)[:-40])
+    with pytest.raises(ValueError, match="no complete restart file"):
+        memory.read_restart(path)
+    path.write_bytes(memory.MAGIC + b"something else" + memory.MAGIC)
+    with pytest.raises(ValueError, match="unknown format"):
+        memory.read_restart(path)
+
+
+def evaluate(formula: str, step: int, dt: float) -> float:
+    """Value of a formula of LAMMPS."""
+    names = {"step": step, "dt": dt, "cos": np.cos, "ternary": lambda test, yes, no: yes if test else no}
+    return float(eval(formula, {"__builtins__": {}}, names))
+
+
+def test_formulas_of_moving_walls_are_integrals_of_their_velocities():
+    state = between_walls(2, moving=True)
+    leg, body = Leg(state, LINEAR, DT, 60, 1), 36
+    for step in (0, 1, 19, 20, 27, 33, 60):
+        fine = np.linspace(0, step * DT, 40_001)
+        wanted = np.trapezoid(0.1 * np.interp(fine, [0, 1, 1.5, 9], [1, 1, -1, 2]), fine)
+        column = int(state.control.follows[body, 0])
+        assert evaluate(script.displacement_formula(leg, 0.1, column), step, DT) == pytest.approx(wanted, abs=1e-9)
+        assert walls_at(leg, step * DT).point[0, 0] - 0.02 == pytest.approx(wanted, abs=1e-9)
+        waves = leg._replace(waves={column: Wave(2.0, 0.7, 0.3, -0.5)})
+        wanted = np.trapezoid(0.1 * 2 * np.sin(2 * np.pi * 0.7 * (fine + 0.5) + 0.3), fine)
+        assert evaluate(script.displacement_formula(waves, 0.1, column), step, DT) == pytest.approx(wanted, abs=1e-8)
+        assert walls_at(waves, step * DT).point[0, 0] - 0.02 == pytest.approx(wanted, abs=1e-8)
+
+
+def test_what_is_missing_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(process, "find_spec", lambda name: True)
+    monkeypatch.setattr(process, "CHILD", "print('RIGID')")
+    with pytest.raises(MissingExtraError, match="built without its package GRANULAR"):
+        process.require_lammps()
+    monkeypatch.setattr(process, "CHILD", "print('RIGID GRANULAR')")
+    process.require_lammps()
+    with pytest.raises(ScenarioError, match=r"ranks = 100000 was given, but this machine offers \d+ cores"):
+        process.require_lammps(100_000)
+    monkeypatch.setattr(process, "find_mpirun", lambda: None)
+    with pytest.raises(MissingExtraError, match="2 ranks, but mpirun is missing"):
+        process.require_lammps(2)
+
+
+def test_ranks_need_lammps():
+    with pytest.raises(ScenarioError, match=r"ranks = 2 was given with engine = 'stickslip'.*use engine = \"lammps\""):
+        ss.scenario(experiment="flow", ranks=2, **SETTLING)
+
+
+def test_a_flow_is_written_for_a_queue(tmp_path):
+    """Legs that follow each other, with the walls that each has where they then are."""
+    stages = [
+        *SETTLING["stages"],
+        {"name": "open", "duration": 1.0, "remove": ["left"], "velocity": {"gate": {"x": 0.5}}},
+    ]
+    last = {"name": "on", "duration": 1.0, "drag": 0.1}
+    scenario = ss.scenario(experiment="flow", engine="lammps", ranks=7, **SETTLING | {"stages": [*stages, last]})
+    flow_lammps.export(scenario, tmp_path)
+    first, second, third = ((leg_folder(tmp_path, k) / "in.lammps").read_text() for k in range(3))
+    assert "read_data grains.data" in first and "region wall1" in first
+    steps = flow_lammps.stage_legs(scenario, poured(scenario))[0].steps
+    assert f"read_restart ../leg-01/sample.{steps}.restart" in second
+    assert "region wall1" not in second and "wall2_dx equal 0.5*(step*dt)" in second
+    assert "region wall2 plane 6.5" in third and "langevin" in third and "langevin" not in second
+    assert "mpirun -np 7 lmp" in (tmp_path / "run.sh").read_text()
+    assert "--ntasks=7" in (tmp_path / "job.slurm").read_text()
+    sample_path(Leg(stirred(), LINEAR, DT, 1, 1), leg_folder(tmp_path, 0), 1).touch()
+    with pytest.raises(ScenarioError, match="contains states that LAMMPS wrote"):
+        flow_lammps.export(scenario, tmp_path)
+
+
+# with it
+
+
+@pytest.fixture(scope="module")
+def peer():
+    try:
+        process.require_lammps()
+    except MissingExtraError as problem:
+        pytest.skip(f"LAMMPS is absent: {problem}")
+
+
+def compare(ours, theirs):
+    """Grains, walls, cell and memory of the end of a run of ours and of one in LAMMPS."""
+    for name in ("position", "velocity", "spin"):
+        assert differ(getattr(theirs.grains, name), getattr(ours.grains, name)) < 1e-10, name
+    assert differ(theirs.walls.point, ours.walls.point) < 1e-10
+    assert differ(theirs.cell.vectors, ours.cell.vectors) < 1e-12
+    rows, others = ss.measure.touching(ours), ss.measure.touching(theirs)
+    assert (ours.contacts.key[rows] == theirs.contacts.key[others]).all() and len(rows) > 20
+    assert differ(theirs.contacts.slip[others], ours.contacts.slip[rows]) < 1e-10
+    return rows, others
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_first_steps_agree(peer, name):
+    """Fifty steps from zero memory; contacts close, open, stick and slide on the way."""
+    make, law = SCENES[name]
+    state = make()
+    ours, record, _ = ss.run(state, law, STEPS, DT, every=STEPS, slip_update="rate")
+    assert 10 < record.sliding[-1] < record.touching[-1] - 10
+    rows, others = compare(ours, run_in_lammps(state, law, STEPS, DT)[-1])
+    if law.damping & 3 == 1 or not law.table[..., 3].any():  # without dashpots, modes are certain
+        theirs = run_in_lammps(state, law, STEPS, DT)[-1]
+        assert (ours.contacts.mode[rows] == theirs.contacts.mode[others]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("name", ["packing with dashpots", "walls, disks", "spring", "cell sheared along xy"])
+def test_several_ranks_agree(peer, tmp_path, name, ranks):
+    """Also four of them on fewer cores, which `require_lammps` would refuse."""
+    if process.find_mpirun() is None:
+        pytest.skip("mpirun is absent")
+    make, law = SCENES[name]
+    state = make()
+    ours, _, _ = ss.run(state, law, STEPS, DT, slip_update="rate")
+    compare(ours, list(run_leg(Leg(state, law, DT, STEPS, 1, ranks=ranks), tmp_path))[-1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["packing", "walls, no dashpots", "shaken plate", "cell sheared along xz"])
+def test_memory_goes_to_lammps(peer, name):
+    """A run of ours goes on in LAMMPS as it does here; with dashpots, a start is not exact on either side."""
+    make, law = SCENES[name]
+    state, _, _ = ss.run(make(), law, STEPS, DT, slip_update="rate")
+    ours, _, _ = ss.run(state, law, STEPS, DT, slip_update="rate")
+    compare(ours, run_in_lammps(state, law, STEPS, DT)[-1])
+    lost = run_in_lammps(ss.accept(state, state.contacts._replace(slip=0 * state.contacts.slip)), law, STEPS, DT)[-1]
+    assert differ(lost.grains.velocity, ours.grains.velocity) > 1e-3
+
+
+FORCES = """
+run 0
+dump f all custom 1 forces.dump id fx fy fz tqx tqy tqz
+dump_modify f sort id format float %.17g
+run 0
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["packing", "packing with dashpots", "linear packing", "walls, no dashpots"])
+def test_forces_with_the_memory_of_lammps_are_its_forces(peer, tmp_path, name):
+    """LAMMPS evaluates its own state, in another process; we evaluate what came back of it.
+
+    With dashpots once the grains have come to rest: in motion, we cut the spring of a sliding contact at the limit and
+    then the sum, LAMMPS the sum only.
+    """
+    make, law = SCENES[name]
+    steps, drag = (20_000, 0.05) if law.table[0, 0, 3] else (200, 0.0)
+    leg = Leg(make(), law, DT, steps, 1, drag)
+    leg = leg._replace(state=leg.state._replace(control=leg.state.control._replace(gravity=np.zeros(3))))
+    theirs = list(run_leg(leg, tmp_path))[-1]
+    loads, _ = ss.forces(theirs, law, memory=FROZEN)
+    begin = sample_path(leg, tmp_path, steps).name
+    still = leg._replace(state=theirs)
+    words = script.contact_commands(still, begin) + "\nfix loose all nve/sphere\n" + FORCES
+    (tmp_path / "in.forces").write_text(words)
+    done = process.run_lammps("in.forces", folder=tmp_path)
+    assert done.returncode == 0, process.error_line(done)
+    rows = (tmp_path / "forces.dump").read_text().split("ITEM: ATOMS")[1].splitlines()[1:]
+    found = np.array([row.split() for row in rows], float)
+    n = len(found)
+    scale = np.abs(ss.measure.contact_forces(theirs, law)).max()
+    assert np.abs(loads.force[:n] - found[:, 1:4]).max() < 1e-10 * scale
+    assert np.abs(loads.torque[:n] - found[:, 4:7]).max() < 1e-10 * scale
+    lost = ss.accept(theirs, theirs.contacts._replace(slip=0 * theirs.contacts.slip))
+    assert np.abs(ss.forces(lost, law, memory=FROZEN)[0].force[:n] - found[:, 1:4]).max() > 1e-3 * scale
+
+
+@pytest.mark.slow
+def test_the_stability_of_a_state_that_lammps_made_is_judged(peer, tmp_path):
+    """A packing that came to rest in LAMMPS balances with its memory, and without it does not."""
+    law = SCENES["packing with dashpots"][1]
+    state = run_in_lammps(stirred(), law, 40_000, DT, drag=0.05)[-1]
+    lost = ss.accept(state, state.contacts._replace(slip=0 * state.contacts.slip))
+    for one, words, code in ((state, "stable", 0), (lost, "equilibrium", 3)):
+        ss.io.write_packing(tmp_path / "made.npz", one, law)
+        command = [sys.executable, "-m", "stickslip", "stability", str(tmp_path / "made.npz"), "--quiet"]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+        assert done.returncode == code and words in done.stdout, (done.stdout, done.stderr)
+
+
+SHEAR = SHEARED | {
+    "samples": 400,
+    "grains": SHEARED["grains"] | {"number": 45},
+    "stages": [
+        {"name": "compress", "duration": 20.0},
+        {"name": "shear", "duration": 150.0, "velocity": {"top": {"x": 1.0}}},
+    ],
+}
+
+
+@pytest.mark.slow
+def test_steady_shear_agrees(peer):
+    """Friction of plane shear: means over the second half, from the same start; what they differ by is chance."""
+    means = []
+    for engine, ranks in (("stickslip", 1), ("lammps", 1), ("lammps", 2)):
+        result = ss.simulate(ss.scenario(experiment="flow", engine=engine, ranks=ranks, **SHEAR))
+        late = result.series.time > 95.0
+        force = result.series.plate_force[late, 1]
+        series, friction = result.series, -force[:, 0] / force[:, 1].mean()
+        parts = friction, force[:, 1], series.plate_position[late, 1, 1], series.coordination[late]
+        means.append([steady_mean(part) for part in parts])
+        print(engine, ranks, means[-1])
+    for mine, *theirs in zip(*means, strict=True):
+        for one in theirs:
+            # three combined standard errors, and a floor where errors of short series are too small
+            assert abs(mine.mean - one.mean) < 3 * np.hypot(mine.error, one.error) + 0.02 * abs(mine.mean)
+
+
+@pytest.mark.slow
+def test_a_stage_ends_at_rest_and_a_crash_keeps_what_was_finished(peer, tmp_path, monkeypatch):
+    """The message is the last line of LAMMPS's log; the run goes on from there."""
+    stages = [
+        {"name": "settle", "duration": 60.0, "until": "rest", "drag": 1.0},
+        {"name": "open", "duration": 1.0, "remove": ["gate"]},
+    ]
+    scenario = ss.scenario(experiment="flow", engine="lammps", **SETTLING | {"stages": stages, "samples": 200})
+    make = flow_lammps._make_leg
+
+    def broken(*given):
+        leg = make(*given)
+        return leg._replace(more="print oh\nunknown_command 3\n") if leg.number == 1 else leg
+
+    monkeypatch.setattr(flow_lammps, "_make_leg", broken)
+    with pytest.raises(RuntimeError, match=r"LAMMPS stopped at step 0 of .*: unknown_command 3") as found:
+        ss.simulate(scenario, folder=tmp_path)
+    assert "\n" not in str(found.value)
+    monkeypatch.setattr(flow_lammps, "_make_leg", make)
+    before = sorted(path.name for path in (tmp_path / "unfinished").glob("0*.h5"))
+    assert before
+    result = ss.simulate(scenario, folder=tmp_path)
+    settle, after = result.stages
+    assert settle.rested and settle.end < 59.0 and after.end == pytest.approx(settle.end + 1.0, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_folder_written_for_a_queue_is_read_back(peer, tmp_path):
+    """`run.sh` runs LAMMPS without this package; the result is that of the same legs run here."""
+    stages = [{"name": "settle", "duration": 2.0}, {"name": "open", "duration": 0.2, "remove": ["gate"]}]
+    tables = SETTLING | {"stages": stages, "law": SETTLING["law"] | {"restitution": 1.0}}
+    scenario = ss.scenario(experiment="flow", engine="lammps", **tables)
+    flow_lammps.export(scenario, tmp_path)
+    with pytest.raises(ScenarioError, match=r"LAMMPS has not run in .*leg-01: let it finish there first"):
+        ss.simulate(scenario, folder=tmp_path)
+    lmp = process.which("lmp", path=os.path.dirname(sys.executable))
+    done = subprocess.run(
+        ["sh", "run.sh", lmp], cwd=tmp_path, capture_output=True, text=True, env=process._environment()
+    )
+    assert done.returncode == 0, done.stderr
+    found, here = ss.simulate(scenario, folder=tmp_path), ss.simulate(scenario)
+    assert [stage.name for stage in found.stages] == ["settle", "open"]
+    assert found.series.wall_point[-1, 2, 0] != found.series.wall_point[-1, 2, 0]  # the gate is gone
+    k = np.flatnonzero(here.series.kinetic_energy > 0)[5]
+    assert differ(found.series.center[: k + 1], here.series.center[: k + 1]) < 1e-10
+    assert found.series.time == pytest.approx(here.series.time)
