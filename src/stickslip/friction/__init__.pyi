@@ -25,6 +25,7 @@ from .measure import steady_mean as steady_mean
 from .measure import steady_start as steady_start
 from .model import Data as Data
 from .model_comparison import compare_laws as compare_laws
+from .posterior import posterior as posterior
 from .ratestate import RateState as RateState
 from .ratestate import Spring as Spring
 from .ratestate import prescribed as prescribed

@@ -133,6 +133,23 @@ def fit(
     >>> print(round(found.values["a"], 6), round(found.values["b"], 6))
     0.01 0.006
     """
+    return build_fit(solve_fit(data, law=law, form=form, fixed=fixed, free=free, own=own, windows=windows, noise=noise))
+
+
+class Solution(NamedTuple):
+    """Best parameters of a task, with the noise."""
+
+    task: Task
+    x: np.ndarray
+    filters: tuple
+    evaluations: int
+    adequate: bool
+
+
+def solve_fit(
+    data, *, law="aging", form="logarithmic", fixed=None, free=(), own=OWN, windows=None, noise="correlated"
+) -> Solution:
+    """Find the best parameters; the arguments are those of `fit`."""
     records = [data] if isinstance(data, Data) else list(data)
     if not records:
         raise ValueError("no data were given: give one record, or a list of them")
@@ -147,7 +164,7 @@ def fit(
     if noise == "correlated":
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    return _build_fit(task, x, filters, evaluations, adequate)
+    return Solution(task, x, filters, evaluations, adequate)
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
@@ -240,21 +257,31 @@ def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
     return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter, form)
 
 
-def _evaluate(task: Task, x, filters) -> Estimates:
-    """Values with intervals and identifiability, for the noise described by the filters."""
+def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
+    """Size of the filtered noise, its degrees of freedom, and a factor that widens intervals.
+
+    Degrees of freedom that a fit takes from the independent samples are also missing in the estimate of slow noise.
+    """
     rest, m = filtered_residual(task, x, filters), len(x)
     n, independent = len(rest), effective_samples(filters, len(rest))
-    size = max(float(np.sqrt(rest @ rest / (n - m))), TINY)
     spare = max(independent - m, 1.0)
-    # degrees of freedom that a fit takes from n_eff samples are also missing in the estimate of slow noise
-    reach = float(student.ppf(0.975, spare)) * float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
+    widening = float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
+    return max(float(np.sqrt(rest @ rest / (n - m))), TINY), spare, widening
+
+
+def _evaluate(task: Task, x, filters) -> Estimates:
+    """Values with intervals and identifiability, for the noise described by the filters."""
+    size, spare, widening = noise_size(task, x, filters)
+    reach = float(student.ppf(0.975, spare)) * widening
     inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
     wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)
     sides = find_open_sides(task, x, filters, size * reach, wide)
     return estimate(inner, blind, x, task.names, task.logs, reach, sides)
 
 
-def _build_fit(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
+def build_fit(solution: Solution) -> Fit:
+    """Compute intervals, likelihood and criteria for the best parameters."""
+    task, x, filters, evaluations, adequate = solution
     estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
     rest = filtered_residual(task, x, filters)
     n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)

@@ -1,4 +1,4 @@
-"""Fits of a laboratory record: tables, JSON and a figure."""
+"""Fits of a laboratory record: tables, JSON, figures, and draws from the posterior."""
 
 import json
 from pathlib import Path
@@ -8,16 +8,20 @@ import numpy as np
 from rich.table import Table
 
 from ...data.manifest import find_foreign, write_file
+from ...extras import require
 from ...figures import rate_state as figures
 from ...figures.style import png
 from ...friction.fitting import Fit, fit
 from ...friction.laboratory import read_csv, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
+from ...friction.posterior import PERCENTS, Posterior, posterior
 from ..run_folder import foreign_files_message
-from ..terminal import STYLE, console, show_table
+from ..terminal import STYLE, console, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
+DRAWS, CORNER = "posterior.csv", "posterior.png"
+FILES = (NUMBERS, FIGURE, DRAWS, CORNER)
 CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
 UNITS = {
     "dc": "m",
@@ -38,14 +42,18 @@ class RecordFits(NamedTuple):
     data: Data
     fits: tuple[Fit, ...]
     comparison: LawComparison | None
+    posterior: Posterior | None = None
 
 
 def fit_record(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
     detrend: bool, normal: bool, out: Path | None, overwrite: bool, columns: str | None = None,
-    form: str = "logarithmic", more_free: tuple[str, ...] = (),
+    form: str = "logarithmic", more_free: tuple[str, ...] = (), steps: int | None = None,
 ) -> RecordFits:  # fmt: skip
-    """Read a record and fit each law to it; the output folder is checked first."""
+    """Read a record and fit each law to it; the output folder is checked first.
+
+    With a number of steps, the posterior of the law, or of the law that the data prefer, is sampled as well.
+    """
     if out is not None:
         _check_folder(out, overwrite)
     if stiffness is not None and free_stiffness:
@@ -63,8 +71,25 @@ def fit_record(
     free = tuple(dict.fromkeys(free + more_free))
     given = {"stiffness": stiffness, "v0": v0}
     fixed = {name: value for name, value in given.items() if value is not None}
+    if steps is not None:
+        require("emcee", "posterior")
     fits = tuple(fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws)
-    return RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
+    found = RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
+    return found if steps is None else found._replace(posterior=_sample(found, form, fixed, free, steps))
+
+
+def _sample(found: RecordFits, form: str, fixed: dict, free, steps: int) -> Posterior:
+    """Sample the posterior of the only law, or of the preferred one."""
+    law = found.fits[0].law if found.comparison is None else found.comparison.preferred
+    if law is None:
+        raise RuntimeError(
+            f"{found.comparison.sentence}: choose the law of the posterior with --law aging or --law slip"
+        )
+    with progress() as tell:
+        return posterior(
+            found.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
+            report=lambda share, words: tell(f"posterior, {law} law", share, words),
+        )  # fmt: skip
 
 
 def _parse_columns(text: str | None) -> dict[str, int] | None:
@@ -82,7 +107,7 @@ def _check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
         return
-    if others := find_foreign(out, lambda name: name in (NUMBERS, FIGURE)):
+    if others := find_foreign(out, lambda name: name in FILES):
         raise ValueError(foreign_files_message(out, others))
     if (out / NUMBERS).exists():
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
@@ -93,8 +118,16 @@ def as_json(found: RecordFits) -> str:
     out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _fit_dict(one) for one in found.fits}}
     if found.comparison is not None:
         out["comparison"] = found.comparison._asdict()
+    if found.posterior is not None:
+        out["posterior"] = _posterior_dict(found.posterior)
     out["doubts"] = doubts(found)
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
+
+
+def _posterior_dict(one: Posterior) -> dict:
+    percentiles = {name: dict(zip(map(str, PERCENTS), row, strict=True)) for name, row in one.percentiles.items()}
+    chain = {"autocorrelation_times": one.times, "steps": one.steps, "acceptance": one.acceptance}
+    return {"law": one.fit.law, "percentiles": percentiles, "draws": len(one.draws), **chain}
 
 
 def _fit_dict(one: Fit) -> dict:
@@ -146,10 +179,27 @@ def show(found: RecordFits) -> None:
         if not (one.identifiable and one.adequate):
             console.print(f"  {one.sentence}", style="yellow")
         console.print()
+    if found.posterior is not None:
+        _show_posterior(found.posterior)
     for sentence in doubts(found):
         console.print(sentence, style="yellow")
     if found.comparison is not None:
         console.print(found.comparison.sentence, style="bold")
+
+
+def _show_posterior(one: Posterior) -> None:
+    table = Table(title=f"Posterior, {one.fit.law} law", **STYLE)
+    for name in ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit"):
+        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
+    for name in one.names:
+        table.add_row(name, *(f"{value:.5g}" for value in one.percentiles[name]), UNITS.get(name, ""))
+    show_table(table)
+    slowest = max(one.times.values())
+    console.print(
+        f"  {len(one.draws)} draws; the chain is {one.steps / slowest:.0f} autocorrelation times long "
+        f"(τ = {slowest:.1f} steps, acceptance {one.acceptance:.2f})"
+    )
+    console.print()
 
 
 def doubts(found: RecordFits) -> list[str]:
@@ -183,8 +233,24 @@ def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
 
 
 def write(out: Path, found: RecordFits) -> list[Path]:
-    """Write the JSON file and the figure, and return their paths."""
+    """Write the JSON file, the figures and the draws, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    write_file(out, FIGURE, png(figures.fitted(found.data, found.fits)))
+    contents = {FIGURE: png(figures.fitted(found.data, found.fits))}
+    if (one := found.posterior) is not None:
+        contents[DRAWS] = _draws_csv(found.file, one).encode()
+        contents[CORNER] = png(figures.corner(one.columns, one.fit.intervals, UNITS))
+    for name in (DRAWS, CORNER):
+        if name not in contents:
+            (out / name).unlink(missing_ok=True)  # of an earlier fit
+    for name, data in contents.items():
+        write_file(out, name, data)
     write_file(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete
-    return [out / NUMBERS, out / FIGURE]
+    return [out / name for name in (NUMBERS, *contents)]
+
+
+def _draws_csv(file: Path, one: Posterior) -> str:
+    """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
+    head = ",".join(f"{name} [{UNITS.get(name, '-')}]" for name in one.names)
+    fixed = ", ".join(f"{name} = {value:.6g}" for name, value in one.fit.fixed.items())
+    notes = f"# draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form\n# fixed: {fixed}\n"
+    return notes + "\n".join([head, *(",".join(f"{value:.8g}" for value in row) for row in one.draws)]) + "\n"

@@ -1,0 +1,180 @@
+"""The posterior of a fit: closed forms, a grid, coverage against the interval method, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+from scipy.stats import t as student
+
+from stickslip.experiments.sweep.definition import members, sweep
+from stickslip.friction.model import Data, model_friction, prepare
+from stickslip.friction.posterior import PERCENTS, posterior
+from stickslip.friction.ratestate import RateState, prescribed
+from tests.conftest import stickslip_here
+
+pytest.importorskip("emcee")
+TRUE = RateState(0.010, 0.014, 2e-5, 0.6, 1e-6, "slip")
+
+
+def noise(seed, number, rho, size=5e-4):
+    draws = np.random.default_rng(seed).normal(0, size, number)
+    for k in range(1, number):
+        draws[k] += rho * draws[k - 1]
+    return draws
+
+
+def record(seed, rho=0.0, number=160):
+    """Velocity steps of a surface whose slip velocity was measured: no spring, hence fast."""
+    time = np.linspace(0.0, 320.0, number)
+    velocity = np.where((time // 80) % 2 == 0, 1e-6, 4e-6)
+    mean = 0.5 * (velocity[1:] + velocity[:-1])
+    states = prescribed(TRUE, time, mean, theta=TRUE.dc / velocity[0]).theta
+    friction = TRUE.mu0 + TRUE.a * np.log(velocity / TRUE.v0)
+    friction += TRUE.b * np.log(TRUE.v0 / TRUE.dc * np.r_[TRUE.dc / velocity[0], states])
+    return Data(time, friction + noise(seed, number, rho), velocity=velocity)
+
+
+def ends(found, name):
+    return np.array(found.percentiles[name])[[0, -1]]
+
+
+def test_the_level_alone_has_students_distribution():
+    """One parameter of which friction is a linear function, and white noise: a mean with an unknown variance."""
+    data = record(1)
+    known = {"a": TRUE.a, "b": TRUE.b, "dc": TRUE.dc}
+    found = posterior(data, law="slip", fixed=known, noise="white", walkers=64, seed=3)
+    rest = found.fit.residuals[0] + found.fit.values["mu0"]
+    exact = rest.mean() + rest.std(ddof=1) / np.sqrt(len(rest)) * student.ppf(np.array(PERCENTS) / 100, len(rest) - 1)
+    spread = rest.std(ddof=1) / np.sqrt(len(rest))
+    assert np.allclose(found.percentiles["mu0"], exact, rtol=0, atol=0.08 * spread)
+    assert found.acceptance > 0.5
+
+
+def test_percentiles_are_those_of_a_grid():
+    """Two parameters, few samples: the density is evaluated on a grid with the model and nothing else."""
+    data = record(5, number=60)
+    known = {"a": TRUE.a, "mu0": TRUE.mu0}
+    found = posterior(data, law="slip", fixed=known, noise="white", walkers=64)
+    case, n, m = prepare(data), 60, 2
+    least = np.sum(found.fit.residuals[0] ** 2)
+    axes = [np.linspace(*(np.log(found.fit.values[name]) + s * found.fit.errors[name] / found.fit.values[name]
+                          for s in (-8, 8)), 120) for name in ("b", "dc")]  # fmt: skip
+    density = np.zeros((120, 120))
+    for i, b in enumerate(np.exp(axes[0])):
+        for j, dc in enumerate(np.exp(axes[1])):
+            values = {"v0": 1e-6, "stiffness": 1.0, "damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, **known}
+            rest = data.friction - model_friction(case, values | {"b": b, "dc": dc}, "slip")
+            density[i, j] = (1 + (rest @ rest - least) / least) ** (-n / 2)  # ν s² = S₀ for white noise, ν + m = n
+    assert m == len(found.names)
+    for name, axis, marginal in zip(found.names, axes, (density.sum(1), density.sum(0)), strict=True):
+        share = np.cumsum(marginal) / marginal.sum()
+        exact = np.exp(np.interp(np.array(PERCENTS) / 100, share, axis))
+        width = exact[-1] - exact[0]
+        assert np.allclose(found.percentiles[name], exact, rtol=0, atol=0.04 * width), name
+
+
+def test_percentiles_agree_with_the_interval_method():
+    for rho in (0.0, 0.6):
+        found = posterior(record(2, rho), law="slip")
+        for name, interval in found.fit.intervals.items():
+            width = interval[1] - interval[0]
+            assert np.allclose(ends(found, name), interval, rtol=0, atol=0.08 * width), (rho, name)
+        assert all(found.steps >= 50 * tau for tau in found.times.values())
+
+
+def _coverage(count, rho):
+    hits = {"posterior": 0, "interval": 0}
+    total = 0
+    for seed in range(count):
+        found = posterior(record(100 + seed, rho), law="slip", seed=seed)
+        for name, (low, high) in found.fit.intervals.items():
+            truth, (first, last) = getattr(TRUE, name), ends(found, name)
+            hits["interval"] += low <= truth <= high
+            hits["posterior"] += first <= truth <= last
+            total += 1
+    return hits, total
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_percentiles_hold_the_truth_as_often_as_intervals(rho):
+    """150 records, four parameters: both methods within the resolution of 95 %, and nearly the same records."""
+    hits, total = _coverage(150, rho)
+    records = total / 4
+    for words, count in hits.items():
+        assert binom.ppf(1e-3, records, 0.92) <= count / 4 <= binom.ppf(1 - 1e-3, records, 0.97), (words, count)
+    assert abs(hits["posterior"] - hits["interval"]) < 0.02 * total
+
+
+def test_percentiles_hold_the_truth_in_a_few_records():
+    """5 records with four parameters each: a right method fails this bound in one of 1e4 runs."""
+    hits, total = _coverage(5, 0.6)
+    assert hits["posterior"] >= binom.ppf(1e-4, total / 2, 0.90) * 2
+
+
+def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
+    data = record(7)
+    one, same, other = (posterior(data, law="slip", seed=seed) for seed in (0, 0, 1))
+    assert np.array_equal(one.draws, same.draws)
+    assert not np.array_equal(one.draws[:10], other.draws[:10])
+    for k, name in enumerate(one.names):
+        share = np.mean(one.draws[:, k] < one.percentiles[name][1])
+        assert share == pytest.approx(0.16, abs=0.03)
+    tables = {"experiment": "rate-state", "legs": [{"velocity": 1e-6, "distance": 1e-4}]}
+    chosen = sweep(**tables, sweep={"draws": one.columns, "surface.dc": {"column": "dc"}})
+    assert next(members(chosen)).values["surface.dc"] == one.columns["dc"][0]
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"steps": 100}, RuntimeError, "the posterior did not converge: the chain of"),
+        ({"free": ("trend", "theta"), "steps": 150}, RuntimeError, "autocorrelation times long (τ = "),
+        ({"walkers": 7}, ValueError, "use an even number of at least 8 for 4 parameters"),
+        ({"steps": 10}, ValueError, "steps = 10 was given"),
+        ({"law": "ageing"}, ValueError, "law = 'ageing' was given"),
+        ({"free": ("b2", "dc2")}, RuntimeError, "there is no posterior to sample: these data do not determine"),
+    ],
+)
+def test_what_is_not_a_posterior_is_one_sentence(options, error, words):
+    with pytest.raises(error) as caught:
+        posterior(record(3), **{"law": "slip", **options})
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("posterior")
+    data = record(9, 0.4)
+    rows = zip(data.time, data.friction, data.velocity, strict=True)
+    lines = ["time [s],friction [-],velocity [m/s]", *(f"{t:.6g},{mu:.8g},{v:.6g}" for t, mu, v in rows)]
+    (place / "record.csv").write_text("\n".join(lines) + "\n")
+    return place
+
+
+def test_the_command_writes_draws_a_figure_and_percentiles(folder):
+    done = stickslip_here("fit", "record.csv", "--law", "slip", "--posterior", "--out", "fit", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "Posterior, slip law" in done.stdout
+    assert "acceptance" in done.stdout
+    found = json.loads((folder / "fit" / "fit.json").read_text())["posterior"]
+    head = next(line for line in (folder / "fit" / "posterior.csv").read_text().splitlines() if line[0] != "#")
+    assert head == "a [-],b [-],dc [m],mu0 [-]"
+    table = np.loadtxt(folder / "fit" / "posterior.csv", delimiter=",", comments=["#", "a"])
+    assert table.shape == (found["draws"], 4)
+    assert np.median(table[:, 2]) == pytest.approx(found["percentiles"]["dc"]["50.0"], rel=0.01)
+    assert (folder / "fit" / "posterior.png").stat().st_size > 10_000
+    again = stickslip_here("fit", "record.csv", "--law", "slip", "--out", "fit", "--overwrite", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    assert not list((folder / "fit").glob("posterior*"))
+
+
+def test_a_posterior_that_did_not_converge_is_not_written(folder):
+    words = ("fit", "record.csv", "--law", "slip", "--posterior", "--steps", "100", "--out", "short")
+    done = stickslip_here(*words, cwd=folder)
+    assert done.returncode == 1
+    assert "the posterior did not converge" in done.stderr
+    assert not (folder / "short").exists() or not list((folder / "short").iterdir())
