@@ -17,7 +17,7 @@ FIT = examples(
     ("run examples/rate_state.toml --out results/rate-state", "makes a record to fit; any other CSV will do"),
     ("fit results/rate-state/series.csv --stiffness 200", "both laws, and which one the data prefer"),
     ("fit results/rate-state/series.csv --stiffness 200 --json", "the same as one JSON object"),
-    ("fit results/rate-state/series.csv --stiffness 200 --posterior", "also the posterior of the law that is preferred"),
+    ("fit results/rate-state/series.csv --stiffness 200 --posterior", "also the posterior of the preferred law"),
 )
 
 

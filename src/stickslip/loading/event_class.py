@@ -178,7 +178,8 @@ def loss_ahead(point: Point, strain: float) -> float:
     response, state, part = point.response, point.state, PROBE * strain
     there = displaced(point.ahead(point.strain + part), response.free, _coordinates(response, part))
     there = with_neighbor_list(there, point.judge.law)
-    keys, later = state.contacts.key, dict(zip(_keys(there, point.judge.law), _margins(there, point), strict=True))
+    known, keys = there.contacts.key[: there.contacts.count[0]].tolist(), state.contacts.key
+    later = dict(zip(known, _margins(there, point), strict=True))
     now, losses = _margins(state, point), []
     for row in np.flatnonzero(response.support.contacts):
         then = later.get(int(keys[row]), np.zeros(2))
