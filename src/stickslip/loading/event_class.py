@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # scipy.optimize is imported on first use
 
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.mechanics import FREE
@@ -12,12 +13,13 @@ from ..core.dynamics.timestep import stable_time_step
 from ..core.measure import touching
 from ..core.state import OPEN, SLIDE, STICK
 from ..solve.freedom import displaced
-from ..solve.shear_response import damped_exponents, softest
+from ..solve.shear_response import margin, softest
+from ..solve.spectrum import REAL_BELOW
 from .event_path import TIME_STEP, Judge, Point, displacement
 from .event_types import Event, EventKind
 
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-FITTED = 3  # of these distances, the nearest ones, to which an exponent is fitted
+FITTED = 5  # of these distances, the nearest ones, to which an exponent is fitted
 VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
@@ -56,6 +58,8 @@ def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
     trigger, row, values = None, -1, None
     if kind is EventKind.UNRESOLVED and (trigger := find_trigger(found.last, found.upper)):
         kind, row, values = trigger
+    elif kind is EventKind.UNRESOLVED and found.beyond is not None and found.beyond.oscillates:
+        kind = EventKind.PAIR
     contacts = found.last.state.contacts
     moved = displacement(before.state, after.state, after.strain - before.strain)
     jump, participation = _size(moved, before.response.support.grains)
@@ -65,7 +69,7 @@ def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
         profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
         float(found.last.response.mobilised[row]) if trigger else np.nan,
-        softest(values) if trigger else np.nan, _growth_rate(found, values), (shear - end) / pressure,
+        margin(values, judge.drag) if trigger else np.nan, _growth_rate(found, values), (shear - end) / pressure,
         jump / judge.diameter, participation, opened, closed, np.nan,
     )  # fmt: skip
 
@@ -90,18 +94,27 @@ def _point_at(found: Break, strain: float) -> Point | None:
 
 
 def _softness(point: Point) -> tuple[float, float, float, float]:
-    values = point.response.eigenvalues
+    values = point.eigenvalues
     pairs = values[values.imag > 0]
     if not len(pairs):
-        return point.response.softest, np.nan, 0.0, np.nan
+        return softest(values), np.nan, 0.0, np.nan
     rates = np.abs(np.sqrt(pairs).imag)
     fastest = int(np.argmax(rates))
-    margin = (pairs.real - (pairs.imag / point.judge.drag) ** 2).min()
-    return point.response.softest, float(pairs.real[fastest]), float(rates[fastest]), float(margin)
+    rest = margin(pairs, point.judge.drag)
+    return softest(values), float(pairs.real[fastest]), float(rates[fastest]), rest
 
 
-def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Exponent of values ∝ distances^p over the nearest distances, and its standard error; NaN if it can't be fitted.
+def fit_power(distances: np.ndarray, values: np.ndarray, slack: float = 0.0) -> tuple[float, float]:
+    """Exponent of values ∝ (distances + d)^p over the nearest distances, and its standard error.
+
+    Parameters
+    ----------
+    slack : largest d, by which the event may lie beyond the point from which distances are measured
+
+    Returns
+    -------
+    float, float
+        NaN if a value is not positive, or with fewer than three
 
     Examples
     --------
@@ -109,27 +122,31 @@ def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     >>> round(power, 6), error < 1e-6
     (0.5, True)
     """
-    known = np.flatnonzero(np.isfinite(values) & (values > 0))[-FITTED:]
-    if len(known) < 3 or len(known) < min(FITTED, len(values)) or known[-1] != len(values) - 1:
+    x, y = distances[-FITTED:], values[-FITTED:]
+    if len(x) < 3 or not (y > 0).all():
         return np.nan, np.nan
-    x, y = np.log(distances[known]), np.log(values[known])
-    x, y = x - x.mean(), y - y.mean()
-    power = float(x @ y / (x @ x))
-    return power, float(np.sqrt(((y - power * x) ** 2).sum() / (len(known) - 2) / (x @ x)))
+    y = np.log(y)
+    free = slack > 0 and len(x) > 3
+
+    def misfit(c):
+        return c[0] + c[1] * np.log(x + (c[2] * slack if free else 0.0)) - y
+
+    start = [y[0], 0.5, 0.01] if free else [y[0], 0.5]
+    ends = ([-np.inf, -np.inf, 0.0][: len(start)], [np.inf, np.inf, 1.0][: len(start)])
+    best = scipy.optimize.least_squares(misfit, start, bounds=ends, x_scale="jac")
+    spread = np.linalg.pinv(best.jac.T @ best.jac) * 2 * best.cost / (len(x) - len(start))
+    return float(best.x[1]), float(np.sqrt(spread[1, 1]))
 
 
 def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
     """Kind of an event as far as spectra tell, and the exponent with its error."""
-    real, pair = (fit_power(profile.distances, values) for values in (profile.softest, profile.margin))
-    beyond = found.beyond
-    if beyond is not None and np.argmax(beyond.exponents) in np.flatnonzero(beyond.response.eigenvalues.imag):
-        return EventKind.PAIR, pair
     if found.unstable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
-    if real[0] >= VANISHES:
-        return EventKind.SADDLE_NODE, real
-    if pair[0] >= VANISHES:
-        return EventKind.PAIR, pair
+    slack = max(profile.distances.min(initial=np.inf), found.upper - found.last.strain)
+    for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
+        fit = fit_power(profile.distances, values, slack)
+        if fit[0] >= VANISHES:
+            return kind, fit
     return EventKind.UNRESOLVED, (np.nan, np.nan)
 
 
@@ -147,7 +164,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     for row, mode in dict.fromkeys([*_changing(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
         values = response.switched(row, mode)
         near = mode == OPEN or response.mobilised[row] > ALMOST
-        if near and damped_exponents(values, drag).max() > 0:
+        if near and margin(values, drag) < -REAL_BELOW * np.abs(values).max():
             return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, row, values
     return None
 
@@ -161,7 +178,9 @@ def _changing(last: Point, upper: float):
         there = with_neighbor_list(there, law)
         line, key = linearise(there, law, memory=FREE), there.contacts.key[: there.contacts.count[0]].tolist()
         found = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
-        for row in np.flatnonzero(response.support.contacts).tolist():
+        ends = state.contacts.i[: len(response.branch)], state.contacts.j[: len(response.branch)]
+        held = response.support.grains[ends[0]] & response.support.grains[ends[1]]
+        for row in np.intersect1d(touching(state), np.flatnonzero(held)).tolist():
             closed, slides = found.get(int(state.contacts.key[row]), (0.0, 0.0))
             if not closed:
                 yield row, OPEN
@@ -211,7 +230,7 @@ def _growth_rate(found: Break, values: np.ndarray | None) -> float:
     if found.beyond is not None:
         return float(found.beyond.exponents.max())
     if values is not None:
-        return float(damped_exponents(values, found.before.judge.drag).max())
+        return float(found.before.judge.exponents(values).max())
     return motion_growth(found.before, found.upper, found.before.judge)
 
 

@@ -44,13 +44,17 @@ class Judge:
         self.overlap = mean_overlap(state)
         self.keep = Factorisation()
 
-    def newton(self, state: State, *, keep: Factorisation | None = None, thorough: bool = False) -> State | None:
-        """State at rest from Newton's method, or None; by default it gives up early."""
+    def newton(self, state: State, *, thorough: bool = False) -> State | None:
+        """State at rest from Newton's method, or None; by default it gives up early and starts with an old matrix."""
         end, outcome = newton(
             state, self.law, tolerance=BALANCED * self.force, iterations=ITERATIONS,
-            patience=None if thorough else PATIENCE, keep=keep or self.keep,
+            patience=None if thorough else PATIENCE, keep=Factorisation() if thorough else self.keep,
         )  # fmt: skip
         return end if outcome.ok else None
+
+    def exponents(self, eigenvalues: np.ndarray) -> np.ndarray:
+        """Exponents of growth under the drag [1/time]."""
+        return damped_exponents(eigenvalues, self.drag)
 
     def supported(self, state: State) -> np.ndarray:
         """(N,) grains of a state that are left after pruning."""
@@ -68,7 +72,7 @@ class Judge:
             )
             if not outcome.ok:
                 return here, False
-            end = self.newton(here, keep=Factorisation(), thorough=True)
+            end = self.newton(here, thorough=True)
             if end is not None and distance(here, end, self.supported(here)) < 1e3 * share * self.overlap:
                 return end, True
         return here, True
@@ -87,15 +91,29 @@ class Point:
         return Response(self.state, self.judge.law, self.judge.prune, slip=self.judge.slip)
 
     @cached_property
+    def eigenvalues(self) -> np.ndarray:
+        """Eigenvalues of the supported grains; of all, if only these are stable, because a contact is about to open."""
+        pruned = self.response.eigenvalues
+        return self.response.unpruned if self._grows(pruned) and not self._grows(self.response.unpruned) else pruned
+
+    def _grows(self, eigenvalues: np.ndarray) -> bool:
+        highest = np.sqrt(np.abs(eigenvalues).max(initial=0.0))
+        return bool(self.judge.exponents(eigenvalues).max(initial=-np.inf) > GROWS_ABOVE * highest)
+
+    @cached_property
     def exponents(self) -> np.ndarray:
         """Exponents of growth under the drag [1/time]."""
-        return damped_exponents(self.response.eigenvalues, self.judge.drag)
+        return self.judge.exponents(self.eigenvalues)
 
     @cached_property
     def stable(self) -> bool:
         """True if no mode grows under the drag."""
-        highest = np.sqrt(np.abs(self.response.eigenvalues).max(initial=0.0))
-        return bool(self.exponents.max(initial=-np.inf) <= GROWS_ABOVE * highest)
+        return not self._grows(self.eigenvalues)
+
+    @property
+    def oscillates(self) -> bool:
+        """True if the mode that grows fastest belongs to a complex pair."""
+        return bool(self.eigenvalues[np.argmax(self.exponents)].imag)
 
     @property
     def stress(self) -> tuple[float, float]:
@@ -118,7 +136,7 @@ class Point:
         response = self.response
         with suitable_threads(len(response.matrix)):
             values, vectors = np.linalg.eig(response.matrix)
-        mode = vectors[:, np.argmax(damped_exponents(values, self.judge.drag))]
+        mode = vectors[:, np.argmax(self.judge.exponents(values))]
         mode = mode * np.exp(-0.5j * np.angle((mode * mode).sum()))
         moved = mode.real / np.sqrt(response.free.mass)
         along = (response.free.spread(moved)[: len(response.rate)] * response.rate).sum()
@@ -219,7 +237,7 @@ def fall(point: Point, strain: float) -> Point | None:
     end, rested = point.judge.rest(point.ahead(strain))
     if rested:
         return settle(Point(strain, end, point.judge))
-    centre = point.judge.newton(end, keep=Factorisation(), thorough=True)
+    centre = point.judge.newton(end, thorough=True)
     if centre is None or distance(end, centre, point.judge.supported(centre)) > AROUND * point.judge.overlap:
         return None
     return Point(strain, centre, point.judge, tolerated=True)

@@ -35,7 +35,9 @@ class Event(NamedTuple):
     growth: np.ndarray  # (K,) growth rate |Im √λ| of that pair without drag, 0 without a pair [1/time]
     trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event; (−1, −1) without
     mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
-    switched: float  # λ_min of the last stable state with that contact sliding, or open; NaN without [1/time²]
+    # smallest λ, for pairs Re λ − (Im λ/drag)², of the last stable state with that contact sliding or open; negative
+    # if this makes it unstable, NaN without such a contact [1/time²]
+    switched: float
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
     stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
     jump: float  # root mean square non-affine displacement, in mean diameters

@@ -227,9 +227,9 @@ class Search:
 def _predictors(point: Point) -> tuple:
     """Row of `StrainStep`, but for its last column."""
     response, (shear, pressure) = point.response, point.stress
-    values = response.eigenvalues
+    values = point.eigenvalues
     growth = np.abs(np.sqrt(values[values.imag > 0]).imag).max(initial=0.0)
     switch = min((softest(response.switched(row)) for row in response.sticking(SWITCHED)), default=np.nan)
     return (
-        point.strain, response.softest, response.speed, float(growth), response.modulus, switch, shear, pressure,
+        point.strain, softest(values), response.speed, float(growth), response.modulus, switch, shear, pressure,
     )  # fmt: skip

@@ -94,12 +94,12 @@ class Response:
     @cached_property
     def matrix(self) -> np.ndarray:
         """(n, n) −M^(−1/2) J M^(−1/2) of the supported grains; common translations are lifted to its largest entry."""
-        return self._dynamical(self._held())
+        return self._dynamical(self._held(), self.free)
 
-    def _dynamical(self, blocks) -> np.ndarray:
-        root = 1 / np.sqrt(self.free.mass)
-        full = -assembled(self.state, blocks, self.free).toarray() * root * root[:, None]
-        rigid = _translations(self.free, np.sqrt(self.free.mass))
+    def _dynamical(self, blocks, free: Freedom) -> np.ndarray:
+        root = 1 / np.sqrt(free.mass)
+        full = -assembled(self.state, blocks, free).toarray() * root * root[:, None]
+        rigid = _translations(free, np.sqrt(free.mass))
         return full + np.abs(full).max(initial=0.0) * rigid @ rigid.T
 
     @cached_property
@@ -107,10 +107,12 @@ class Response:
         """(n,) complex eigenvalues of `matrix` [1/time²]."""
         return _eigenvalues(self.matrix)
 
-    @property
-    def softest(self) -> float:
-        """Smallest real eigenvalue [1/time²]."""
-        return softest(self.eigenvalues)
+    @cached_property
+    def unpruned(self) -> np.ndarray:
+        """Complex eigenvalues with all contacts, for all grains that are not rattlers [1/time²]."""
+        free = backbone(self.state, self.law)
+        free = _resisted(assembled(self.state, self.blocks, free), free)
+        return _eigenvalues(self._dynamical(self.blocks, free))
 
     @cached_property
     def _motion(self) -> tuple[np.ndarray, Freedom]:
@@ -162,15 +164,16 @@ class Response:
 
     @cached_property
     def mobilised(self) -> np.ndarray:
-        """(C,) |F_t|/(μ F_n) of the supported contacts; NaN for all other pairs and without friction."""
+        """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
         line = linearise(self.state, self.law)
-        bears = self.support.contacts & (line.limit > 0)
+        bears = (line.closed > 0) & (line.limit > 0)
         pull = line.secant * np.linalg.norm(line.slip, axis=1)
         return np.divide(pull, line.limit, out=np.full(len(pull), np.nan), where=bears)
 
     def sticking(self, most: int) -> np.ndarray:
-        """Rows of the sticking contacts with the largest mobilisation, in descending order."""
-        rows = np.flatnonzero((self.state.contacts.mode[: len(self.branch)] == STICK) & np.isfinite(self.mobilised))
+        """Rows of the supported sticking contacts with the largest mobilisation, in descending order."""
+        sticks = self.state.contacts.mode[: len(self.branch)] == STICK
+        rows = np.flatnonzero(self.support.contacts & sticks & np.isfinite(self.mobilised))
         return rows[np.argsort(-self.mobilised[rows], kind="stable")][:most]
 
     def switched(self, row: int, mode: int = SLIDE) -> np.ndarray:
@@ -183,7 +186,7 @@ class Response:
             modes[row] = mode
             other = self.state._replace(contacts=self.state.contacts._replace(mode=modes))
             blocks[row] = contact_blocks(other, self.law)[0][row]
-        return _eigenvalues(self._dynamical(blocks))
+        return _eigenvalues(self._dynamical(blocks, self.free))
 
 
 def _solve(matrix: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -207,6 +210,11 @@ def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
 def softest(eigenvalues: np.ndarray) -> float:
     """Smallest real eigenvalue; infinite if all are complex."""
     return float(eigenvalues.real[eigenvalues.imag == 0].min(initial=np.inf))
+
+
+def margin(eigenvalues: np.ndarray, drag: float) -> float:
+    """Smallest Re λ − (Im λ/ν)², negative if a mode grows under a drag ν [1/time²]; infinite without modes."""
+    return float((eigenvalues.real - (eigenvalues.imag / drag) ** 2).min(initial=np.inf))
 
 
 def damped_exponents(eigenvalues: np.ndarray, drag: float) -> np.ndarray:
