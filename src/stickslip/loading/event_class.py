@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use
 
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.mechanics import FREE
@@ -19,7 +18,7 @@ from .event_path import TIME_STEP, Judge, Point, displacement
 from .event_types import Event, EventKind
 
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-FITTED = 5  # of these distances, the nearest ones, to which an exponent is fitted
+FITTED = 3  # of these distances, the nearest ones, to which an exponent is fitted
 VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
@@ -104,12 +103,8 @@ def _softness(point: Point) -> tuple[float, float, float, float]:
     return softest(values), float(pairs.real[fastest]), float(rates[fastest]), rest
 
 
-def fit_power(distances: np.ndarray, values: np.ndarray, slack: float = 0.0) -> tuple[float, float]:
-    """Exponent of values ∝ (distances + d)^p over the nearest distances, and its standard error.
-
-    Parameters
-    ----------
-    slack : largest d, by which the event may lie beyond the point from which distances are measured
+def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Exponent of values ∝ distances^p over the nearest distances, and its standard error.
 
     Returns
     -------
@@ -125,26 +120,17 @@ def fit_power(distances: np.ndarray, values: np.ndarray, slack: float = 0.0) -> 
     x, y = distances[-FITTED:], values[-FITTED:]
     if len(x) < 3 or not (y > 0).all():
         return np.nan, np.nan
-    y = np.log(y)
-    free = slack > 0 and len(x) > 3
-
-    def misfit(c):
-        return c[0] + c[1] * np.log(x + (c[2] * slack if free else 0.0)) - y
-
-    start = [y[0], 0.5, 0.01] if free else [y[0], 0.5]
-    ends = ([-np.inf, -np.inf, 0.0][: len(start)], [np.inf, np.inf, 1.0][: len(start)])
-    best = scipy.optimize.least_squares(misfit, start, bounds=ends, x_scale="jac")
-    spread = np.linalg.pinv(best.jac.T @ best.jac) * 2 * best.cost / (len(x) - len(start))
-    return float(best.x[1]), float(np.sqrt(spread[1, 1]))
+    x, y = np.log(x) - np.log(x).mean(), np.log(y) - np.log(y).mean()
+    power = float(x @ y / (x @ x))
+    return power, float(np.sqrt(((y - power * x) ** 2).sum() / (len(x) - 2) / (x @ x)))
 
 
 def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
     """Kind of an event as far as spectra tell, and the exponent with its error."""
     if found.unstable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
-    slack = max(profile.distances.min(initial=np.inf), found.upper - found.last.strain)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
-        fit = fit_power(profile.distances, values, slack)
+        fit = fit_power(profile.distances, values)
         if fit[0] >= VANISHES:
             return kind, fit
     return EventKind.UNRESOLVED, (np.nan, np.nan)

@@ -16,7 +16,7 @@ from .event_path import BALANCED, Judge, Point, committed, continuous, depart, d
 from .event_types import Event, Events, StrainStep
 from .shear import reduced_cell
 
-FINER = 128  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
 THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
 SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
 SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
