@@ -150,9 +150,14 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     for row, mode in dict.fromkeys([*_changing(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
         values = response.switched(row, mode)
         near = mode == OPEN or response.mobilised[row] > ALMOST
-        if near and margin(values, drag) < -REAL_BELOW * np.abs(values).max():
+        if near and _grows(values, drag):
             return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, row, values
     return None
+
+
+def _grows(values: np.ndarray, drag: float) -> bool:
+    """Return True if one of the eigenvalues belongs to a mode that grows under the drag."""
+    return margin(values, drag) < -REAL_BELOW * np.abs(values).max()
 
 
 def _changing(last: Point, upper: float):
@@ -188,11 +193,11 @@ def loss_ahead(point: Point, strain: float) -> float:
     now, losses = _margins(state, point), []
     for row in np.flatnonzero(response.support.contacts):
         then = later.get(int(keys[row]), np.zeros(2))
-        for mode, margin, rest in zip((SLIDE, OPEN), now[row], then, strict=True):
-            if margin > rest and (mode == OPEN or state.contacts.mode[row] == STICK):
-                losses.append((part * margin / (margin - rest), row, mode))
+        for mode, here, rest in zip((SLIDE, OPEN), now[row], then, strict=True):
+            if here > rest and (mode == OPEN or state.contacts.mode[row] == STICK):
+                losses.append((part * here / (here - rest), row, mode))
     for left, row, mode in sorted(losses)[:TRIED]:
-        if damped_exponents(response.switched(row, mode), point.judge.drag).max() > 0:
+        if _grows(response.switched(row, mode), point.judge.drag):
             return float(left)
     return np.inf
 
