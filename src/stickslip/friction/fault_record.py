@@ -161,7 +161,7 @@ class Recorder:
             time = first + k * pause
             share = (time - before.time) / (now.time - before.time)
             fastest = before.fastest ** (1 - share) * now.fastest**share
-            self.profiles.append((time, seismic, fastest, self._slip(_hermite(before, now, share), time)))
+            self.profiles.append((time, seismic, fastest, self._slip(hermite(before, now, share), time)))
 
     def _crossing(self, before: Moment, now: Moment) -> float:
         """Time at which the maximum slip velocity crosses the threshold, interpolated in ln V."""
@@ -203,7 +203,7 @@ def frictional_stress(fault: Fault, log_velocity, log_state, cells) -> np.ndarra
     return out * fault.normal
 
 
-def _hermite(before: Moment, now: Moment, x: float) -> np.ndarray:
+def hermite(before: Moment, now: Moment, x: float) -> np.ndarray:
     """Excess slip within a step, from slip and its rate at both ends."""
     h = now.time - before.time
     change = now.excess_slip - before.excess_slip
