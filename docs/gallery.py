@@ -1,7 +1,7 @@
 """Draw every figure from the examples and write docs/gallery.md: `python docs/gallery.py` from the repository's root.
 
 Simulation results are saved in results/gallery, so that the figures can be redrawn in a minute; the first run takes
-some ten minutes on two cores. `python docs/gallery.py flow gouge` draws only these and keeps the other pictures;
+some ten minutes on two cores. `python docs/gallery.py flow bursts` draws only these and keeps the other pictures;
 `python docs/gallery.py --page` writes only the page, with the pictures that it has.
 """
 
@@ -15,6 +15,7 @@ import tempfile
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 import stickslip as ss
@@ -44,6 +45,7 @@ SHOWN = {
     "gouge": ("Fault gouge", "gouge.toml", "steady_sliding velocity_steps holds reslides healing sample"),
     "rate-state": ("Rate-and-state friction", "rate_state.toml", "slid"),
     "fault": ("Earthquake cycles on a fault", "fault.toml", "slip_contours max_slip_velocity station_series"),
+    "threshold": ("Static and kinetic friction", "threshold_array.toml", "static_and_kinetic"),
 }  # fmt: skip
 
 
@@ -116,6 +118,31 @@ def draw_packings() -> list[tuple[str, str]]:
     return out
 
 
+def draw_bursts() -> list[tuple[str, str]]:
+    """Draw the bursts of the pushed row of disks just beyond the birth of a pair."""
+    shown = load_or_make("bursts", run_bursts)
+    figures = {
+        "bursts": lambda: ss.figures.bursts(*shown),
+        "growth_by_amplitude": lambda: ss.figures.growth_by_amplitude(shown[2]),
+    }
+    for name, draw in figures.items():
+        path = PICTURES / f"{name}.png"
+        style.save(draw(), path)
+        shrink(path, path)
+    return [("bursts", "bursts.png"), ("growth_by_amplitude", "growth_by_amplitude.png")]
+
+
+def run_bursts():
+    """Return a free run at a push of 0.0061, the equilibrium from which it starts, and its normal form."""
+    unit, law = 1 / 2000, ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
+    state = ss.packings.disk_array(10, press=0.1 * unit)
+    for push in (*np.arange(0, 0.006, 5e-4), 0.0061):
+        state, _ = ss.relax(ss.packings.with_push(state, push * unit), law, tolerance=1e-13)
+    moving = ss.packings.perturbed(state, velocity=1e-9, seed=1)
+    _, record, _ = ss.run(moving, law, steps=300_000, dt=0.2, every=20, probes=range(10))
+    return record, state, ss.modes.birth_form(state, law)
+
+
 def draw_fit() -> list[tuple[str, str]]:
     """Draw fits of both laws to a record computed with one of them."""
     slid, experiment = simulate_example("rate-state", SHOWN["rate-state"][1])
@@ -186,6 +213,8 @@ def main(wanted: list[str]) -> None:
         shutil.rmtree(PICTURES)
     PICTURES.mkdir(parents=True, exist_ok=True)
     sections = {}
+    if not wanted or "bursts" in wanted:
+        sections["Bursts after an instability"] = draw_bursts()
     for name, (heading, *_) in SHOWN.items():
         if wanted and name not in wanted:
             continue

@@ -9,7 +9,8 @@ Any packing
 What follows an instability
 
     growth_by_amplitude    growth rate of a pair at finite amplitude
-    static_and_kinetic     share of kicked runs that slide, with static thresholds
+    bursts                 amplitude of a pair in a free run, with the predicted envelopes
+    static_and_kinetic     share of kicked runs that slide and their lifetimes, with static thresholds
 
 Events of sheared packings
 

@@ -24,6 +24,7 @@ from .gouge import steady_sliding as steady_sliding
 from .gouge import stick_slip as stick_slip
 from .gouge import velocity_steps as velocity_steps
 from .grains import packing as packing
+from .instability import bursts as bursts
 from .instability import growth_by_amplitude as growth_by_amplitude
 from .instability import static_and_kinetic as static_and_kinetic
 from .quasi_rigid import cone as cone

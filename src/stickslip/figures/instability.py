@@ -1,9 +1,10 @@
 """Figures of what follows an instability: growth at finite amplitude, and the thresholds of sliding."""
 
 import numpy as np
+from scipy.signal import find_peaks
 from scipy.special import expit
 
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, column_axes, styled
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, SKY, column_axes, styled
 
 
 @styled
@@ -67,3 +68,43 @@ def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
     below.set_xlabel(label)
     figure.legend(loc="outside upper center", ncols=2)
     return figure
+
+
+@styled
+def bursts(record, state, form):
+    """Amplitude along the mode of a pair in a free run, with the predicted envelopes of its bursts.
+
+    Near the birth of the pair a burst has the envelope ±a₀/cosh(σ(t − t₀)), with the growth rate σ and the peak a₀ of
+    the form; only the times t₀ are those of the run.
+    """
+    time, amplitude = record.time, along_mode(record, state, form)
+    figure, (above, below) = column_axes(2, 3.4, sharex=True)
+    size = np.abs(amplitude)
+    apart = max(1, round(3 / form.growth_rate / (time[1] - time[0])))
+    tops, _ = find_peaks(size, height=0.5 * form.peak, distance=apart)
+    above.plot(time, amplitude / form.peak, color=SKY, lw=0.25, rasterized=True)
+    below.semilogy(time, np.maximum(size / form.peak, 1e-12), color=SKY, lw=0.25, rasterized=True)
+    edges = [time[0], *(0.5 * (time[tops][1:] + time[tops][:-1])), time[-1]]
+    for k, top in enumerate(tops):
+        t = time[(time >= edges[k]) & (time <= edges[k + 1])]
+        wave = 1 / np.cosh(form.growth_rate * (t - time[top]))
+        for axes, sign in ((above, 1), (above, -1), (below, 1)):
+            axes.plot(t, sign * wave, color=RED, lw=1.0, label=None if k or axes is above else "predicted envelope")
+    for sign in (-1, 1):
+        above.axhline(sign, color=BLACK, ls=":", lw=0.7)
+    above.set_ylim(-1.25, 1.25)
+    below.set_ylim(np.clip(np.quantile(size, 0.02) / form.peak, 1e-9, 1e-2), 3)
+    above.set_ylabel(r"amplitude $a/a_0$")
+    below.set_ylabel(r"$|a|/a_0$")
+    below.set_xlabel("time")
+    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center")
+    return figure
+
+
+def along_mode(record, state, form) -> np.ndarray:
+    """(T,) amplitude along the mode of a pair; `record` must have all grains as probes, and `state` be at rest."""
+    grains, free = state.grains, form.free
+    turned = (record.angle - grains.angle) * grains.radius[:, None]
+    shift = np.concatenate([record.position - grains.position, turned], axis=2)
+    shift = np.concatenate([shift, np.zeros((len(shift), free.bodies - len(grains.radius), 6))], axis=1)
+    return shift.reshape(len(shift), -1)[:, free.component] @ (free.mass * form.mode) / 2

@@ -1,0 +1,72 @@
+"""Figures of what follows an instability, on constructed inputs whose curves are known."""
+
+from types import SimpleNamespace as Made
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+
+import stickslip as ss
+
+SIGMA, OMEGA, PEAK = 1e-3, 0.2, 3e-5
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def burst(centres):
+    """One disk that moves along x and turns with a known amplitude, recorded, at rest, and the form of its pair."""
+    time = np.arange(0.0, 4e4, 0.5)
+    envelope = sum(PEAK / np.cosh(SIGMA * (time - t)) for t in centres)
+    amplitude = envelope * np.cos(OMEGA * time)
+    state = ss.assembly(ss.disks([[1.0, 2.0]], 0.5, mass=4.0))
+    mass, mode = np.array([4.0, 2.0]), np.array([0.3, 0.4])
+    mode = mode / np.sqrt(mass @ mode**2)
+    way = 2 * amplitude[:, None] * mode
+    position = state.grains.position + np.stack([way[:, 0], 0 * time, 0 * time], axis=1)[:, None]
+    angle = np.stack([0 * time, 0 * time, way[:, 1] / 0.5], axis=1)[:, None]
+    free = Made(mass=mass, component=np.array([0, 5]), bodies=1)
+    form = Made(growth_rate=SIGMA, peak=PEAK, mode=mode, free=free)
+    return time, amplitude, Made(time=time, position=position, angle=angle), state, form
+
+
+def test_envelopes_of_bursts_touch_the_motion():
+    centres = (1.1e4, 3e4)
+    time, amplitude, *shown = burst(centres)
+    above, below = ss.figures.bursts(*shown).axes
+    motion, *lines = above.get_lines()
+    np.testing.assert_allclose(motion.get_ydata(), amplitude / PEAK, atol=1e-9)
+    envelopes = [line for line in lines if len(line.get_xdata()) > 2]
+    assert len(envelopes) == 4  # two bursts, above and below zero
+    for line in envelopes[::2]:
+        x, y = line.get_data()
+        at = x[np.argmax(y)]
+        assert min(abs(at - t) for t in centres) < 2 * np.pi / OMEGA and y.max() == pytest.approx(1.0)
+        inside = np.abs(amplitude[np.searchsorted(time, x)]) / PEAK
+        assert (inside <= y * 1.05 + 1e-3).all() and (inside > 0.9 * y).any()
+        np.testing.assert_allclose(np.log(y[0] / 2) / (at - x[0]), -SIGMA, rtol=0.02)  # growth before the burst
+    assert below.get_yscale() == "log" and below.get_legend_handles_labels()[1] == ["predicted envelope"]
+
+
+def test_thresholds_are_drawn_where_they_are():
+    found = Made(
+        loads=np.array([0.1, 0.2, 0.3]), kicks=np.array([1e-6, 3e-3]), probability=np.array([[0, 0], [0, 0.5], [0, 1]]),
+        lifetime=np.array([[np.nan, np.nan], [np.nan, 40.0], [np.nan, 10.0]]), duration=50.0,
+        width=np.array([np.nan, 0.01]),
+        threshold=np.array([np.nan, 0.2]), interval=np.array([[-np.inf, np.inf], [0.15, np.inf]]), arrest=(0.1, 0.15),
+        first_pair=0.0, first_limit=0.25,
+    )  # fmt: skip
+    above, below = ss.figures.static_and_kinetic(found, label="push", strength=0.4).axes
+    lines = {line.get_label(): line for line in above.get_lines()}
+    assert lines["velocities of 0.003"].get_ydata().tolist() == [0, 0.5, 1] and below.get_xlabel() == "push"
+    verticals = {word: lines[word].get_xdata()[0] for word in ("first limit", "slides by itself")}
+    assert verticals == {"first limit": 0.25, "slides by itself": 0.4} and "first pair" not in lines
+    (curve,) = (line for line in above.get_lines() if len(line.get_xdata()) == 400)
+    x, y = curve.get_data()
+    assert x[-1] == 0.4 and np.interp(0.2, x, y) == pytest.approx(0.5, abs=0.01)
+    bands = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in above.patches]
+    assert [tuple(np.round(band, 9)) for band in bands] == [(0.15, 0.4), (0.1, 0.15)]
+    assert below.get_lines()[1].get_ydata()[1:].tolist() == [40.0, 10.0]
