@@ -251,6 +251,22 @@ def test_memory_goes_to_lammps(peer, name):
     assert differ(lost.grains.velocity, ours.grains.velocity) > 1e-3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("dim", [2, 3])
+def test_drag_slows_translations_and_rotations_alike(peer, dim):
+    """Of disks and spheres that fly freely: first order in dt, as LAMMPS takes velocities of the half step."""
+    make = ss.disks if dim == 2 else ss.spheres
+    spin = [0, 0, 0.3] if dim == 2 else [0.2, 0.1, 0.3]
+    grains = make([[0, 0, 0], [3, 1, 0]], [0.5, 0.7], mass=[1.0, 3.0], velocity=[0.1, 0.2, 0], spin=spin)
+    state, missed = ss.assembly(grains, cell=ss.box([1.0] * 3, [False] * 3, dim)), []
+    for dt in (0.05, 0.025):
+        ours, _, _ = ss.run(state, LINEAR, round(5 / dt), dt, drag=0.2)
+        theirs = run_in_lammps(state, LINEAR, round(5 / dt), dt, drag=0.2)[-1]
+        missed.append([differ(getattr(theirs.grains, n), getattr(ours.grains, n)) for n in ("velocity", "spin")])
+    for coarse, fine in zip(*missed, strict=True):
+        assert 1e-6 < coarse < 0.01 and fine == pytest.approx(coarse / 2, rel=0.1)
+
+
 FORCES = """
 run 0
 dump f all custom 1 forces.dump id fx fy fz tqx tqy tqz

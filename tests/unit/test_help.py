@@ -17,7 +17,7 @@ COMMANDS = (
 )  # fmt: skip
 DEAR = (
     "reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp",
-    "--more", "report examples", "movie", "column", "warm", "--until-idle", "--posterior",
+    "--more", "report examples", "movie", "column", "warm", "--until-idle", "--posterior", "--engine lammps --out",
 )  # fmt: skip
 
 

@@ -33,8 +33,8 @@ REPRODUCE = examples(
 RUN = examples(
     ("run examples/rate_state.toml --out results/rate-state", "a slider with rate-and-state friction: seconds"),
     ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, through the [sweep] table"),
-    ("run examples/plane_shear.toml --out results/shear --engine lammps --ranks 2", "a flow in LAMMPS, with MPI"),
-    ("run examples/plane_shear.toml --engine lammps --ranks 64 --export job", "the same for a queue; then resume job"),
+    ("run examples/plane_shear.toml --engine lammps --out results/mpi", "a flow in LAMMPS; --ranks N: with MPI"),
+    ("run examples/plane_shear.toml --engine lammps --export job", "the same for a queue; then stickslip resume job"),
     ("run examples/rate_state.toml --out results/rate-state --json", "the same, with a JSON object as output"),
     ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; prints only paths"),
 )

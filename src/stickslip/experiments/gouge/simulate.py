@@ -1,5 +1,6 @@
 """Simulation of gouge experiments in parallel processes; finished realizations are saved and not run again."""
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +51,8 @@ def simulate_gouge(
     ----------
     folder : run folder, in which realizations are saved as soon as they finish, together with pieces of unfinished
         ones; saved parts are not run again
-    workers : number of processes, or the address of a Dask scheduler
+    workers : number of processes, or the address of a Dask scheduler; by default, as many as there are cores, over the
+        number of MPI ranks of each
     report : called as report(stage, share done, words)
 
     Raises
@@ -61,6 +63,8 @@ def simulate_gouge(
         If a file of a finished realization is damaged, or was written by another version.
     """
     find_engine(scenario)
+    if workers is None and scenario.ranks > 1:
+        workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
     found = [_read_realization(_realization_path(one, folder)) for one in alone]
