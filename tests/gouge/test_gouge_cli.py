@@ -76,7 +76,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"], 'it applies to "gouge" only'),
+        (["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"], 'it applies to "flow" and "gouge" only'),
         (["run", EXAMPLES / "gouge.toml", "--engine", "yade"], "use stickslip, lammps"),
     ],
 )
