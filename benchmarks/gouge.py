@@ -72,7 +72,7 @@ def copied(gouge, copies: int):
     names = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
     control = state.control._replace(**{name: repeat(getattr(state.control, name), name == "anchor") for name in names})
     cell = state.cell._replace(vectors=np.diag(size * [copies, 1, copies]))
-    contacts = empty_contacts(len(grains.radius), 0, float(state.contacts.skin[0]))
+    contacts = empty_contacts(len(grains.radius), 0, state.contacts.skin)
     return gouge._replace(state=state._replace(grains=grains, control=control, cell=cell, contacts=contacts))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import stickslip as ss
-from stickslip.core.state import OPEN
+from stickslip.core.state import OPEN, PER_PAIR
 
 SHARP = ss.laws.hertz_mindlin_reff(2.0, 1.5, 0.2, damping_n=0.3, damping_t=0.2)
 
@@ -58,7 +58,7 @@ def assert_same(a: ss.State, b: ss.State) -> None:
         for name, x in getattr(a, noun)._asdict().items():
             y = np.asarray(getattr(getattr(b, noun), name))
             x = np.asarray(x)
-            if noun == "contacts" and name not in ("origin", "skin", "count"):
+            if noun == "contacts" and name in PER_PAIR and x.ndim:
                 x, y = x[:count], y[:count]
             assert x.dtype == y.dtype, (noun, name)
             assert np.array_equal(x, y), (noun, name)

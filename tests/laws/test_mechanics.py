@@ -145,8 +145,8 @@ def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
     with pytest.raises(ValueError, match="the list of contacts does not match these positions"):
         ss.modes.contact_blocks(narrow, law, memory=FREE)
     wide = with_neighbor_list(narrow, law)
-    assert wide.contacts.skin.tolist() == [narrow.contacts.skin[0], 0.05]
-    slack = wide.contacts.skin.sum()
+    assert (wide.contacts.skin, wide.contacts.gap) == (narrow.contacts.skin, 0.05)
+    slack = wide.contacts.skin + wide.contacts.gap
     n, count, radius = len(wide.grains.radius), int(wide.contacts.count[0]), wide.grains.radius
     grains = wide.contacts.j[:count] < n
     found = set(zip(wide.contacts.i[:count][grains], wide.contacts.j[:count][grains],
@@ -166,9 +166,7 @@ def test_rolling_memory_is_trial_until_accepted_and_kept_by_new_lists():
     turned = state._replace(grains=grains._replace(angle=grains.angle + 0.05))
     ss.forces(turned, law)
     np.testing.assert_array_equal(state.contacts.rolling, before)
-    renewed = with_neighbor_list(
-        state._replace(contacts=state.contacts._replace(origin=state.contacts.origin + np.inf))
-    )
+    renewed = with_neighbor_list(state._replace(contacts=state.contacts._replace(stale=True)))
     assert renewed.contacts is not state.contacts
     count = int(state.contacts.count[0])
     np.testing.assert_array_equal(renewed.contacts.rolling[:count], state.contacts.rolling[:count])

@@ -34,7 +34,7 @@ def laboratory(state, law, steps, dt, rate):
         now = state._replace(
             grains=state.grains._replace(position=x, angle=angle),
             cell=state.cell._replace(vectors=vectors),
-            contacts=contacts._replace(origin=np.full_like(contacts.origin, np.inf)),
+            contacts=contacts._replace(stale=True),
         )
         return ss.forces(now, law)
 

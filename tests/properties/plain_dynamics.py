@@ -182,7 +182,7 @@ class Twin:
         out = {}
         for c in range(int(contacts.count[0])):
             if contacts.mode[c] != OPEN:
-                roll = contacts.rolling[c] if len(contacts.rolling) else np.zeros(7)
+                roll = contacts.rolling[c] if contacts.rolling is not None else np.zeros(7)
                 key = int(contacts.i[c]), int(contacts.j[c]), *contacts.image[c].tolist()
                 mode, at_cap = int(contacts.mode[c]), SLIDE if roll[6] else STICK
                 out[key] = Memory(contacts.slip[c].copy(), mode, roll[:3].copy(), at_cap, bool(contacts.reached[c]))
@@ -194,7 +194,7 @@ class Twin:
         for c in range(int(contacts.count[0])):
             if contacts.mode[c] != OPEN:
                 i, j, image = int(contacts.i[c]), int(contacts.j[c]), contacts.image[c].tolist()
-                turned = contacts.rolling[c, 3:6] if len(contacts.rolling) else self.angle[i] - self.angle[j]
+                turned = contacts.rolling[c, 3:6] if contacts.rolling is not None else self.angle[i] - self.angle[j]
                 out[i, j, *image] = contacts.pair[c], contacts.roll[c], turned
         return out
 
@@ -223,6 +223,15 @@ class Twin:
         if j >= self.n:
             return self.radius[i] - r @ self.normal[j - self.n]
         return self.radius[i] + self.radius[j] - np.linalg.norm(r)
+
+    def is_tied(self, key):
+        """Whether a contact at the limit is within a rigid group, so that round-off decides if it slides."""
+        one, other = self.control.group[list(key[:2])]
+        return one == other >= 0 and self.memory[key].reached
+
+    def overlap(self, key):
+        """Overlap of a pair at the present positions."""
+        return self._overlap(key, self._pair(self.x, self.h, key))
 
     def _parameters(self, i, j):
         r_eff = self.radius[i] if j >= self.n else self.radius[i] * self.radius[j] / (self.radius[i] + self.radius[j])

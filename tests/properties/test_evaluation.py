@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from stickslip.core.contacts.forces import accept, forces
 from stickslip.core.laws.builtin import damping_model
-from stickslip.core.state import OPEN, SLIDE
+from stickslip.core.state import OPEN, PER_PAIR, SLIDE
 from stickslip.solve.freedom import displaced, freedom
 from tests.conftest import make_law, make_packing, stirred
 
@@ -64,7 +64,7 @@ def test_tangential_force_obeys_coulomb(law_name, coulomb, dim, seed):
 
 def single_contact_force(state, law, contacts, k):
     """Force of contact k on its body i, from a list that holds this contact only."""
-    fields = {f: getattr(contacts, f)[k : k + 1] for f in contacts._fields if f not in ("origin", "skin", "count")}
+    fields = {f: getattr(contacts, f)[k : k + 1] for f in contacts._fields if f in PER_PAIR and f != "rolling"}
     lonely = contacts._replace(**fields, count=np.array([1]))
     loads, _ = forces(state._replace(contacts=lonely), law)
     body = contacts.i[k]

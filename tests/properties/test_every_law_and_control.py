@@ -325,7 +325,8 @@ def twin_after(name, dim, memory, control):
         if step % 5 == 0:
             modes = [m.mode for m in twin.memory.values()]
             moving = 0.5 * twin.own_mass @ (twin.v**2).sum(axis=1) + 0.5 * twin.inertia @ (twin.w**2).sum(axis=1)
-            sampled.append((moving, len(modes), modes.count(SLIDE), twin.elastic_virial))
+            tied = sum(map(twin.is_tied, twin.memory))
+            sampled.append((moving, len(modes), modes.count(SLIDE), tied, twin.elastic_virial))
         if step < STEPS:
             twin.step()
     return case, twin, sampled
@@ -370,10 +371,13 @@ def test_a_run_agrees_with_its_twin(name, dim, memory, control, path, monkeypatc
     assert memory_now.keys() == twin.memory.keys()
     for key, mine in memory_now.items():
         other = twin.memory[key]
-        np.testing.assert_allclose([mine.slip, mine.roll], [other.slip, other.roll], rtol=0, atol=ROUND_OFF)
-        assert (mine.mode, mine.roll_mode, mine.reached) == (other.mode, other.roll_mode, other.reached)
-    for row, (_, touching, sliding, virial) in enumerate(sampled):
-        assert (record.touching[row], record.sliding[row]) == (touching, sliding)
+        # a spring at the limit has the slip limit/k_t, k_t ~ √δ: errors of δ matter in a contact that has just closed
+        close = ROUND_OFF * max(1.0, np.abs(other.slip).max() / abs(twin.overlap(key)))
+        np.testing.assert_allclose([mine.slip, mine.roll], [other.slip, other.roll], rtol=0, atol=close)
+        assert (mine.roll_mode, mine.reached) == (other.roll_mode, other.reached)
+        assert mine.mode == other.mode or twin.is_tied(key)
+    for row, (_, touching, sliding, tied, virial) in enumerate(sampled):
+        assert record.touching[row] == touching and abs(record.sliding[row] - sliding) <= tied
         np.testing.assert_allclose(record.virial[row], virial, rtol=0, atol=10 * ROUND_OFF)
     if path != "two threads":
         seen = [(e["kind"], round(e["time"] / DT), e["i"], e["j"], *e["image"].tolist()) for e in record.events]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import stickslip as ss
+from stickslip.core.state import PER_PAIR
 from stickslip.data import archive
 from tests.conftest import make_law, make_packing, stirred
 
@@ -100,7 +101,7 @@ def test_cut_short_or_of_another_schema_is_refused(tmp_path, monkeypatch):
         (tmp_path / "cut.h5").write_bytes(whole[: int(share * len(whole))])
         with pytest.raises(archive.ArchiveError, match=r"cut\.h5"):
             archive.read(tmp_path / "cut.h5")
-    for schema, words in ((archive.SCHEMA + 1, "install a later stickslip"), (archive.SCHEMA - 1, "run it again")):
+    for schema, words in ((archive.SCHEMA + 1, "install a later stickslip"), (archive.OLDEST - 1, "run it again")):
         with monkeypatch.context() as patched:
             patched.setattr(archive, "SCHEMA", schema)
             archive.write(tmp_path / "other.h5", {"x": 1})
@@ -181,6 +182,39 @@ def test_large_arrays_take_little_more_space_than_by_the_filters_of_hdf5(tmp_pat
         size, usual = (sum(file[name].id.get_storage_size() for name in tree) for file in (ours, theirs))
         assert size < 1.15 * usual < 0.6 * sum(array.nbytes for array in tree.values())
         assert ours["zeros"].id.get_storage_size() == 0
+
+
+Earlier = NamedTuple("Contacts", [(name, np.ndarray) for name in (*PER_PAIR, "origin", "skin", "count")])
+
+
+def earlier(contacts: ss.Contacts, **values) -> Earlier:
+    """A contact list as schema 4 stored it."""
+    count = int(contacts.count[0])
+    rows = {name: getattr(contacts, name)[:count] for name in PER_PAIR[:-1]} | {"rolling": np.zeros((0, 7))}
+    rest = {"origin": contacts.origin, "skin": np.array([contacts.skin]), "count": contacts.count}
+    return Earlier(**(rows | rest | values))
+
+
+def test_contacts_of_an_earlier_schema_are_read(tmp_path, monkeypatch):
+    state, law = make_packing(3), make_law("hertz_mindlin", "sharp")
+    now = ss.forces(state, law)[1]
+    rolling, unknown = np.ones((now.count[0], 7)), np.full_like(now.origin, np.inf)
+    cases = {
+        "plain": ({}, (now.skin, 0.0, False)),
+        "stale": ({"origin": unknown}, (now.skin, 0.0, True)),
+        "reaching": ({"skin": np.array([now.skin, 0.05]), "rolling": rolling}, (now.skin, 0.05, False)),
+    }
+    monkeypatch.setattr(archive, "SCHEMA", 4)
+    tree = {name: state._replace(contacts=earlier(now, **change)) for name, (change, _) in cases.items()}
+    archive.write(tmp_path / "earlier.h5", tree)
+    monkeypatch.undo()
+    found = archive.read(tmp_path / "earlier.h5")
+    for name, (_, wanted) in cases.items():
+        contacts = found[name].contacts
+        assert (contacts.skin, contacts.gap, contacts.stale) == wanted
+        assert np.isfinite(contacts.origin).all() and np.array_equal(contacts.slip, now.slip[: now.count[0]])
+        assert np.array_equal(contacts.rolling, rolling) if name == "reaching" else contacts.rolling is None
+        assert np.array_equal(ss.forces(found[name], law)[0].force, ss.forces(state, law)[0].force)
 
 
 def test_an_archive_of_an_earlier_version_is_read(tmp_path):

@@ -60,7 +60,8 @@ class Contacts(NamedTuple):
 
     The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` tells which of them
     touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` hold r_ij and R_i angle_i + R_j angle_j as they were when
-    `slip` was last committed. `origin` holds the positions of the bodies when the list was built.
+    `slip` was last committed. `origin` holds the positions of the bodies when the list was built. The list is rebuilt
+    before its next use if a body has moved by half the skin since then, or if it is `stale`.
     """
 
     i: np.ndarray  # (C,) int32
@@ -73,9 +74,15 @@ class Contacts(NamedTuple):
     roll: np.ndarray  # (C, 3) [length]
     reached: np.ndarray  # (C,) bool: has been at the Coulomb limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
-    skin: np.ndarray  # (1,) [length], or (2,) with the largest gap across which the law acts
+    skin: float  # [length]
+    gap: float  # largest gap across which pairs are listed even without the skin, as some laws require [length]
+    stale: bool  # whether the list does not fit the present positions, for example because the cell was deformed
     count: np.ndarray  # (1,)
-    rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) rolling memory, see `rolling`; (0, 7) if the law has none
+    rolling: np.ndarray | None = None  # (C, 7) rolling memory, see `rolling`; None if the law has none
+
+
+# fields of `Contacts` with one row for each pair
+PER_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 
 
 @readable(head=lambda value: _describe_control(value))
@@ -277,10 +284,11 @@ def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=
         np.zeros((anchors, 3)),
         np.zeros((anchors, 3)),
         np.zeros(c, np.bool_),
-        np.full((n_bodies, 3), np.inf),
-        np.array([float(skin)]),
+        np.zeros((n_bodies, 3)),
+        float(skin),
+        0.0,
+        True,
         np.zeros(1, np.int64),
-        np.zeros((0, 7)),
     )
 
 
@@ -425,9 +433,9 @@ def check(state: State) -> None:
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
         raise ValueError("a two-dimensional cell that is periodic or has walls along z was given: neither is allowed")
     least = 1e-4 * float(grains.radius.min())
-    if not contacts.skin[0] >= least:
+    if not contacts.skin >= least:
         raise ValueError(
-            f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
+            f"a skin of {contacts.skin:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
             f"radius, or contact lists would be rebuilt at every step"
         )
 

@@ -1,6 +1,6 @@
 """HDF5 archives: scenario text, versions, and a tree of arrays, strings, states and results.
 
-Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that stores a NamedTuple has
+Schema 5. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that stores a NamedTuple has
 its class name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of the
 software that computed the data) and `scenario` (canonical text), but no time stamps or host names. Entries are written
 in order of name, so that the bytes do not depend on whether a part was computed or read. Contact lists are
@@ -28,12 +28,12 @@ import numpy as np
 
 from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, describe_law, restore_kind
-from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
+from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from .atomic import write_atomically
-from .sound import validate_law, validate_state
+from .sound import restore_contacts, validate_law, validate_state
 from .units import unit_of
 
-SCHEMA = 4
+SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
@@ -41,7 +41,6 @@ LARGE, EXPANDS = 2**26, 100  # size of an array that is always accepted [bytes],
 _FILTERS = {"compression": "gzip", "shuffle": True}  # of datasets with more than 1000 numbers
 _LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
 _SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [bytes], and largest ratio that counts
-_PER_CONTACT = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 # exceptions raised by HDF5, and when objects are rebuilt, for damaged files
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
@@ -151,9 +150,11 @@ def _check_checksum(path) -> None:
 
 
 def _check_schema(path, schema) -> None:
-    if schema != SCHEMA:
+    if not OLDEST <= schema <= SCHEMA:
         remedy = "install a later stickslip" if schema > SCHEMA else "run it again"
-        raise ArchiveError(f"{path} has archive schema {schema}, but this version reads schema {SCHEMA}: {remedy}")
+        raise ArchiveError(
+            f"{path} has archive schema {schema}, but this version reads schemas {OLDEST} to {SCHEMA}: {remedy}"
+        )
 
 
 def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
@@ -259,7 +260,8 @@ def _is_homogeneous(value) -> bool:
 def trimmed(contacts: Contacts) -> Contacts:
     """Contact list without the unused capacity after its last pair."""
     count = int(contacts.count[0])
-    return contacts._replace(**{name: getattr(contacts, name)[:count] for name in _PER_CONTACT})
+    parts = {name: getattr(contacts, name) for name in PER_PAIR}
+    return contacts._replace(**{name: part[:count] for name, part in parts.items() if part is not None})
 
 
 def _load(item, known: dict):
@@ -276,7 +278,7 @@ def _load(item, known: dict):
     noun = known.get(item.attrs.get("noun"))
     if noun is Law and "own" in tree:
         tree["kind"] = _load_kind(tree["kind"], tree.pop("own"))
-    made = noun(**tree) if noun else tree
+    made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
     return validate_state(made) if noun is State else validate_law(made) if noun is Law else made
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..builtin_laws import NAMES
 from ..core.contacts.neighbors import pack_keys
+from ..core.contacts.rolling import WIDTH
 from ..core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, parameter_names
 from ..core.laws.dispatch import Kind
 from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
@@ -28,9 +29,8 @@ _SHAPES = {
         "image": (_WHOLE, "c", 3),
         "reached": (_BOOL, "c"),
         "origin": (_FLOAT, "b", 3),
-        "skin": (_FLOAT, None),
         "count": (_WHOLE, 1),
-        "rolling": (_FLOAT, None, 7),
+        "rolling": (_FLOAT, "c", WIDTH),
     },
     Control: {
         **dict.fromkeys(("force", "torque", "spring", "anchor"), (_FLOAT, "b", 3)),
@@ -48,6 +48,22 @@ _SHAPES = {
     },
     Instant: {"force": (_FLOAT, "b", 6), "pull": (_FLOAT, 3, 3)},
 }
+
+
+def restore_contacts(fields: dict) -> Contacts:
+    """Contact list from its fields in a file.
+
+    Up to schema 4 of archives, and schema 1 of GSD files, the skin was an array, the gap its second entry, infinite
+    positions meant a stale list, and a law without rolling memory had an array without rows.
+    """
+    fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
+    if "stale" not in fields:
+        skin, known = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
+        fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not known.all()}
+        fields["origin"] = np.where(known, fields["origin"], 0.0)
+        if not len(fields.get("rolling", ())):
+            fields["rolling"] = None
+    return Contacts(**fields)
 
 
 def validate_state(state: State) -> State:
@@ -69,9 +85,9 @@ def validate_state(state: State) -> State:
     sizes["b"] = sizes["n"] + sizes["w"]
     for kind, noun in nouns.items():
         for name, (types, *shape) in _SHAPES[kind].items():
-            _check_array(
-                f"{kind.__name__.lower()}.{name}", getattr(noun, name), types, [sizes.get(s, s) for s in shape]
-            )
+            value, wanted = getattr(noun, name), [sizes.get(s, s) for s in shape]
+            if value is not None or name != "rolling":
+                _check_array(f"{kind.__name__.lower()}.{name}", value, types, wanted)
     if state.cell.dim not in (2, 3):
         raise ValueError(f"a cell of {state.cell.dim} dimensions")
     _check_indices(state)
@@ -126,9 +142,8 @@ def _check_indices(state: State) -> None:
     for name, (array, low, high) in bounds.items():
         if array.size and (array.min() < low or (high is not None and array.max() > high)):
             raise ValueError(f"{name} has values from {array.min()} to {array.max()}, outside {low} to {high}")
-    if len(contacts.rolling) not in (0, len(contacts.i)):
-        raise ValueError(f"contacts.rolling has {len(contacts.rolling)} rows for {len(contacts.i)} contacts")
-    if len(contacts.skin) not in (1, 2):
-        raise ValueError(f"contacts.skin has {len(contacts.skin)} entries")
+    for name, kind in (("skin", float), ("gap", float), ("stale", bool)):
+        if not isinstance(getattr(contacts, name), kind):
+            raise ValueError(f"contacts.{name} has type {type(getattr(contacts, name)).__name__}")
     if not np.array_equal(pack_keys(contacts), contacts.key) or (np.diff(contacts.key) <= 0).any():
         raise ValueError("contacts are not sorted, or their keys do not match them")

@@ -5,7 +5,7 @@ import numpy as np
 from ..core.arguments import checked
 from ..core.contacts.neighbors import pack_key
 from ..core.dynamics.cell_motion import strained
-from ..core.state import State
+from ..core.state import PER_PAIR, State
 
 
 @checked
@@ -53,12 +53,9 @@ def reduced_cell(state: State) -> State:
     key[:count] = [pack_key(contacts.i[c], contacts.j[c], *image[c]) for c in range(count)]
     order = np.concatenate([np.argsort(key[:count]), np.arange(count, len(key))])
     rows = contacts._replace(image=image, key=key, slip=slip, pair=pair)
+    parts = {name: getattr(rows, name) for name in PER_PAIR}
     rows = rows._replace(
-        **{
-            name: np.ascontiguousarray(getattr(rows, name)[order])
-            for name in rows._fields
-            if name not in ("origin", "skin", "count") and len(getattr(rows, name))
-        }
+        **{name: np.ascontiguousarray(p[order]) for name, p in parts.items() if p is not None and len(p)}
     )
     return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
 

@@ -406,7 +406,7 @@ def first_changes(state: State, law: Law, free: Freedom, motion, start: float) -
     def changed(a):
         """(4, C) contacts that leave the sticking state, open, close, reverse; None beyond the range of the motion."""
         out, ways = np.zeros((4, count), bool), motion(a)
-        if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin[0]:
+        if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin:
             return None
         for way in ways:
             there = linearise(displaced(state, free, way / root), law, memory=FREE)

@@ -239,7 +239,7 @@ def _contacts_changed(before: TrialPoint, after: TrialPoint) -> bool:
 
 def _limit_step(step: np.ndarray, point: TrialPoint) -> np.ndarray:
     """Limit a step so that no coordinate moves beyond the range of the neighbour list."""
-    reach = 0.5 * float(point.state.contacts.skin[0])
+    reach = 0.5 * point.state.contacts.skin
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 

@@ -79,7 +79,7 @@ def _descend(kind, dim, bodies, contacts, shift, p, v, force, stiffness, pace, t
     `v`, `force` and `pace` are continued from the last call.
     """
     x, f, u, origin = bodies.position.reshape(-1), force.reshape(-1), v.reshape(-1), contacts.origin.reshape(-1)
-    reach = 0.5 * contacts.skin[0] / np.sqrt(dim)
+    reach = 0.5 * contacts.skin / np.sqrt(dim)
     f[:] = 0.0
     mean = _add_normal_forces(kind, dim, bodies, contacts, shift, p, force)
     for step in range(steps):
@@ -132,9 +132,8 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     steps : int, largest number of steps; if they do not suffice, the last positions are returned
     """
     check_kind(law.kind)
-    order, expired = _order_in_space(state), np.full_like(state.contacts.origin, np.inf)
-    skin = np.append(SKIN * state.grains.radius.min(), state.contacts.skin[1:])
-    contacts = empty_contacts(state.n_bodies, 0, 0.0)._replace(skin=skin)
+    order = _order_in_space(state)
+    contacts = empty_contacts(state.n_bodies, 0, SKIN * state.grains.radius.min())._replace(gap=state.contacts.gap)
     here = state._replace(grains=Grains(*(part[order] for part in state.grains)), contacts=contacts)
     v, force, stiffness = np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros(state.n_bodies)
     pace, balanced = np.array([0.0, MIXING, 0.0, 1.0]), False
@@ -147,13 +146,11 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
         )  # fmt: skip
         steps -= max(done, 1)
         here = here._replace(
-            grains=here.grains._replace(position=moving.position), contacts=here.contacts._replace(origin=expired)
+            grains=here.grains._replace(position=moving.position), contacts=here.contacts._replace(stale=True)
         )
     position = np.empty_like(state.grains.position)
     position[order] = here.grains.position
-    return state._replace(
-        grains=state.grains._replace(position=position), contacts=state.contacts._replace(origin=expired)
-    )
+    return state._replace(grains=state.grains._replace(position=position), contacts=state.contacts._replace(stale=True))
 
 
 def _order_in_space(state: State) -> np.ndarray:

@@ -152,7 +152,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         pair=contacts.pair.copy(),
         roll=contacts.roll.copy(),
         reached=contacts.reached.copy(),
-        rolling=contacts.rolling.copy(),
+        rolling=None if contacts.rolling is None else contacts.rolling.copy(),
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
     here, shift = bodies(state), shifts(trial, state.cell.vectors)

@@ -5,11 +5,7 @@ import numpy as np
 from ..laws.builtin import Law
 from ..laws.dispatch import Kind, evaluate_role, find_user_law
 from ..state import Contacts, State
-
-
-def listed_gap(contacts: Contacts) -> float:
-    """Largest gap across which a list holds pairs, not counting the skin [length]."""
-    return float(contacts.skin[1]) if len(contacts.skin) > 1 else 0.0
+from .rolling import WIDTH
 
 
 def largest_gap(state: State, law: Law) -> float:
@@ -24,26 +20,23 @@ def largest_gap(state: State, law: Law) -> float:
 def with_range(state: State, law: Law) -> Contacts:
     """Contact list of a state, marked for a rebuild with a larger gap if the range of the law requires it."""
     contacts, gap = state.contacts, largest_gap(state, law)
-    if not gap > listed_gap(contacts):
-        return contacts
-    skin = np.array([contacts.skin[0], gap])
-    return contacts._replace(skin=skin, origin=np.full_like(contacts.origin, np.inf))
+    return contacts._replace(gap=gap, stale=True) if gap > contacts.gap else contacts
 
 
 def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
     """List with a row of rolling memory for each pair, if the law has such a memory."""
     rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in find_user_law(law.kind).functions
-    if not rolls or len(contacts.rolling) == len(contacts.i):
+    if not rolls or contacts.rolling is not None:
         return contacts
-    return contacts._replace(rolling=np.zeros((len(contacts.i), contacts.rolling.shape[1])))
+    return contacts._replace(rolling=np.zeros((len(contacts.i), WIDTH)))
 
 
 def copy_rolling_memory(old: Contacts, new: Contacts) -> Contacts:
     """New list with the rolling memory of pairs that are also in an old list, if that list has such a memory."""
-    if not len(old.rolling):
+    if old.rolling is None:
         return new
     here, there = int(old.count[0]), max(int(new.count[0]), 0)
-    rolling = np.zeros((len(new.i), old.rolling.shape[1]))
+    rolling = np.zeros((len(new.i), WIDTH))
     row = np.searchsorted(new.key[:there], old.key[:here])
     same = np.append(new.key[:there], -1)[row] == old.key[:here]
     rolling[row[same]] = old.rolling[:here][same]

@@ -36,7 +36,7 @@ from ..options import INNER
 from ..state import OPEN, SLIDE, State
 from .forces import bodies, check_materials, check_memory
 from .geometry import normal_and_overlap, pair_vector, shifts, surface_rotation
-from .interaction_range import largest_gap, listed_gap, with_rolling_memory
+from .interaction_range import largest_gap, with_rolling_memory
 from .mechanics import HELD, effective_values, out_of_range, transport_slip, truncated_slip, turning_weight
 from .neighbors import body_positions, moved_too_far
 from .rolling import resists_rolling, with_moments
@@ -147,7 +147,7 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
     check_memory(memory)
-    if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > listed_gap(state.contacts):
+    if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > state.contacts.gap:
         raise ValueError(
             "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
         )

@@ -13,7 +13,7 @@ from numba import njit
 from ..arguments import checked
 from ..laws.builtin import Law
 from ..options import INNER
-from ..state import OPEN, Cell, Contacts, State, empty_contacts
+from ..state import OPEN, PER_PAIR, Cell, Contacts, State, empty_contacts
 from .interaction_range import copy_rolling_memory, with_range, with_rolling_memory
 
 _BODY_BITS, _IMAGE_BITS = 21, 7
@@ -295,7 +295,7 @@ def copy_memory(old, new, rows):
 
 @njit(cache=True, fastmath=False, _nrt=False)
 def largest_displacement(x, contacts):
-    """Largest displacement of a body since the list was built; infinite if there is no list."""
+    """Largest displacement of a body since the list was built; infinite if a position is not a number."""
     most = 0.0
     for a in range(len(x)):
         square = 0.0
@@ -308,8 +308,8 @@ def largest_displacement(x, contacts):
 
 
 def moved_too_far(x, contacts) -> bool:
-    """Return True if some body has moved by half the skin since the list was built, or if there is no list."""
-    return not largest_displacement(x, contacts) <= 0.5 * contacts.skin[0]
+    """Return True if the list is stale, or if some body has moved by half the skin since it was built."""
+    return contacts.stale or not largest_displacement(x, contacts) <= 0.5 * contacts.skin
 
 
 @njit(cache=True)
@@ -327,7 +327,7 @@ def rebuild_list(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
 
     Its count is −1 on failure.
     """
-    n, skin = len(radius) - len(wall_normal), float(old.skin.sum())
+    n, skin = len(radius) - len(wall_normal), old.skin + old.gap
     bins = _sort_into_bins(x, n, radius, grid, 2 * radius[:n].max() + skin)
     first, many = np.empty(n, np.int64), np.empty(n, np.int32)
     search, room = _start_search(bins, 1024), 2 * max(int(old.count[0]), 8 * len(x))
@@ -340,8 +340,8 @@ def rebuild_list(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
             room *= 2
         else:
             break
-    new = empty_contacts(len(x), max(end, 0), 0.0, len(old.pair) < len(old.i), len(old.key) == len(old.i))
-    new = new._replace(origin=x.copy(), skin=old.skin.copy(), count=np.array([max(end, -1)]))
+    new = empty_contacts(len(x), max(end, 0), old.skin, len(old.pair) < len(old.i), len(old.key) == len(old.i))
+    new = new._replace(origin=x.copy(), gap=old.gap, stale=False, count=np.array([max(end, -1)]))
     if end > 0:
         rows = np.empty(n + 1, np.int64)
         _fill_list(key, first, many, new, rows)
@@ -384,9 +384,9 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
 
 def select_rows(contacts: Contacts, rows) -> Contacts:
     """List with selected rows only. Optional arrays that are absent stay absent."""
-    per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
-    parts = {name: getattr(contacts, name) for name in per_row}
-    return contacts._replace(**{k: p[rows] for k, p in parts.items() if len(p)}, count=np.array([len(rows)]))
+    parts = {name: getattr(contacts, name) for name in PER_PAIR}
+    some = {name: part[rows] for name, part in parts.items() if part is not None and len(part)}
+    return contacts._replace(**some, count=np.array([len(rows)]))
 
 
 @checked

@@ -16,7 +16,6 @@ import numpy as np
 from numba import njit
 
 from ..arguments import checked
-from ..contacts.interaction_range import listed_gap
 from ..control import factors_at
 from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
 from ..options import INNER
@@ -79,7 +78,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
     vectors = state.cell.vectors + state.cell.vectors @ g.T
     if not np.linalg.det(vectors) > MIN_VOLUME_RATIO * abs(np.linalg.det(state.cell.vectors)):
         raise ValueError("a gradient that collapses or inverts the cell was given: use a smaller one")
-    contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
+    contacts = state.contacts._replace(stale=True)
     if not slip:
         contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)
     grains = state.grains
@@ -119,7 +118,7 @@ def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     frame = Frame(
         control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),
         control.knots, control.course, area, place[:n], state.grains.mass, used.copy(), np.full(1, state.time),
-        np.zeros(1), 2.0 * float(state.grains.radius.max()) + listed_gap(state.contacts),
+        np.zeros(1), 2.0 * float(state.grains.radius.max()) + state.contacts.gap,
     )  # fmt: skip
     return frame, flow
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..contacts.forces import Bodies, forces, moved_masses
 from ..contacts.geometry import shifts
-from ..contacts.interaction_range import listed_gap, with_rolling_memory
+from ..contacts.interaction_range import with_rolling_memory
 from ..contacts.mechanics import FROZEN, needs_radius
 from ..contacts.neighbors import TOO_FAR, grid_of, pack_keys, rebuild_list, select_rows
 from ..contacts.rolling import resists_rolling
@@ -183,7 +183,7 @@ class _Run:
         across = np.eye(3) if self.imposed else state.cell.vectors
         self.blocks = self.block_function(
             self.blocks, self.contacts, moving, known.inverse_mass, known.material, known.normal,
-            state.cell.vectors, across, room, listed_gap(self.contacts), len(self.law.table),
+            state.cell.vectors, across, room, self.contacts.gap, len(self.law.table),
             needs_radius(self.law.kind, self.viscous), self.viscous,
         )  # fmt: skip
 
@@ -281,7 +281,7 @@ class _Run:
             self.state.cell.vectors,
         )
         del self.moving, self.rows
-        if self.deforming or self.contacts.skin[0] != skin:
+        if self.deforming or self.contacts.skin != skin:
             # the validity of a list is checked by displacements of grains, not by the deformation of the cell
             self.contacts = _without_open_pairs(self.contacts)
             self.contacts = _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law)
@@ -297,15 +297,15 @@ class _Run:
     def _choose_limits(self) -> tuple[np.ndarray, float]:
         """Displacement limit of each body, (B,), and the skin of the list to build first, or 0 to keep the list."""
         state, contacts = self.state, self.contacts
-        skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
+        skin, size = contacts.skin, 2 * float(state.grains.radius.mean())
         left, origin = skin, contacts.origin
         if self.deforming:
             left, deformation = remaining_skin(state.cell.vectors, self.frame.made, skin, self.frame.widest)
             origin = origin @ deformation.T
         room, stride = self._limits(skin)
-        if limit_displacements(self.moving, origin, 0.5 * left, room):
+        if not contacts.stale and limit_displacements(self.moving, origin, 0.5 * left, room):
             return room, 0.0
-        skin = float(state.contacts.skin[0])
+        skin = state.contacts.skin
         if 2 * stride * (self.steps - self.step) > 4 * skin:  # else a larger skin does not repay the final rebuild
             skin = max(skin, min(8 * np.sqrt(stride * size * self.few), size))
         return self._limits(skin)[0], skin
@@ -374,7 +374,7 @@ def run_steps(
         numba.set_num_threads(before)
     residual = float(current.residual[0])
     worst = worst if worst >= 0 else int(current.residual[1])
-    end = current.finish(float(state.contacts.skin[0]))
+    end = current.finish(state.contacts.skin)
     return end, code, current.step, residual, worst, current.writing, books
 
 
@@ -393,8 +393,8 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
     """
     contacts = state.contacts
     if store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, _EMPTY, _EMPTY):
-        own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached", "rolling")}
-        contacts = contacts._replace(**own)
+        own = {name: getattr(contacts, name) for name in ("slip", "mode", "reached", "rolling")}
+        contacts = contacts._replace(**{name: part.copy() for name, part in own.items() if part is not None})
     else:
         _, contacts = forces(state, law, memory=FROZEN)
     return contacts._replace(pair=_EMPTY, roll=_EMPTY, key=contacts.key[: None if keyed else 0])
@@ -421,8 +421,7 @@ def _without_open_pairs(contacts):
 
 def _rebuild_with_skin(skin, position, known: Bodies, contacts, cell, law: Law):
     """List rebuilt with the given skin."""
-    contacts = contacts._replace(skin=np.append(skin, contacts.skin[1:]))
-    contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts)
+    contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts._replace(skin=skin))
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
     return with_rolling_memory(contacts, law)

@@ -14,7 +14,8 @@ from ..laws.builtin import Law, damping_model
 from ..state import Instant, State
 from .coefficients import driven_bodies
 
-_IGNORED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from the rest, or do not affect forces
+# follow from the rest, or do not affect forces
+_IGNORED = ("pair", "roll", "origin", "skin", "gap", "stale", "i", "j", "image")
 
 
 def state_checksum(state: State, law: Law, memory: str) -> int:
@@ -23,7 +24,7 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
     count = int(state.contacts.count[0])
     for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
         for name, array in zip(noun._fields, noun, strict=True):
-            if name in _IGNORED and noun is state.contacts:
+            if noun is state.contacts and (name in _IGNORED or array is None):
                 continue
             rows = array[:count] if noun is state.contacts and name != "count" else array
             out = zlib.crc32(_bytes(rows), out)

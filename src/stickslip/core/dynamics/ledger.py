@@ -267,8 +267,8 @@ def post_step(books: Books, law, state, plan: Plan, here: Bodies, contacts, step
     return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors, pull=pull)
 
 
-def _copy(arrays):
-    return type(arrays)(*(a.copy() for a in arrays))
+def _copy(record):
+    return type(record)(*(value.copy() if isinstance(value, np.ndarray) else value for value in record))
 
 
 def make_ledger(books: Books, kept: int) -> Ledger:

@@ -32,7 +32,7 @@ def displacement_limits(moving, base, span, least, most, out):
 def limit_displacements(moving, origin, most, room):
     """Reduce `room` so that no body moves further than `most` from its `origin`, which is in the state's order.
 
-    Returns False if this takes more than half of any body's limit, or if an origin is not known.
+    Returns False if this takes more than half of any body's limit.
     """
     for g in range(len(moving.order)):
         square = 0.0

@@ -38,7 +38,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
     own = isinstance(law.kind, Kind)
     lost = list_losses(rest, law=len(law.table) > 1 or own)
-    if len(state.contacts.rolling):
+    if state.contacts.rolling is not None:
         lost.append("the memory of rolling")
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")

@@ -18,10 +18,10 @@ from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
 from ..sample import PackingError
-from ..sound import validate_state
+from ..sound import restore_contacts, validate_state
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
-SCHEMA = 1  # of the chunks under stickslip/
+SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
 META = f"{PREFIX}meta"
 NOUNS = {
@@ -96,8 +96,10 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
     chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
     for noun in NOUNS:
         for name, value in getattr(frame.state, noun)._asdict().items():
+            if value is None:
+                continue
             value = np.asarray(value)
-            if noun == "contacts" and name not in ("origin", "skin", "count"):
+            if noun == "contacts" and name in core.PER_PAIR:
                 value = value[:count]
             shapes[f"{noun}/{name}"] = [value.dtype.str, list(value.shape)]
             if value.size:
@@ -159,15 +161,15 @@ def _read_frame(path, file, number: int):
     if not file.file.chunk_exists(number, META):
         return _read_foreign(file[number])
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
-    if meta["schema"] != SCHEMA:
-        raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads {SCHEMA}")
+    if not meta["schema"] <= SCHEMA:
+        raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads up to {SCHEMA}")
     if meta["moving"]:
         raise PackingError(f"{path} is an animation of a mode, not a state: give the packing it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
-        there = [n for n in kind._fields if f"{noun}/{n}" in meta["shapes"] or n not in kind._field_defaults]
+        there = [name for name in kind._fields if f"{noun}/{name}" in meta["shapes"]]
         fields = {name: _read_array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
-        parts[noun] = kind(**fields)
+        parts[noun] = restore_contacts(fields) if kind is core.Contacts else kind(**fields)
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     state = State(**parts, time=float(meta["time"]))

@@ -187,7 +187,7 @@ def _state_from_frame(gouge: Gouge, frame: np.ndarray, time: float) -> State:
     state = gouge.state
     grains = state.grains._replace(position=position, velocity=velocity, spin=spin)
     bare = state._replace(
-        grains=grains, time=float(time), contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0]))
+        grains=grains, time=float(time), contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin)
     )
     return accept(bare, forces(bare, gouge.law)[1])
 

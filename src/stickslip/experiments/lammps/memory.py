@@ -134,7 +134,7 @@ def _counters(count: np.ndarray) -> np.ndarray:
 def restored(state: State, law: Law, found: Restart) -> State:
     """State with the memory of a restart file: the grains of `state`, which are already where LAMMPS had them."""
     n = len(state.grains.radius)
-    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])), instant=None)
+    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin), instant=None)
     bare = accept(bare, forces(bare, law)[1])
     listed = bare.contacts
     slip, mode = np.zeros_like(listed.slip), listed.mode.copy()
