@@ -50,6 +50,7 @@ class Experiment(NamedTuple):
     failures: Callable = _failures  # result -> one sentence for each realization that failed
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
+    cycles: Callable | None = None  # contents of the archive -> (time, slip velocity, slip), to compare in sweeps
     paper: Paper | None = None
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds and use the usual kernels, for `stickslip warm`
     export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere

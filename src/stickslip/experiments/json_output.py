@@ -68,13 +68,15 @@ def describe_finished_run(command: str, folder: Path, scenario) -> dict:
 
 def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dict) -> dict:
     """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
+    from .sweep.cycles import FIGURE
     from .sweep.dataset import DATASET
 
     failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
     total = len(swept.names)
     members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
     status = "failed" if failures else "finished"
-    out = common_fields(command, files=[folder / DATASET, folder / MEMBERS], folder=folder, status=status)
+    files = [folder / DATASET, *(path for path in [folder / FIGURE] if path.is_file()), folder / MEMBERS]
+    out = common_fields(command, files=files, folder=folder, status=status)
     experiment = swept.sweep.base.get("experiment", "disk-array")
     about = {"experiment": experiment, "digest": swept.sweep.digest}
     more = {"members": members | {"failed": len(failures)}, "refused": dict(swept.sweep.refused), "ranges": ranges}

@@ -29,6 +29,7 @@ from ...solve.stability import DENSE_UP_TO
 from .. import claims as claims_table
 from ..registry import EXPERIMENTS
 from ..run_folder import CHART, CLAIMS, FILM, NUMBERS, list_files
+from ..sweep.cycles import FIGURE as CYCLES
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
 from .page_output import staged_file
 from .report import (
@@ -307,7 +308,10 @@ def _sweep_content(folder: Path) -> PageContent:
     if len(rows) > ROWS:
         text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
     without = f"A sweep has no packing: show that of a member with stickslip report {folder}/members/NAME."
-    sections = [("Members", text), ("Scenario", _scenario_table(data.attrs["sweep"]))]
+    figures = (
+        [("Cycles", page.pictures({"cycles": (folder / CYCLES).read_bytes()}))] if (folder / CYCLES).is_file() else []
+    )
+    sections = [*figures, ("Members", text), ("Scenario", _scenario_table(data.attrs["sweep"]))]
     about = str(data.attrs.get("source", ""))
     return PageContent(
         f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without

@@ -30,6 +30,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    cycles=_here("report.cycles"),
     smallest=({},),
     parallel=False,
 )

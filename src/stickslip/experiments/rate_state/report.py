@@ -8,6 +8,7 @@ from rich.table import Table
 
 from ...figures import rate_state as figures_of
 from ...friction.closed_forms import steady_friction
+from ...friction.cycles import passing_velocity, recurrence
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console, show_table
@@ -56,10 +57,20 @@ def show(result: SliderResult) -> None:
         console.print(f"{h.end.value} (after {h.reached:.6g} s)", style="yellow")
 
 
+def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, slip velocity and slip from the contents of an archive."""
+    time, slip, velocity = (tree["history"][name] for name in ("time", "slip", "velocity"))
+    return time, passing_velocity(time, slip, velocity), slip
+
+
 def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
-    """Return {name: (value, unit)} for sweeps; stability is that of the last moving leg."""
+    """Return {name: (value, unit)} for sweeps; stability is that of the last moving leg.
+
+    The recurrence time is given if there are at least three events.
+    """
     h, surface = result.history, result.scenario.surface.rate_state
     velocity = [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
+    period = recurrence(h.time, passing_velocity(h.time, h.slip, h.velocity))
     return {
         "final_friction": (h.friction[-1], "1"),
         "final_velocity": (h.velocity[-1], "m/s"),
@@ -70,4 +81,4 @@ def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
         "growth_rate": (result.sliding[-1].growth_rate, "1/s"),
         "stable": (result.sliding[-1].stable, "1"),
         "reached": (h.reached, "s"),
-    }
+    } | ({"recurrence": (period, "s")} if np.isfinite(period) else {})

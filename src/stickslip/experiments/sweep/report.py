@@ -15,11 +15,12 @@ from ...ensemble import Workers, reach
 from ..resume import read_json
 from ..run_folder import OPTIONS, check_writable, foreign_files_message
 from ..terminal import STYLE, console, progress, show_table
+from .cycles import FIGURE, write_cycles
 from .dataset import DATASET
 from .definition import Sweep, describe_differences, member
 from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
 
-OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
+OURS = (SWEEP, OPTIONS, DATASET, FIGURE, MEMBERS)
 LISTED = 10  # failures that are listed
 READY = "ready"  # file that marks a sweep that replaces another one as complete
 
@@ -67,6 +68,7 @@ def run_with_progress(
             done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names))
             console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
+        write_cycles(target, chosen, swept.names, swept.found)
     if target != out:
         if not any(swept.found):
             raise RuntimeError(f"every member failed ({swept.failures[0]}): {out} was left unchanged")
