@@ -49,7 +49,7 @@ def scene(copies: int) -> tuple[Path, int]:
         gouge, _ = STICKSLIP.leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
     STORE.mkdir(parents=True, exist_ok=True)
     state = gouge.state
-    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
+    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))
     path.write_bytes(pickle.dumps((whole.text, lammps.start(whole, gouge._replace(state=bare)))))
     return path, len(gouge.state.grains.radius)
 

@@ -15,7 +15,7 @@ STEPS, DT = 50, 0.05
 
 def fresh(state):
     """The state without contact memory."""
-    return state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
+    return state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))
 
 
 def stirred(number=200):

@@ -158,7 +158,7 @@ def without_memory(gouge):
     """The gouge with a list of contacts that have not slipped."""
     state = gouge.state
     return gouge._replace(
-        state=state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
+        state=state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))
     )
 
 
