@@ -14,6 +14,12 @@ def _line(axes, step, values, color, label=None, words=None):
         axes.set_ylabel(words)
 
 
+def _label_steps(axes):
+    """Label the axis of time steps, which have many digits."""
+    axes.set_xlabel("time step")
+    axes.locator_params(axis="x", nbins=5)
+
+
 @styled
 def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
     """Pressure, and shear stress over pressure, against the time step."""
@@ -21,7 +27,7 @@ def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
     _line(above, step, pressure, BLUE, words="pressure")
     ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
     _line(below, step, ratio, ORANGE, words="shear / pressure")
-    below.set_xlabel("time step")
+    _label_steps(below)
     return figure
 
 
@@ -35,7 +41,7 @@ def watched_contacts(step: np.ndarray, coordination: np.ndarray, sliding: np.nda
     if not np.isfinite(sliding).any():
         below.text(0.5, 0.5, "unknown without memory", ha="center", va="center", transform=below.transAxes)
         below.set_yticks([])
-    below.set_xlabel("time step")
+    _label_steps(below)
     return figure
 
 
@@ -63,7 +69,9 @@ def watched_spectrum(step: np.ndarray, softest: np.ndarray, growth: np.ndarray, 
         below.plot(step[rest], growth[rest], "o", mfc="white", mec=SKY, ms=2.5, mew=0.7, label="no verdict")
     if known.any():
         below.legend(loc="best")
-    below.set(xlabel="time step", ylabel="growth rate [1/time]")
+    below.set_ylabel("growth rate [1/time]")
+    below.set_ylim(bottom=0)
+    _label_steps(below)
     return figure
 
 
@@ -74,6 +82,7 @@ def watched_balance(step: np.ndarray, residual: np.ndarray, limit: float):
     good = np.where(residual > 0, residual, np.nan)
     _line(axes, step, good, BLUE)
     axes.axhline(limit, color=RED, lw=0.7, ls="--", label="limit for a verdict")
-    axes.set(xlabel="time step", ylabel="unbalanced force / mean", yscale="log")
+    axes.set(ylabel="unbalanced force / mean", yscale="log")
+    _label_steps(axes)
     axes.legend(loc="best")
     return figure
