@@ -157,9 +157,7 @@ def test_output_that_is_missing_is_one_sentence(tmp_path):
 def without_memory(gouge):
     """The gouge with a list of contacts that have not slipped."""
     state = gouge.state
-    return gouge._replace(
-        state=state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))
-    )
+    return gouge._replace(state=state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin)))
 
 
 def stirred():
