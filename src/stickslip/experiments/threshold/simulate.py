@@ -14,14 +14,13 @@ from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
 from ...ensemble import Workers
-from ...loading.packing import jammed
 from ...loading.protocols import Equilibrium, Protocol, load_path, solve_point
 from ...loading.stress import cell_shear, plate_shear
 from ...loading.threshold import KineticThreshold, kinetic_threshold, travel
 from ..disk_array import simulate as disk_array
 from ..gouge.sample import Gouge, prepare_sample
+from ..jammed_packing import make_packing
 from ..realizations import Report, silent
-from ..sphere_shear.simulate import DEFAULT_FRACTION
 from .scenario import ArraySample, GougeSample, PackingSample, ThresholdScenario
 
 STEP_SHARE = 0.2  # default time step, over the largest stable one
@@ -59,14 +58,8 @@ def _array(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report)
 
 
 def _packing(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report):
-    sample, fraction = scenario.sample, scenario.sample.packing_fraction
-    if fraction is None and sample.pressure is None:
-        fraction = DEFAULT_FRACTION[sample.dim]
-    law = make_law(sample.law)
-    state = load_or_compute(kept, "packing", lambda: jammed(
-        sample.grains, packing_fraction=fraction, pressure=sample.pressure, dim=sample.dim, radius=sample.radius,
-        mass=sample.mass, i0=sample.i0, law=law, seed=scenario.seed,
-    )[0])  # fmt: skip
+    sample, law = scenario.sample, make_law(scenario.sample.law)
+    state, _ = load_or_compute(kept, "packing", lambda: make_packing(sample, law, scenario.seed))
     return state, cell_shear(law, sample.pressure or pressure(state, law))
 
 
