@@ -159,12 +159,12 @@ def pairs_at_size() -> list[dict]:
 
 
 def sheared_packing(n: int):
-    """The packing at a strain of 8e-4, where it has pairs; saved as `packing` is."""
+    """The packing at a strain of 8e-4, where it has pairs, of 10,000 spheres at 4e-4; saved as `packing` is."""
     path = STORE / f"{n}-sheared-{SCHEMA}.pkl"
     if path.exists():
         return pickle.loads(path.read_bytes())
     protocol, state = aqs(LAW), packing(n)
-    for gamma in 2e-4 + np.arange(1, 7) * 1e-4:
+    for gamma in 2e-4 + (np.arange(1, 11) * 2e-5 if n >= 10_000 else np.arange(1, 7) * 1e-4):
         state, _ = protocol.settle(protocol.apply(state, gamma), gamma)
     path.write_bytes(pickle.dumps(state))
     return state

@@ -484,6 +484,8 @@ def every_jacobian():
 @pytest.mark.parametrize(("name", "dim", "control", "memory"), list(every_jacobian()))
 def test_the_jacobian_is_the_derivative_of_the_twins_loads(name, dim, control, memory):
     law, plain = laws(name)
-    errors = jacobian_errors(law, plain, control(dim, law), {"held": ss.HELD, "free": ss.FREE}[memory])
-    # round-off of loads over the step, 1e-16/2e-6, and (h/δ)⁴; a contact on the edge of sliding would be off by 1
-    assert max(errors[:2]) < 1e-7
+    case, how = control(dim, law), {"held": ss.HELD, "free": ss.FREE}[memory]
+    # round-off of loads over the step, 1e-16/h, and (h/δ)⁴; a contact closer than that to the edge of sliding would be
+    # off by 1, but not with a step that does not reach the edge
+    errors = (jacobian_errors(law, plain, case, how, h)[:2] for h in (2e-6, 4e-8))
+    assert any(max(pair) < 1e-7 for pair in errors)

@@ -382,7 +382,7 @@ def _read_modes(path: Path, n: int) -> list:
 
 def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
     static = found.undamped if isinstance(found, DampedStability) else found
-    out = [["verdict", verdict(found, calm)], ["rattlers", str(len(static.rattlers))]]
+    out = [["verdict", verdict(found, calm)], ["method", static.way], ["rattlers", str(len(static.rattlers))]]
     limit = f"at most {BALANCED_BELOW:g} in equilibrium"
     out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
     if found.grows and not found.balanced:
