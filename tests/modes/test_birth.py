@@ -286,6 +286,7 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     after = json.loads(done.stdout)["after"]
     assert after["fate"] == "bounded bursts" and after["limit_contact"] == [2, 3]
     page = packing_content(Path("array.h5"), options={})
+    assert "all eigenvalues by LAPACK" in str(page.sections)
     assert "bounded bursts, in which grains move" in str(page.sections)
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
     done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
