@@ -36,7 +36,7 @@ class Break(NamedTuple):
     before: Point  # last point of the path
     beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
     after: Point  # where dynamics ends
-    unstable: bool  # whether the point before was unstable
+    goal: float  # upper end of the bracket
 
 
 class Profile(NamedTuple):
@@ -127,7 +127,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
 def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
     """Kind of an event as far as spectra tell, and the exponent with its error."""
-    if found.unstable:
+    if not found.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
         fit = fit_power(profile.distances, values)
@@ -169,9 +169,7 @@ def _changing(last: Point, upper: float):
         there = with_neighbor_list(there, law)
         line, key = linearise(there, law, memory=FREE), there.contacts.key[: there.contacts.count[0]].tolist()
         found = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
-        ends = state.contacts.i[: len(response.branch)], state.contacts.j[: len(response.branch)]
-        held = response.support.grains[ends[0]] & response.support.grains[ends[1]]
-        for row in np.intersect1d(touching(state), np.flatnonzero(held)).tolist():
+        for row in np.flatnonzero(response.support.contacts).tolist():
             closed, slides = found.get(int(state.contacts.key[row]), (0.0, 0.0))
             if not closed:
                 yield row, OPEN

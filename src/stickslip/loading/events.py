@@ -12,7 +12,7 @@ from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
 from .event_class import Break, describe, loss_ahead
-from .event_path import BALANCED, Judge, Point, committed, continuous, depart, distance, fall, jumped, settle
+from .event_path import BALANCED, BURST, Judge, Point, committed, continuous, depart, distance, fall, jumped, settle
 from .event_types import Event, Events, StrainStep
 from .shear import reduced_cell
 
@@ -123,7 +123,7 @@ class Search:
         self.events: list[Event] = []
         self.rows: list[tuple] = []
         self.history = [point]  # since the last event
-        self.lost: tuple[Point, Point] | None = None  # between which stability was lost, if the path went on
+        self.loss: Break | None = None  # where stability was lost, if the path went on
 
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; False if dynamics does not come to rest."""
@@ -166,55 +166,63 @@ class Search:
         return trial.stable or trial.tolerated
 
     def _accept(self, point: Point) -> None:
-        if self.point.stable and not point.stable:
-            self.lost = (self.point, point)
         self.point = point
         self.history = [p for p in self.history if p.strain >= point.strain - 2 * self.step] + [point]
         if point.stable:
-            self.lost = None
+            self.loss = None
 
     def _judge(self, trial: Point | None, goal: float) -> bool:
         """Let dynamics decide over a step that is as short as a bracket; False if it does not come to rest."""
         before = self.point
-        if trial is not None and not trial.stable and continuous(before, trial):
-            other, _ = depart(trial)
-            if other is None:
-                trial.tolerated = True
-                self._accept(trial)
-            else:
-                self._record(before, trial, settle(other), goal)
+        last, upper = self._finer(before, goal) if before.stable else (before, goal)
+        if last.strain == goal:  # still shorter steps pass
+            self._accept(last)
             return True
-        after = fall(before, goal)
-        if after is None:
-            return False
-        if continuous(before, after) or not jumped(before, after):
-            self._accept(after)
+        beyond = trial if trial is not None and not trial.stable and continuous(before, trial) else None
+        if beyond is not None:
+            other = depart(beyond)[0]
+            beyond.tolerated = other is None
+            after = settle(other) if other else beyond
+            away = distance(beyond.state, after.state, beyond.response.support.grains)
+            jumps = away > BURST * before.judge.overlap
         else:
-            self._record(before, None, after, goal)
+            after = fall(before, goal)
+            if after is None:
+                return False
+            jumps = jumped(before, after) and not continuous(before, after)
+        break_ = Break(self.history, last, upper, before, beyond, after, goal)
+        if jumps:
+            self._record(break_)
+        else:
+            self._accept(after)
+            if before.stable and not after.stable:
+                self.loss = break_
         return True
 
-    def _record(self, before: Point, beyond: Point | None, after: Point, goal: float) -> None:
-        last, upper, unstable = before, goal, not before.stable
-        if unstable and self.lost is not None and goal - self.lost[1].strain <= self.step:
-            (last, beyond), unstable = self.lost, False  # the instability took a while to grow
-            upper = beyond.strain
-        bracket = (last.strain, upper)
-        if not unstable:
-            last, upper = self._finer(last, upper)
-        found = Break(self.history, last, upper, before, beyond, after, unstable)
+    def _record(self, found: Break) -> None:
+        """Add an event. If stability was lost within the last strain step, the instability took a while to grow."""
+        loss = self.loss
+        if loss is not None and found.goal - loss.goal <= self.step:
+            bracket, beyond = (loss.before.strain, loss.goal), loss.after
+            found = found._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
+        else:
+            bracket = (found.before.strain, found.goal)
         self.events.append(describe(found, self.step, bracket))
-        self.point, self.history, self.lost = after, [after], None
+        self.point, self.history, self.loss = found.after, [found.after], None
 
-    def _finer(self, last: Point, upper: float) -> tuple[Point, float]:
-        """Bracket between the last stable point and a strain, bisected further."""
-        while upper - last.strain > self.resolution / FINER:
-            middle = 0.5 * (last.strain + upper)
-            trial = last.newton(middle, thorough=True)
+    def _finer(self, last: Point, goal: float) -> tuple[Point, float]:
+        """Last point of the path before a break, and the strain beyond which it lies; the goal if nothing breaks."""
+        waiting = [goal]
+        while waiting:
+            trial = last.newton(waiting[-1], thorough=True)
             if trial is not None and trial.stable and continuous(last, trial):
                 last = trial
+                waiting.pop()
+            elif waiting[-1] - last.strain > self.resolution / FINER:
+                waiting.append(0.5 * (last.strain + waiting[-1]))
             else:
-                upper = middle
-        return last, upper
+                return last, waiting[-1]
+        return last, goal
 
     def _choose_cell(self) -> None:
         vectors = self.point.state.cell.vectors

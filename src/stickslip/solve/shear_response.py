@@ -2,7 +2,8 @@
 
 Grains that almost float dominate the smallest eigenvalue of a packing without mattering to it. They are pruned: first
 all contacts whose overlap is below a given share of the mean overlap, then, again and again, all grains that are left
-with fewer contacts than dimensions (with at most as many, without friction).
+with fewer contacts than dimensions (with at most as many, without friction). Every contact between the remaining grains
+counts, however small: where it slides or opens, they may fail.
 """
 
 from functools import cached_property
@@ -36,7 +37,7 @@ PRUNE = 2e-3  # share of the mean overlap below which a contact does not support
 
 @readable
 class Support(NamedTuple):
-    """Contacts and grains that are left after pruning."""
+    """Grains that are left after pruning, and the contacts between them."""
 
     contacts: np.ndarray  # (C,) bool, of all pairs in the list
     grains: np.ndarray  # (N,) bool
@@ -45,6 +46,8 @@ class Support(NamedTuple):
 @checked
 def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     """Prune contacts with small overlaps, then grains that have too few contacts left, until nothing changes.
+
+    Small contacts between grains that are left support something and are kept.
 
     Parameters
     ----------
@@ -60,7 +63,8 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     contacts, n = state.contacts, len(state.grains.radius)
     count, least = int(contacts.count[0]), state.cell.dim + (not law.table[..., MU].any())
     i, j = contacts.i[:count], contacts.j[:count]
-    rows, kept = touching(state), np.zeros(count, bool)
+    rows, kept, touches = touching(state), np.zeros(count, bool), np.zeros(count, bool)
+    touches[rows] = True
     radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     overlap = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1)
     kept[rows] = overlap[rows] >= prune * overlap[rows].mean() if len(rows) else False
@@ -69,7 +73,8 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
         loose = np.append(number < least, np.zeros(state.n_bodies - n, bool))
         now = kept & ~loose[i] & ~loose[j]
         if np.array_equal(now, kept):
-            return Support(kept, ~loose[:n])
+            held = ~loose
+            return Support(touches & held[i] & held[j], held[:n])
         kept = now
 
 
