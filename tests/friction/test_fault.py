@@ -7,10 +7,12 @@ from scipy.linalg import expm
 
 from stickslip import friction
 from stickslip.friction import fault_kernel as kernel
+from stickslip.friction.fault import check_fault
 from stickslip.friction.fault_cycles import join_histories
 from stickslip.friction.fault_record import YEAR, Moment, hermite, points
 from stickslip.friction.fault_state import Machine, initial_state, perturbed_state, steady_stress, with_rates
 from stickslip.friction.kernel import rate_derivatives
+from stickslip.friction.laws import FORMS
 from stickslip.friction.ratestate import RateState, Spring, kernel_parameters
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 from stickslip.friction.stress_transfer import stress_matrix, stress_transfer
@@ -122,11 +124,27 @@ def test_the_slip_law():
     assert np.allclose(state.rates[1], -(state.velocity(fault) / fault.dc) * np.log(omega), rtol=1e-9)
 
 
+def test_cut_off_velocities():
+    """High cut-offs change nothing; a low one of the evolution effect makes fast slip strengthen."""
+    usual = small(form="logarithmic")
+    state = perturbed_state(usual, initial_state(usual), 0.7)
+    high = usual._replace(v1=1e9, v2=1e9)
+    other = perturbed_state(high, initial_state(high), 0.7)
+    assert np.allclose(other.rates, state.rates, rtol=1e-6, atol=1e-6 * np.abs(state.rates).max())
+    low = usual._replace(v2=1e-6)
+    change = (steady_stress(low, 1e-1) - steady_stress(low, 1e-2) - low.damping * 0.09) / low.normal
+    assert np.allclose(change, low.a * np.log(10), rtol=1e-2)
+    with pytest.raises(ValueError, match="cut-off velocities were given with the regularized form"):
+        check_fault(usual._replace(form="regularized", v1=1.0))
+    with pytest.raises(ValueError, match="v2 = 0"):
+        check_fault(usual._replace(v2=0.0))
+
+
 @pytest.mark.parametrize("form", ["regularized", "logarithmic"])
 def test_the_derivative_of_friction(form):
     for w, s in ((-20.0, 10.0), (3.0, -2.0), (-100.0, -1.0)):
-        both = [kernel.friction(kernel.FORMS[form], w + d, s, 0.02, 0.01, 0.6)[0] for d in (-1e-5, 1e-5)]
-        exact = kernel.friction(kernel.FORMS[form], w, s, 0.02, 0.01, 0.6)[1]
+        both = [kernel.friction(FORMS[form], w + d, s, 0.02, 0.01, 0.6, 0.0, 0.0)[0] for d in (-1e-5, 1e-5)]
+        exact = kernel.friction(FORMS[form], w, s, 0.02, 0.01, 0.6, 0.0, 0.0)[1]
         assert (both[1] - both[0]) / 2e-5 == pytest.approx(exact, rel=1e-5, abs=1e-12)
 
 
@@ -164,7 +182,7 @@ def test_a_sinusoid_grows_as_the_slider_with_its_stiffness(law):
         k = 2 * np.pi * waves / 6400.0
         spring = Spring(0.5 * fault.modulus * k / np.tanh(k * 1e3) / 10e6, fault.damping / 10e6)
         assert steady_sliding(surface, spring, 1e-6).stable == (not grows)
-        ww, ws, sw, ss = rate_derivatives(0.0, 0.0, kernel_parameters(surface, spring), 1e-6, 1.0)
+        ww, ws, _, sw, ss, *_ = rate_derivatives(0.0, 0.0, 0.0, kernel_parameters(surface, spring), 1e-6, 1.0)
         mode = np.cos(k * fault.depth)
         state = perturbed_state(fault, initial_state(fault, stress=steady_stress(fault, 1e-6)), 1e-6 * mode)
         first = np.array([mode @ state.log_velocity, mode @ state.log_state])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.arguments import checked, require_positive
 from ..core.readable import readable
-from . import fault_kernel as kernel
+from .laws import EVOLUTIONS, FORMS, form_code
 from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
 
 SHEARS = ("antiplane", "in-plane")
@@ -38,6 +38,8 @@ class Fault(NamedTuple):
     plate_rate: float = 1e-9  # slip velocity of the rest of the plane, or of the plates [m/s]
     boundary: str = "surface"  # or "infinite" or "periodic"
     thickness: float = np.inf  # of each plate, for a periodic fault [m]
+    v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
+    v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
 
     @property
     def modulus(self) -> float:
@@ -48,6 +50,16 @@ class Fault(NamedTuple):
     def damping(self) -> float:
         """Radiation damping η = G/(2 c_s) [Pa s/m]."""
         return self.shear_modulus / (2 * self.wave_speed)
+
+    @property
+    def cuts(self) -> tuple[float, float]:
+        """Reference velocity over the cut-off velocities; 0 without a cut-off."""
+        return self.v0 / self.v1, self.v0 / self.v2
+
+    @property
+    def form_code(self) -> int:
+        """Code of the form of the law for kernels."""
+        return form_code(self.form, *self.cuts)
 
     @property
     def width(self) -> float:
@@ -115,7 +127,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 
 def check_fault(fault: Fault) -> None:
     """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
-    choices = {"law": kernel.EVOLUTIONS, "form": kernel.FORMS, "shear": SHEARS, "boundary": BOUNDARIES}
+    choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES}
     for name, allowed in choices.items():
         if getattr(fault, name) not in allowed:
             raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use {' or '.join(map(repr, allowed))}")
@@ -127,6 +139,13 @@ def check_fault(fault: Fault) -> None:
         raise ValueError(f"wave_speed = {fault.wave_speed} was given: it must be positive")
     if not -1 < fault.poisson < 0.5:
         raise ValueError(f"poisson = {fault.poisson} was given: use a number between −1 and 0.5")
+    for name in ("v1", "v2"):
+        if not getattr(fault, name) > 0:
+            raise ValueError(
+                f"{name} = {getattr(fault, name)} was given: use a positive velocity, or inf for no cut-off"
+            )
+    if fault.form == "regularized" and any(fault.cuts):
+        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
     if not np.isfinite(fault.mu0):
         raise ValueError(f"mu0 = {fault.mu0} was given: use a finite number")
     _check_geometry(fault)

@@ -3,8 +3,7 @@
 The unknowns of each cell are its slip in excess of plate motion, u = δ − V_p t, and s = ln(V0 θ/D_c). The slip velocity
 V = V0 e^w follows from the balance of stress and friction, τ₀ + τ(u) = σ f(w, s) + η V, by Newton's method for w.
 
-A friction law is two scalar functions: `friction` (a form, with its derivative) and `state_rate` (an evolution law).
-To add one, give it a number and a name here, and a branch.
+The laws are the scalar functions of `laws`, which the slider and fits share.
 """
 
 import numpy as np
@@ -12,15 +11,11 @@ from numba import njit
 from scipy.integrate import DOP853
 
 from .. import kernel_cache
-from .laws import AGING, SLIP
+from . import laws
 
 kernel_cache.install()
 
-REGULARIZED, LOGARITHMIC = 0, 1
-FORMS = {"regularized": REGULARIZED, "logarithmic": LOGARITHMIC}
-EVOLUTIONS = {"aging": AGING, "slip": SLIP}
 MOST_ITERATIONS = 60
-LARGE = 20.0  # exponent above which arcsinh(x) equals ln(2x) in double precision
 
 # Order 8 with error estimates of order 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I,
 # section II.5, with the coefficients of SciPy
@@ -31,28 +26,13 @@ EXPONENT = 1 / 8  # of the error in the choice of the step
 
 
 @njit(cache=True, error_model="numpy")
-def friction(form, w, s, a, b, mu0):
-    """Friction coefficient and its derivative with respect to w = ln(V/V0).
-
-    Regularized: f = a arcsinh[e^{(μ0 + a w + b s)/a}/2]; logarithmic: f = μ0 + a w + b s.
-    """
-    x = w + (mu0 + b * s) / a
-    if form == LOGARITHMIC or x > LARGE:
-        return a * x, a
-    y = 0.5 * np.exp(x)
-    return a * np.arcsinh(y), a * y / np.sqrt(1.0 + y * y)
+def friction(form, w, s, a, b, mu0, cut, cut2):
+    """Friction coefficient with one state, and its derivative with respect to w = ln(V/V0); see `laws.friction`."""
+    return laws.friction(form, w, s, 0.0, a, b, 0.0, mu0, cut, cut2)
 
 
 @njit(cache=True, error_model="numpy")
-def state_rate(law, w, s, speed):
-    """Time derivative of s = ln(V0 θ/D_c), with speed = V0/D_c."""
-    if law == AGING:
-        return speed * (np.exp(-s) - np.exp(w))
-    return -speed * np.exp(w) * (w + s)
-
-
-@njit(cache=True, error_model="numpy")
-def log_velocity(form, w, s, stress, a, b, mu0, normal, damping):
+def log_velocity(form, w, s, stress, a, b, mu0, cut, cut2, normal, damping):
     """Solve σ f(w, s) + η V0 e^w = stress for w, starting from a guess; NaN if Newton's method fails.
 
     Parameters
@@ -60,7 +40,7 @@ def log_velocity(form, w, s, stress, a, b, mu0, normal, damping):
     damping : η V0 [stress]
     """
     for _ in range(MOST_ITERATIONS):
-        f, df = friction(form, w, s, a, b, mu0)
+        f, df = friction(form, w, s, a, b, mu0, cut, cut2)
         push = damping * np.exp(w)
         step = (normal * f + push - stress) / (normal * df + push)
         if step > 5.0:
@@ -80,7 +60,7 @@ def rates(codes, constants, cells, transferred, y, w, out, power):
     Parameters
     ----------
     codes : form, evolution law
-    constants : mu0, v0, damping η, plate rate, cell length
+    constants : mu0, v0, damping η, plate rate, cell length, V0/V1, V0/V2
     cells : (5, N) a, b, dc, normal stress σ, initial stress τ₀
     transferred : (N,) stress due to u
     y : (2, N) u and s
@@ -89,18 +69,18 @@ def rates(codes, constants, cells, transferred, y, w, out, power):
     power : (3,) of loading τ V_p, friction σ f V and radiation η V², overwritten
     """
     form, law = codes
-    mu0, v0, eta, plate, cell = constants
+    mu0, v0, eta, plate, cell, cut, cut2 = constants
     loading = rubbed = radiated = 0.0
     for i in range(len(w)):
         a, b, dc, normal = cells[0, i], cells[1, i], cells[2, i], cells[3, i]
         stress, s = cells[4, i] + transferred[i], y[1, i]
-        x = log_velocity(form, w[i], s, stress, a, b, mu0, normal, eta * v0)
+        x = log_velocity(form, w[i], s, stress, a, b, mu0, cut, cut2, normal, eta * v0)
         if not np.isfinite(x):
             return False
         w[i] = x
         v = v0 * np.exp(x)
         out[0, i] = v - plate
-        out[1, i] = state_rate(law, x, s, v0 / dc)
+        out[1, i] = laws.state_rate(law, v / v0, x, s, v0 / dc)
         loading += stress
         radiated += v * v
         rubbed += (stress - eta * v) * v

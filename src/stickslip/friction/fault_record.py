@@ -197,9 +197,9 @@ class Recorder:
 
 def frictional_stress(fault: Fault, log_velocity, log_state, cells) -> np.ndarray:
     """Frictional stress σ f in some cells, zero elsewhere (N,) [Pa]."""
-    out, form = np.zeros(len(fault.depth)), kernel.FORMS[fault.form]
+    out, more = np.zeros(len(fault.depth)), (fault.mu0, *fault.cuts)
     for i in cells:
-        out[i] = kernel.friction(form, log_velocity[i], log_state[i], fault.a[i], fault.b[i], fault.mu0)[0]
+        out[i] = kernel.friction(fault.form_code, log_velocity[i], log_state[i], fault.a[i], fault.b[i], *more)[0]
     return out * fault.normal
 
 

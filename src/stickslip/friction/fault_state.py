@@ -8,6 +8,7 @@ from ..core.arguments import checked, require_positive
 from ..core.readable import readable
 from . import fault_kernel as kernel
 from .fault import Fault, check_fault
+from .laws import EVOLUTIONS
 
 
 @readable(head=lambda state: f"{len(state.excess_slip)} cells at {state.time:.6g} s")
@@ -51,8 +52,8 @@ class FaultState(NamedTuple):
 def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
     """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
     w = np.log(velocity / fault.v0)
-    form = kernel.FORMS[fault.form]
-    f = [kernel.friction(form, w, -w, a, b, fault.mu0)[0] for a, b in zip(fault.a, fault.b, strict=True)]
+    cells, more = zip(fault.a, fault.b, strict=True), (fault.mu0, *fault.cuts)
+    f = [kernel.friction(fault.form_code, w, -w, a, b, *more)[0] for a, b in cells]
     return fault.normal * np.array(f) + fault.damping * velocity
 
 
@@ -127,8 +128,8 @@ class Machine:
 
     def __init__(self, fault: Fault, prestress: np.ndarray):
         self.transfer = fault.transfer
-        self.codes = kernel.FORMS[fault.form], kernel.EVOLUTIONS[fault.law]
-        self.constants = (fault.mu0, fault.v0, fault.damping, fault.plate_rate, fault.cell)
+        self.codes = fault.form_code, EVOLUTIONS[fault.law]
+        self.constants = (fault.mu0, fault.v0, fault.damping, fault.plate_rate, fault.cell, *fault.cuts)
         self.cells = np.array([fault.a, fault.b, fault.dc, fault.normal, prestress], float)
 
     def rates(self, y, w, out, power) -> bool:

@@ -12,9 +12,11 @@ _here = partial(lazy_function, __name__)
 
 def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
+    cut = scenario.friction.v1 or scenario.friction.v2
+    form = ("Okubo1989",) if cut else ("Rice2001",) if scenario.friction.form == "regularized" else ()
     return {
         "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
-        "rate-and-state friction": STATE[scenario.friction.law],
+        "rate-and-state friction": STATE[scenario.friction.law] + form,
         "time stepping": ("Hairer1993",),
     }
 
@@ -34,6 +36,7 @@ EXPERIMENT = Experiment(
     show=_here("report.show"),
     figures=_here("report.figures"),
     files=_here("report.files"),
+    cycles=_here("report.cycles"),
     references=references,
     smallest=(SMALLEST,),
     parallel=False,

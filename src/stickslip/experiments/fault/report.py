@@ -70,6 +70,14 @@ def show(result: FaultResult) -> None:
     console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of loading")
 
 
+def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, the greatest slip velocity, and slip at the station that slips most in steps."""
+    series = tree["series"]
+    time, slip = series["time"], series["slip"]
+    uneven = np.std(slip - np.outer(time / time[-1], slip[-1]), axis=0)
+    return time, series["max_velocity"], slip[:, int(np.argmax(uneven))]
+
+
 def measures(result: FaultResult) -> dict[str, tuple[float, str]]:
     """Return {name: (value, unit)} for sweeps; averages are over settled events, and NaN without any."""
     events, energy = result.settled, result.history.energy

@@ -46,6 +46,12 @@ class FaultFriction(ScenarioTable):
     normal: Profile = Field(50e6, description="effective normal stress [Pa]")
     mu0: NotNegative = Field(0.6, description="steady-state friction at v0")
     v0: Positive = Field(1e-6, description="[m/s]")
+    v1: Positive | None = Field(
+        None, description="cut-off velocity of the direct effect, for the logarithmic form; default: none [m/s]"
+    )
+    v2: Positive | None = Field(
+        None, description="cut-off velocity of the evolution effect, for the logarithmic form; default: none [m/s]"
+    )
 
 
 class Loading(ScenarioTable):
@@ -98,7 +104,7 @@ class FaultScenario(ScenarioBase):
     @property
     def fault(self) -> Fault:
         """The fault."""
-        surface = self.friction.model_dump()
+        surface = {name: value for name, value in self.friction.model_dump().items() if value is not None}
         profiles = {name: surface.pop(name) for name in ("a", "b", "dc", "normal")}
         return line_fault(
             self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear,
