@@ -65,6 +65,19 @@ def test_a_slider_moves_with_its_load_point(number):
     assert jump == pytest.approx(drop, rel=0.02)
 
 
+@pytest.mark.parametrize("law", ["aging", "slip"])
+def test_steps_in_events_may_be_shorter_than_the_resolution_of_time(law):
+    """Steps of 1e-8 s in a leg of 1e10 s; the result does not depend on where samples are."""
+    surface = RateState(0.0099, 0.01405, 1.98e-5, 0.62, 1e-6, law)
+    legs = (LoadStep(1e8, 1.1e-9), LoadStep(5e9, 1e-9))
+    ends = []
+    for number in (1000, 4000):
+        h = spring_slider(surface, Spring(0.1, 0.0433), legs, times=np.linspace(0, 5.1e9, number))
+        assert h.ok, h.reached
+        ends.append(np.log(h.velocity[-1]))
+    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+
+
 def test_a_sweep_of_cycles_is_drawn(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     done = stickslip_here("run", "study.toml", "--out", "out", "--workers", "1", cwd=tmp_path)

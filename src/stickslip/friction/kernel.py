@@ -147,28 +147,30 @@ def integrate(w, f, g, p, alpha, duration, velocity, normal, start_normal, times
             w, f, g = after_normal_jump(w, f, g, p, alpha, before, normal[leg])
             before = normal[leg]
         ends = began + duration[leg]
-        last, t = leg == len(duration) - 1, 0.0
+        last, stop = leg == len(duration) - 1, 0.0
         h = min(duration[leg], 0.1 * p[2] / (p[4] * np.exp(w) + abs(velocity[leg])))
         while True:
             asked = k < len(times) and (times[k] <= ends or last)
             target = times[k] - began if asked else duration[leg]
-            steps = 0
-            while t < target:
-                d = min(h, target - t)
+            # time since the last stop, since steps during fast slip may be below the resolution of the whole time
+            t, span, steps = 0.0, target - stop, 0
+            while t < span:
+                d = min(h, span - t)
                 w, f, g, columns = extrapolate(w, f, g, d, p, velocity[leg], normal[leg], tolerance, table)
                 steps += 1
                 if columns == 0:
                     h = 0.25 * d
-                    if h < 1e-15 * (t + duration[leg] * 1e-9) or steps > MOST_STEPS:
-                        return out, RUNAWAY if h < 1e-12 * duration[leg] else STEPS_SPENT, began + t
+                    if h < 1e-15 * (t + span * 1e-9) or steps > MOST_STEPS:
+                        return out, RUNAWAY if h < 1e-12 * span else STEPS_SPENT, began + stop + t
                     continue
-                t = target if d == target - t else t + d
+                t = span if d == span - t else t + d
                 if w > FASTEST:
-                    return out, RUNAWAY, began + t
+                    return out, RUNAWAY, began + stop + t
                 if columns < 7:
                     h = max(h, d * 2.0) if columns < 5 or d < h else d * 1.3
                 elif columns > 8:
                     h = 0.7 * d
+            stop = target
             if not asked:
                 break
             out[k, 0], out[k, 1], out[k, 2] = w, f, g
