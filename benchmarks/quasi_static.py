@@ -12,6 +12,7 @@ import pickle
 import time
 import warnings
 
+import numba
 import numpy as np
 
 import stickslip as ss
@@ -88,6 +89,7 @@ def robustness(count: int, packings: int = 20, n: int = 100) -> list[dict]:
 def rows(full: bool) -> list[dict]:
     """All rows; `full` adds large packings and takes an hour."""
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
+    numba.set_num_threads(1)  # otherwise damped dynamics runs on all cores, and threads that wait count as busy
     out = timed_steps(1000, 2e-5, 50) + timed_steps(1000, 1e-4, 50)
     if full:
         out += timed_steps(4000, 2e-5, 30) + timed_steps(4000, 1e-4, 30) + timed_steps(10_000, 2e-5, 20)
