@@ -17,6 +17,7 @@ SWEPT = {  # the swept key and a measure with its unit
     "gouge": ({"law.mu": [0.5]}, "steady_friction@0.3", "1"),
     "catalogue": ({"law.mu": [0.5]}, "events", "1"),
     "rate-state": ({"surface.law": ["slip"]}, "critical_stiffness", "1/m"),
+    "threshold": ({"kicks.realizations": [1]}, "largest_share@1e-06", "1"),
     "fault": ({"friction.dc": [6e-3]}, "energy_residual", "1"),
 }
 

@@ -43,7 +43,7 @@ def test_a_law_that_lammps_does_not_have_is_refused(law, words):
 
 
 def test_a_law_of_a_user_is_refused():
-    law = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, kn=1.0)
+    law = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"kn": 1.0})
     with pytest.raises(ScenarioError, match="a law written in Python"):
         check_leg(Leg(stirred(), law, DT, STEPS, 1))
 
@@ -155,6 +155,7 @@ def test_what_is_missing_is_one_sentence(monkeypatch):
         process.require_lammps()
     monkeypatch.setattr(process, "CHILD", "print('RIGID GRANULAR')")
     process.require_lammps()
+    monkeypatch.setattr(process, "find_mpirun", lambda: "mpirun")
     with pytest.raises(ScenarioError, match=r"ranks = 100000 was given, but this machine offers \d+ cores"):
         process.require_lammps(100_000)
     monkeypatch.setattr(process, "find_mpirun", lambda: None)

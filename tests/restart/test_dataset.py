@@ -171,7 +171,8 @@ DIMENSIONS = {
     "force length": "[mass]*[length]**2/[time]**2", "force/length": "[mass]/[time]**2",
     "energy": "[mass]*[length]**2/[time]**2", "force/length^(dim-1)": "[mass]/[length]/[time]**2",
     "length/time^2": "[length]/[time]**2", "length^2": "[length]**2", "length^2/time^2": "[length]**2/[time]**2",
-    "1/time": "1/[time]", "1/time^2": "1/[time]**2", "1": "",
+    "1/time": "1/[time]", "1/time^2": "1/[time]**2", "1": "", "energy/length": "[mass]*[length]/[time]**2",
+    "force/time": "[mass]*[length]/[time]**3",
 }  # fmt: skip
 
 

@@ -25,7 +25,7 @@ MEANT = {
     },
     "sphere-shear": {
         NUMBER: "packing_fraction coordination rattlers onset_strain onset_exponent pairs_at_last_strain "
-        "fitted_over_predicted_growth stress_drop_over_pressure contacts_lost",
+        "fitted_over_predicted_growth stress_drop_over_pressure contacts_lost unstable_steps steps_off_branch",
         STRESS: "packing_pressure shear_stress_at_last_strain", RATE: "largest_growth_rate",
     },
     "quasi-rigid": {
@@ -98,7 +98,7 @@ def spheres():
         packed = Made(packing_fraction=0.6 + k / 100, pressure=1e-3 * k, coordination=5.0 + k, rattlers=10 * k)
         onset = Made(strain=1e-4 * k, exponent=0.5 + k) if k < 3 else None
         return Made(packed=packed, onset=onset, pairs=np.array([9, k]), growth_rate=np.array([0.01, 0.1]) * k,
-                    shear_stress=np.array([9.0, 2e-3 * k]))  # fmt: skip
+                    shear_stress=np.array([9.0, 2e-3 * k]), unstable=5 * k, left=k - 1)  # fmt: skip
 
     single = [Made(growth=Made(growth_rate=0.3), corrected_rate=0.2), Made(growth=None, corrected_rate=1.0), None]
     later = [Made(drop=0.1, pressure=np.array([0.5, 9.0]), contacts_lost=7), None, None]
@@ -106,7 +106,7 @@ def spheres():
         "packing_fraction": 0.62, "packing_pressure": 2e-3, "coordination": 7.0, "rattlers": 20, "onset_strain": 1.5e-4,
         "onset_exponent": 2.0, "pairs_at_last_strain": 2, "largest_growth_rate": 0.2,
         "shear_stress_at_last_strain": 4e-3, "fitted_over_predicted_growth": 1.5, "stress_drop_over_pressure": 0.2,
-        "contacts_lost": 7,
+        "contacts_lost": 7, "unstable_steps": 10, "steps_off_branch": 1,
     }  # fmt: skip
 
 

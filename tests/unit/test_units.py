@@ -30,7 +30,7 @@ MEANT = {
     (0, 2, 0): "close_msd msd saturation snapshot_msd",
     (0, 2, -2): "temperature",
     (0, 0, -1): "frequency growth_rate predicted_frequency predicted_growth rate",
-    (0, 0, -2): "eigenvalue eigenvalues im_lambda largest smallest snapshots",
+    (0, 0, -2): "eigenvalue eigenvalues im_lambda largest re_pair smallest snapshots softest switch switched",
     NUMBER: "contact_friction coordination fabric friction packing_fraction ratio sliding_fraction strain unbalanced "
     "volumetric",
 }

@@ -25,7 +25,7 @@ def test_kernels_are_compiled_once(tmp_path):
     "words, sentence",
     [
         (["gouje"], "name 'gouje' is not known: use stability, disk-array, sphere-shear, quasi-rigid, flow, gouge, "
-                    "rate-state, threshold; did you mean 'gouge'?"),
+                    "rate-state, fault, threshold, catalogue; did you mean 'gouge'?"),
         (["gouge", "--all"], "--all was given with names: give one or the other"),
     ],
 )  # fmt: skip

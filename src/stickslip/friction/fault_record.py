@@ -13,6 +13,7 @@ CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
 
 
+@readable
 class Recording(NamedTuple):
     """What is recorded, and when."""
 

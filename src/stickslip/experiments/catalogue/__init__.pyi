@@ -1,7 +1,4 @@
-from .predictors import Roc as Roc
-from .predictors import Skill as Skill
 from .predictors import roc as roc
 from .scenario import CatalogueScenario as CatalogueScenario
-from .simulate import CatalogueResult as CatalogueResult
 from .simulate import simulate_catalogue as simulate_catalogue
 from .tables import read_table as read_table
