@@ -78,7 +78,8 @@ def _profile(found: Break, step: float) -> Profile:
     width, rows = found.upper - found.last.strain, []
     critical, away = found.upper - 0.5 * width, step
     while away >= 4 * width:
-        if (point := _point_at(found, critical - away)) is not None:
+        point = _point_at(found, critical - away)
+        if point is not None and (point.stable or not found.last.stable):  # else Newton's method left the path
             rows.append((away, *_softness(point)))
         away /= RATIO
     return Profile(*np.array(rows).reshape(-1, 5).T)

@@ -1,0 +1,22 @@
+"""Small packings whose first events come early."""
+
+import stickslip as ss
+from stickslip.core.dynamics.timestep import stable_time_step
+
+FRICTIONLESS, LINEAR = ss.laws.hertz_mindlin(mu=0.0), ss.laws.linear(mu=10.0)
+SMOOTH = ss.laws.linear(mu=10.0, coulomb="smooth")
+STEP = 1e-3
+
+
+def packing(law, seed, fraction=0.86):
+    return ss.packings.jammed(16, packing_fraction=fraction, dim=2, seed=seed, law=law)[0]
+
+
+def drag(state, law, share=0.1):
+    """A share of the highest frequency."""
+    return share * 2 / stable_time_step(state, law)
+
+
+def search(law, seed, to, *, fraction=0.86, share=0.1, **options):
+    state = packing(law, seed, fraction)
+    return ss.protocols.find_events(state, law, to=to, drag=drag(state, law, share), **{"step": STEP, **options})

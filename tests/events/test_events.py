@@ -1,0 +1,212 @@
+"""Events of quasi-static shear: classes, brackets, independence of step and drag, and brute force."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.measure import touching
+from stickslip.loading.event_class import fit_power
+from stickslip.loading.event_path import Judge, Point, committed, displacement
+from stickslip.results import EventKind
+from tests.events.packings import FRICTIONLESS, LINEAR, SMOOTH, STEP, packing, search
+
+
+@pytest.fixture(scope="module")
+def frictionless():
+    return search(FRICTIONLESS, 3, 0.006, fraction=0.88)
+
+
+@pytest.fixture(scope="module")
+def sliding():
+    return search(LINEAR, 3, 0.006)
+
+
+def test_without_friction_only_saddle_nodes_happen(frictionless):
+    assert frictionless.events
+    for event in frictionless.events:
+        assert event.kind is EventKind.SADDLE_NODE
+        # the next term of the expansion changes a local exponent by some 1e-2 at the nearest distances
+        assert abs(event.exponent - 0.5) < 0.03
+        assert event.softest[-1] < 0.05 * event.softest[0]
+
+
+@pytest.mark.slow
+def test_without_friction_many_packings_have_only_saddle_nodes():
+    events = [e for seed in range(8) for e in search(FRICTIONLESS, seed, 0.1, fraction=0.88).events]
+    assert len(events) >= 10
+    assert {e.kind for e in events} == {EventKind.SADDLE_NODE}
+    assert abs(np.median([e.exponent for e in events]) - 0.5) < 0.01
+
+
+def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding):
+    for found in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5)):
+        for event in found.events:
+            assert 0 < event.strain - event.below <= found.resolution
+            assert (np.diff(event.distances) < 0).all() and event.distances[0] <= found.step
+
+
+def test_events_do_not_depend_on_step_and_drag(frictionless, sliding):
+    """Newton's method adds the slip of a step at once, so that brackets move by the square of the step."""
+    for law, seed, to, fraction, known in (
+        (FRICTIONLESS, 3, 0.006, 0.88, frictionless),
+        (LINEAR, 3, 0.006, 0.86, sliding),
+    ):
+        for change in ({"step": STEP / 2}, {"share": 0.2}):
+            found = search(law, seed, to, fraction=fraction, **change)
+            assert [e.kind for e in found.events] == [e.kind for e in known.events]
+            assert [e.trigger for e in found.events] == [e.trigger for e in known.events]
+            same = law is FRICTIONLESS or "share" in change
+            np.testing.assert_allclose(
+                [e.strain for e in found.events], [e.strain for e in known.events], rtol=0, atol=1e-6 if same else 3e-5
+            )
+
+
+def test_a_contact_slides_while_the_spectrum_stays_flat(sliding):
+    (event,) = sliding.events
+    assert event.kind is EventKind.SLIDING
+    assert np.isnan(event.exponent)
+    assert np.ptp(event.softest[-3:]) < 1e-3 * event.softest[-1]  # constant to three digits until the event
+    assert event.switched < 0 < event.softest[-1]
+    assert event.mobilisation > 0.999
+
+
+def test_smooth_friction_is_announced_on_the_same_packing(sliding):
+    first = search(SMOOTH, 3, 0.006).events[0]
+    assert first.kind in (EventKind.SADDLE_NODE, EventKind.PAIR)
+    assert first.exponent > 0.4
+    assert abs(first.strain - sliding.events[0].strain) < 2e-4
+
+
+def walk(state, law, start, steps, width, nu):
+    """Equilibria of damped dynamics after each of many small strain steps: the obvious and slow way."""
+    judge = Judge(committed(state, law), law, nu)
+    points = [Point(start, state, judge)]
+    for k in range(1, steps + 1):
+        moved = ss.packings.sheared(points[-1].state, width)
+        end, outcome = ss.relax(moved, law, tolerance=1e-9 * judge.force, drag=nu, dt=0.1)
+        assert outcome.ok
+        points.append(Point(start + k * width, end, judge))
+    return points
+
+
+def jumps(points):
+    return [
+        float(np.sqrt((displacement(a.state, b.state, b.strain - a.strain)[:, :2] ** 2).mean()))
+        for a, b in pairwise(points)
+    ]
+
+
+@pytest.mark.parametrize(("law", "seed", "fraction"), [(FRICTIONLESS, 3, 0.88), (LINEAR, 3, 0.86)])
+def test_brute_force_dynamics_agrees(law, seed, fraction):
+    """Tiny strain steps with damped dynamics jump in the bracket, as far as was found, and by the same contact."""
+    event = search(law, seed, 0.006, fraction=fraction).events[0]
+    before = search(law, seed, event.below - 2e-5, fraction=fraction, step=event.below / 8)
+    assert not before.events
+    points = walk(before.state, law, event.below - 2e-5, 45, 1e-6, before.drag)
+    moved = jumps(points)
+    where = int(np.argmax(moved))
+    assert moved[where] > 20 * np.median(moved)
+    # the last strain step before the event is shorter, which shifts the slip by the square of its length
+    shift = 0.0 if law is FRICTIONLESS else 1e-5
+    assert points[where].strain - 1e-6 - shift <= event.strain <= points[where + 1].strain + 1e-6 + shift
+    if event.kind is EventKind.SLIDING:
+        slides = sliding_contacts(points[where].state, law) | sliding_contacts(
+            ss.relax(ss.packings.sheared(points[where].state, 1e-6), law, drag=before.drag, steps=20, dt=0.01)[0], law
+        )
+        assert event.trigger in slides
+
+
+def sliding_contacts(state, law):
+    contacts, rows = state.contacts, touching(state)
+    return {(int(contacts.i[r]), int(contacts.j[r])) for r in rows if contacts.mode[r] == ss.SLIDE}
+
+
+def test_dynamics_confirms_the_switch_test():
+    """With the trigger made unable to slide, the packing passes the event."""
+    found = search(LINEAR, 3, 0.006)
+    event = found.events[0]
+    free = packing(LINEAR, 3)
+    stuck = ss.laws.linear(mu=1e3)  # no contact slides
+    passed = ss.protocols.find_events(free, stuck, to=0.006, drag=found.drag, step=STEP)
+    assert all(abs(other.strain - event.strain) > 1e-5 for other in passed.events)
+
+
+def test_every_kind_of_result_is_complete(frictionless):
+    steps = frictionless.steps
+    assert len(steps.strain) == 6
+    for values in steps:
+        assert values.shape == steps.strain.shape
+    assert np.isfinite(steps.softest).all() and (steps.pressure > 0).all()
+    assert np.isnan(steps.switch).all()  # nothing sticks
+    event = frictionless.events[0]
+    assert event.jump > 0 and 1 / 16 <= event.participation <= 1
+    assert "a real eigenvalue reaches zero at strain 0.0049" in repr(event)
+    assert "1 event" in repr(frictionless)
+
+
+def test_drag_decides_which_pairs_are_events():
+    """Without much drag, a pair starts an event that a strong drag suppresses."""
+    weak, strong = (search(SMOOTH, 3, 0.006, share=share).events for share in (0.1, 2.0))
+    assert weak and weak[0].kind is EventKind.PAIR
+    assert not strong or strong[0].strain > weak[0].strain + 1e-6
+
+
+def test_exponents_are_fitted_to_power_laws():
+    distances = 1e-3 * 8.0 ** -np.arange(5)
+    for power in (0.5, 1.0, 1.5):
+        assert fit_power(distances, 3 * distances**power)[0] == pytest.approx(power)
+    assert np.isnan(fit_power(distances, -distances)[0])
+    assert np.isnan(fit_power(distances[:2], distances[:2])[0])
+
+
+def test_the_search_ends_with_the_number_of_events():
+    found = search(FRICTIONLESS, 3, 0.03, fraction=0.88, most=1)
+    assert found.events and "number" in found.end and len(found.steps.strain) == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"step": -1e-3}, "step = -0.001"),
+        ({"to": 0.0}, "to = 0.0"),
+        ({"drag": 0.0}, "drag = 0.0"),
+        ({"drag": np.inf}, "drag = inf"),
+        ({"resolution": 1e-2}, "resolution = 0.01"),
+        ({"resolution": 0.0}, "resolution = 0.0"),
+        ({"most": 0}, "most = 0"),
+        ({"prune": -1.0}, "prune = -1"),
+    ],
+)
+def test_bad_options_are_refused_in_one_sentence(options, words):
+    with pytest.raises(ValueError, match=words) as error:
+        ss.protocols.find_events(packing(LINEAR, 3), LINEAR, **{"to": 0.01, "drag": 0.1, "step": STEP, **options})
+    assert "\n" not in str(error.value)
+
+
+def test_drag_has_no_default():
+    with pytest.raises(TypeError, match="drag"):
+        ss.protocols.find_events(packing(LINEAR, 3), LINEAR, to=0.01)
+
+
+def test_unsuitable_packings_and_laws_are_refused():
+    state, options = packing(LINEAR, 3), {"to": 0.01, "drag": 0.1}
+    wrong = [
+        (ss.packings.disk_array(3, press=5e-5), LINEAR, "walls"),
+        (state._replace(cell=state.cell._replace(periodic=np.zeros(3, bool))), LINEAR, "periodic cell"),
+        (state, ss.laws.linear(damping_n=0.1), "dashpots"),
+        (state, ss.laws.hertz_mindlin(rescaled=True), "rescaled"),
+        (ss.packings.from_arrays([[0, 0], [2, 2]], [0.5, 0.5], LINEAR, cell=[4, 4], dim=2), LINEAR, "without contacts"),
+        (state._replace(control=state.control._replace(gravity=np.array([0.0, -1.0, 0.0]))), LINEAR, "loads"),
+    ]
+    for bad, law, words in wrong:
+        with pytest.raises(ValueError, match=words) as error:
+            ss.protocols.find_events(bad, law, **options)
+        assert "\n" not in str(error.value)
+
+
+def test_the_same_search_twice_gives_the_same_numbers(sliding):
+    again = search(LINEAR, 3, 0.006)
+    for one, other in zip(again.events, sliding.events, strict=True):
+        np.testing.assert_equal(one._asdict(), other._asdict())
