@@ -78,6 +78,7 @@ def test_steps_in_events_may_be_shorter_than_the_resolution_of_time(law):
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_sweep_of_cycles_is_drawn(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     done = stickslip_here("run", "study.toml", "--out", "out", "--workers", "1", cwd=tmp_path)

@@ -108,6 +108,7 @@ def test_percentiles_hold_the_truth_as_often_as_intervals(rho):
     assert abs(hits["posterior"] - hits["interval"]) < 0.02 * total
 
 
+@pytest.mark.slow
 def test_percentiles_hold_the_truth_in_a_few_records():
     """5 records with four parameters each: a right method fails this bound in one of 1e4 runs."""
     hits, total = _coverage(5, 0.6)

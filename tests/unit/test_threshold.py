@@ -73,7 +73,7 @@ def test_the_lifetime_is_the_end_of_the_leg_in_which_the_block_had_slid():
         assert lifetime == pytest.approx(leg * np.ceil(time / leg)) and time % leg > 0.2 * leg
 
 
-@pytest.mark.parametrize("width", [0.02, 0.2])
+@pytest.mark.parametrize("width", [0.02, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_thresholds_of_known_curves_lie_within_their_intervals(width):
     loads, runs, true, inside = np.linspace(0.0, 1.0, 11), 20, 0.43, 0
     rng = np.random.default_rng(1)

@@ -134,6 +134,7 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
     assert (out / "fig1_static_and_kinetic.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_in_a_sweep(tmp_path):
     swept = ss.sweep(**PACKING, sweep={"seed": [1, 2]})
     assert ss.run_sweep(swept, tmp_path, workers=1).failures == ["", ""]
