@@ -87,10 +87,11 @@ def _profile(found: Break, step: float) -> Profile:
 
 def _point_at(found: Break, strain: float) -> Point | None:
     """Point of the path at a strain, one step of Newton's method from the nearest point below it."""
-    below = [point for point in (*found.history, found.last) if point.strain <= strain]
-    if not below:
-        return None
-    return below[-1] if below[-1].strain == strain else below[-1].newton(strain, thorough=True)
+    below = [point for point in found.history if point.strain <= strain]
+    if not below or below[-1].strain == strain:
+        return below[-1] if below else None
+    point = below[-1].newton(strain, thorough=True)
+    return point if point is not None and (point.stable or not below[-1].stable) else None
 
 
 def _softness(point: Point) -> tuple[float, float, float, float]:

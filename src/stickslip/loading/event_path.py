@@ -29,7 +29,8 @@ BURST = 0.01  # root mean square distance from an unstable equilibrium, in mean 
 LEFT = 10.0  # distance from an unstable equilibrium at which it has been left, over that of the start
 TIME_STEP = 0.1  # of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # of dynamics
-E_FOLDS, MOST_KICKED = 40.0, 200_000  # of dynamics from an unstable equilibrium: growth times, and steps at most
+# dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
+E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
 AROUND = 0.3  # distance from an equilibrium around which a packing oscillates without end, in mean overlaps
 MOST_DEPARTURES = 5  # from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
@@ -223,7 +224,8 @@ def depart(point: Point) -> tuple[Point | None, bool]:
         whether it came to rest at all
     """
     start, grains = point.kicked(), point.response.support.grains
-    steps = E_FOLDS / (point.exponents.max() * TIME_STEP * stable_time_step(start, point.judge.law))
+    time = E_FOLDS / point.exponents.max() + DECAYS / point.judge.drag
+    steps = time / (TIME_STEP * stable_time_step(start, point.judge.law))
     end, rested = point.judge.rest(start, int(min(steps, MOST_KICKED)))
     if not rested or distance(point.state, end, grains) <= LEFT * distance(point.state, start, grains):
         return None, rested

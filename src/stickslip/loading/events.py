@@ -174,9 +174,9 @@ class Search:
     def _judge(self, trial: Point | None, goal: float) -> bool:
         """Let dynamics decide over a step that is as short as a bracket; False if it does not come to rest."""
         before = self.point
-        last, upper = self._finer(before, goal) if before.stable else (before, goal)
-        if last.strain == goal:  # still shorter steps pass
-            self._accept(last)
+        path, upper = self._finer(before, goal) if before.stable else ([before], goal)
+        if path[-1].strain == goal:  # still shorter steps pass
+            self._accept(path[-1])
             return True
         beyond = trial if trial is not None and not trial.stable and continuous(before, trial) else None
         if beyond is not None:
@@ -190,7 +190,7 @@ class Search:
             if after is None:
                 return False
             jumps = jumped(before, after) and not continuous(before, after)
-        break_ = Break(self.history, last, upper, before, beyond, after, goal)
+        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
         if jumps:
             self._record(break_)
         else:
@@ -210,19 +210,19 @@ class Search:
         self.events.append(describe(found, self.step, bracket))
         self.point, self.history, self.loss = found.after, [found.after], None
 
-    def _finer(self, last: Point, goal: float) -> tuple[Point, float]:
-        """Last point of the path before a break, and the strain beyond which it lies; the goal if nothing breaks."""
-        waiting = [goal]
+    def _finer(self, start: Point, goal: float) -> tuple[list[Point], float]:
+        """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks."""
+        waiting, path = [goal], [start]
         while waiting:
-            trial = last.newton(waiting[-1], thorough=True)
-            if trial is not None and trial.stable and continuous(last, trial):
-                last = trial
+            trial = path[-1].newton(waiting[-1], thorough=True)
+            if trial is not None and trial.stable and continuous(path[-1], trial):
+                path.append(trial)
                 waiting.pop()
-            elif waiting[-1] - last.strain > self.resolution / FINER:
-                waiting.append(0.5 * (last.strain + waiting[-1]))
+            elif waiting[-1] - path[-1].strain > self.resolution / FINER:
+                waiting.append(0.5 * (path[-1].strain + waiting[-1]))
             else:
-                return last, waiting[-1]
-        return last, goal
+                return path, waiting[-1]
+        return path, goal
 
     def _choose_cell(self) -> None:
         vectors = self.point.state.cell.vectors
