@@ -1,0 +1,100 @@
+"""Quasi-static paths that say when a step ends at an unstable equilibrium or on another branch."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.loading.quasistatic import told
+from stickslip.modes import UnstableEquilibriumWarning
+from stickslip.solve.equilibrate import LeftPathError
+from tests.events.packings import FRICTIONLESS, SMOOTH, drag, packing
+
+EVENT = 0.0049365  # first event of the frictionless packing, see test_events.py
+
+
+@pytest.fixture(scope="module")
+def state():
+    return packing(FRICTIONLESS, 3, 0.88)
+
+
+def path(state, law, strains, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnstableEquilibriumWarning)
+        return ss.protocols.ramp(state, strains, ss.protocols.aqs(law, **options))
+
+
+def test_a_step_across_an_event_is_told(state):
+    strains = np.arange(0.0, 0.0072, 8e-4)
+    marks = [told(point.outcome) for point in path(state, FRICTIONLESS, strains)]
+    across = int(np.searchsorted(strains, EVENT))
+    assert [left for _, left in marks].index(True) == across
+    assert sum(left for _, left in marks) == 1
+
+
+def test_small_steps_away_from_events_are_not_told(state):
+    points = path(state, FRICTIONLESS, np.arange(0.0, 0.0048, 2e-4))
+    assert not any(point.outcome.warning for point in points)
+
+
+def test_the_first_warning_is_issued_and_names_the_strain(state):
+    protocol = ss.protocols.aqs(FRICTIONLESS)
+    with pytest.warns(UnstableEquilibriumWarning, match=r"at strain 0\.0056 the step left its branch") as caught:
+        ss.protocols.ramp(state, np.arange(0.0, 0.0072, 8e-4), protocol)
+    assert len(caught) == 1
+
+
+def test_a_path_can_stop(state):
+    with pytest.raises(LeftPathError, match=r"at strain 0\.0056 the step left its branch") as error:
+        path(state, FRICTIONLESS, np.arange(0.0, 0.0072, 8e-4), on_instability="stop")
+    assert "\n" not in str(error.value)
+
+
+def test_a_path_can_follow_dynamics(state):
+    """The end of the step is where find_events goes."""
+    nu, strains = drag(state, FRICTIONLESS), np.arange(0.0, 0.0057, 8e-4)
+    followed = path(state, FRICTIONLESS, strains, on_instability="follow-dynamics", drag=nu)[-1]
+    found = ss.protocols.find_events(state, FRICTIONLESS, to=float(strains[-1]), drag=nu, step=8e-4)
+    assert len(found.events) == 1
+    assert "damped dynamics" in followed.outcome.warning
+    stress = [ss.measure.stress(s, FRICTIONLESS)[0, 1] for s in (followed.state, found.state)]
+    assert stress[0] == pytest.approx(stress[1], rel=1e-6)  # Newton's method ends elsewhere
+
+
+def test_pairs_are_in_the_outcome_and_count_only_if_they_grow():
+    """Pairs are seen in the spectrum of a path, so that there is no warning beside the outcome."""
+    law, strains = ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), np.arange(0.0, 3.2e-3, 4e-4)
+    sample, _ = ss.packings.jammed(30, packing_fraction=0.68, seed=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UnstableEquilibriumWarning)
+        points = ss.protocols.ramp(sample, strains, ss.protocols.aqs(law))
+    with_pairs = [bool(len(point.spectrum.pairs)) for point in points]
+    assert any(with_pairs)
+    assert [told(point.outcome)[0] for point in points] == with_pairs
+    damped = path(sample, law, strains, drag=5.0)
+    assert not any(told(point.outcome)[0] for point in damped)
+
+
+def test_missing_drag_and_unknown_choices_are_refused():
+    for options, words in (
+        ({"on_instability": "follow-dynamics"}, "without drag"),
+        ({"on_instability": "ignore"}, "'tell', 'follow-dynamics', 'stop' are allowed"),
+        ({"drag": -1.0}, "drag = -1.0"),
+    ):
+        with pytest.raises(ValueError, match=words) as error:
+            ss.protocols.aqs(SMOOTH, **options)
+        assert "\n" not in str(error.value)
+
+
+def test_sphere_shear_counts_such_steps():
+    short = {"packings": 1, "packing": {"grains": 16, "dim": 2, "packing_fraction": 0.88}, "seed": 3}
+    scenario = ss.scenario(
+        experiment="sphere-shear", **short, law={"mu": 0.5, "coulomb": "smooth"},
+        shear={"strain": (0.0, 4e-3), "step": 1e-3}, release={"duration": 10.0},
+    )  # fmt: skip
+    (found,) = ss.simulate(scenario, workers=1).paths
+    assert found.unstable == int(((found.pairs > 0) | (found.negative > 0)).sum())
+    assert 0 <= found.left <= 4
+    with pytest.raises(ValueError, match=r"without shear\.drag"):
+        ss.scenario(experiment="sphere-shear", shear={"on_instability": "follow-dynamics"})
