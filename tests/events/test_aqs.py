@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.loading.quasistatic import told
 from stickslip.modes import UnstableEquilibriumWarning
 from stickslip.solve.equilibrate import LeftPathError
-from tests.events.packings import FRICTIONLESS, SMOOTH, drag, packing
+from tests.events.packings import FRICTIONLESS, LINEAR, SMOOTH, drag, packing
 
 EVENT = 0.0049365  # first event of the frictionless packing, see test_events.py
 
@@ -51,15 +51,21 @@ def test_a_path_can_stop(state):
     assert "\n" not in str(error.value)
 
 
-def test_a_path_can_follow_dynamics(state):
-    """The end of the step is where find_events goes."""
-    nu, strains = drag(state, FRICTIONLESS), np.arange(0.0, 0.0057, 8e-4)
-    followed = path(state, FRICTIONLESS, strains, on_instability="follow-dynamics", drag=nu)[-1]
-    found = ss.protocols.find_events(state, FRICTIONLESS, to=float(strains[-1]), drag=nu, step=8e-4)
-    assert len(found.events) == 1
-    assert "damped dynamics" in followed.outcome.warning
-    stress = [ss.measure.stress(s, FRICTIONLESS)[0, 1] for s in (followed.state, found.state)]
-    assert stress[0] == pytest.approx(stress[1], rel=1e-6)  # Newton's method ends elsewhere
+def test_a_path_can_follow_dynamics():
+    """The end of the step is that of damped dynamics from its beginning, not that of Newton's method."""
+    sample = packing(LINEAR, 4)
+    nu, step = drag(sample, LINEAR), 1e-3
+    before = ss.protocols.find_events(sample, LINEAR, to=0.021, drag=nu, step=step)  # a contact slides at 0.02125
+    assert not before.events
+    strains = [0.021, 0.022]
+    alone = path(before.state, LINEAR, strains)[-1]
+    followed = path(before.state, LINEAR, strains, on_instability="follow-dynamics", drag=nu)[-1]
+    assert told(alone.outcome)[1] and "damped dynamics" in followed.outcome.warning
+    end, outcome = ss.relax(ss.packings.sheared(before.state, step), LINEAR, tolerance=1e-12, drag=nu)
+    assert outcome.ok
+    place = [state.grains.position - state.grains.position.mean(axis=0) for state in (end, followed.state, alone.state)]
+    assert np.abs(place[1] - place[0]).max() < 1e-5  # the time steps differ
+    assert np.abs(place[2] - place[0]).max() > 1e-3
 
 
 def test_pairs_are_in_the_outcome_and_count_only_if_they_grow():

@@ -11,6 +11,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, mean_normal_force, touching, volume
 from ..core.state import State
 from ..solve.balance import with_modes_under
+from ..solve.equilibrate import equilibrate
 from ..solve.freedom import displaced
 from ..solve.linear import suitable_threads
 from ..solve.newton import Factorisation, newton
@@ -133,6 +134,12 @@ class Point:
         end = self.judge.newton(self.ahead(strain), thorough=thorough)
         return None if end is None else Point(strain, end, self.judge)
 
+    def equilibrium(self, strain: float) -> "Point | None":
+        """Equilibrium at another strain by `equilibrate`, whose damped dynamics helps where grains become loose."""
+        state, judge = self.ahead(strain), self.judge
+        end, outcome = equilibrate(state, judge.law, tolerance=BALANCED * judge.force, keep=judge.keep, check="nothing")
+        return Point(strain, end, judge) if outcome.ok else None
+
     def kicked(self) -> State:
         """State displaced along its fastest growing mode, in the direction in which the path moves."""
         response = self.response
@@ -178,11 +185,11 @@ def distance(a: State, b: State, grains: np.ndarray) -> float:
     return root_mean_square(displacement(a, b), grains)
 
 
-def continuous(a: Point, b: Point) -> bool:
+def continuous(a: Point, b: Point, bend: float = BEND) -> bool:
     """Return True if grains moved from one point to the next as the linear responses at both ends predict.
 
     If a contact changes in between, the motion lies between the two predictions. So the distance from the line between
-    them counts, not that from either of them.
+    them counts, not that from either of them; `bend` is the largest one, over the larger prediction.
     """
     both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
     if not both.any():
@@ -192,7 +199,7 @@ def continuous(a: Point, b: Point) -> bool:
     line = last - first
     share = np.clip(((moved - first) * line).sum() / max((line * line).sum(), np.finfo(float).tiny), 0.0, 1.0)
     beside, size = (np.sqrt((x * x).sum() / both.sum()) for x in (moved - first - share * line, _larger(first, last)))
-    return bool(beside <= BEND * size + STILL * a.judge.overlap)
+    return bool(beside <= bend * size + STILL * a.judge.overlap)
 
 
 def jumped(a: Point, b: Point) -> bool:

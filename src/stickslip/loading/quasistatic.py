@@ -14,12 +14,13 @@ from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
 from ..solve.stability import contacts_at_limit
-from .event_path import BEND, Judge, Point, committed, continuous, displacement, distance, fall
+from .event_path import Judge, Point, committed, continuous, displacement, distance, fall
 from .protocols import Equilibrium, Protocol
 from .shear import shear_strain, sheared
 
 CHOICES = ("tell", "follow-dynamics", "stop")
 STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
+LOOSE = 0.2  # likewise, of the motion of a step from the linear prediction
 HALVINGS = 5  # of a step whose grains do not move as the linear responses predict
 UNSTABLE, LEFT = "the equilibrium is unstable", "the step left its branch"
 NEGATIVE = "of negative stiffness"
@@ -174,20 +175,20 @@ def branch_distance(start: Point, end: Point) -> float:
         zero if grains moved as the linear responses predict, or if smaller steps lead to the same state; infinite if
         they do not get there
     """
-    if continuous(start, end):
+    if continuous(start, end, LOOSE):
         return 0.0
     there = _trace(start, end.strain, HALVINGS)
     if there is None:
         return np.inf
     off = distance(there.state, end.state, start.response.support.grains & end.response.support.grains)
     largest = abs(end.strain - start.strain) * max(start.response.speed, end.response.speed)
-    return off if off > BEND * largest else 0.0
+    return off if off > LOOSE * largest else 0.0
 
 
 def _trace(start: Point, strain: float, halvings: int) -> Point | None:
     """Point that a path reaches at a strain if each step, halved if need be, is continuous."""
-    end = start.newton(strain)
-    if end is not None and continuous(start, end):
+    end = start.newton(strain) if halvings else start.equilibrium(strain)
+    if end is not None and continuous(start, end, LOOSE):
         return end
     if not halvings:
         return None
