@@ -18,5 +18,7 @@ def drag(state, law, share=0.1):
 
 
 def search(law, seed, to, *, fraction=0.86, share=0.1, **options):
+    """Events in steps of STEP, small ones, too: overlaps are large, and the events of few grains are small."""
     state = packing(law, seed, fraction)
-    return ss.protocols.find_events(state, law, to=to, drag=drag(state, law, share), **{"step": STEP, **options})
+    how = {"step": STEP, "smallest": 1e-3, **options}
+    return ss.protocols.find_events(state, law, to=to, drag=drag(state, law, share), **how)

@@ -161,6 +161,13 @@ def test_exponents_are_fitted_to_power_laws():
     assert np.isnan(fit_power(distances[:2], distances[:2])[0])
 
 
+def test_small_jumps_are_events_only_if_asked_for(sliding):
+    """The jump of this contact is about 0.75 % of the mean overlap."""
+    (event,) = sliding.events
+    assert not search(LINEAR, 3, 0.006, smallest=0.01).events
+    assert search(LINEAR, 3, 0.006, smallest=0.005).events[0].strain == event.strain
+
+
 def test_the_search_ends_with_the_number_of_events():
     found = search(FRICTIONLESS, 3, 0.03, fraction=0.88, most=1)
     assert found.events and "number" in found.end and len(found.steps.strain) == 5
@@ -177,6 +184,7 @@ def test_the_search_ends_with_the_number_of_events():
         ({"resolution": 0.0}, "resolution = 0.0"),
         ({"most": 0}, "most = 0"),
         ({"prune": -1.0}, "prune = -1"),
+        ({"smallest": 0.0}, r"smallest = 0\.0"),
     ],
 )
 def test_bad_options_are_refused_in_one_sentence(options, words):

@@ -61,7 +61,7 @@ def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
         kind = EventKind.PAIR
     contacts = found.last.state.contacts
     moved = displacement(before.state, after.state, after.strain - before.strain)
-    jump, participation = _size(moved, before.response.support.grains)
+    jump, participation = jump_size(moved, before.response.support.grains)
     (shear, pressure), end = before.stress, after.stress[0]
     opened, closed = _changes(before, after)
     return Event(
@@ -245,7 +245,7 @@ def motion_growth(point: Point, strain: float, judge: Judge) -> float:
     return float(rise / ((high[-1] - low[-1]) * SAMPLE * dt))
 
 
-def _size(moved: np.ndarray, grains: np.ndarray) -> tuple[float, float]:
+def jump_size(moved: np.ndarray, grains: np.ndarray) -> tuple[float, float]:
     """Root mean square displacement of the given grains, without its mean, and its participation ratio."""
     moved = moved[grains][:, :3]
     square = ((moved - moved.mean(axis=0)) ** 2).sum(axis=1)

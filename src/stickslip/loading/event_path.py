@@ -26,7 +26,6 @@ BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # of Newton's method, and its steps that may leave more than half of the residual
 RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which dynamics hands over to Newton's method, over the mean normal force
 KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
-BURST = 0.01  # root mean square distance from an unstable equilibrium, in mean overlaps, below which nothing jumped
 LEFT = 10.0  # distance from an unstable equilibrium at which it has been left, over that of the start
 TIME_STEP = 0.1  # of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # of dynamics

@@ -11,11 +11,24 @@ from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
-from .event_class import Break, describe, loss_ahead
-from .event_path import BALANCED, BURST, Judge, Point, committed, continuous, depart, distance, fall, jumped, settle
+from .event_class import Break, describe, jump_size, loss_ahead
+from .event_path import (
+    BALANCED,
+    Judge,
+    Point,
+    committed,
+    continuous,
+    depart,
+    displacement,
+    distance,
+    fall,
+    jumped,
+    settle,
+)
 from .event_types import Event, Events, StrainStep
 from .shear import reduced_cell
 
+SMALLEST = 0.01  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
 THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
 SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
@@ -25,7 +38,8 @@ SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 @checked
 def find_events(
     state: State, law: Law, *, to: float, drag: float, step: float = 4e-4, resolution: float = 1e-6,
-    most: int | None = None, prune: float = PRUNE, report: Callable[[float, str], None] | None = None,
+    most: int | None = None, smallest: float = SMALLEST, prune: float = PRUNE,
+    report: Callable[[float, str], None] | None = None,
 ) -> Events:  # fmt: skip
     """Shear a packing quasi-statically and find the discontinuities of its path.
 
@@ -44,6 +58,8 @@ def find_events(
         `stable_time_step`, which is a tenth to once the highest frequency [1/time]
     step : largest strain step
     resolution : largest width of a bracket
+    smallest : root mean square non-affine displacement of grains, in mean overlaps of the given state, from which a
+        jump is an event; smaller ones are part of the path, such as the stick-slip of a single contact
     most : number of events after which the search ends, with the strain step in which it is reached
     prune : share of the mean overlap below which a contact supports nothing; see `solve.shear_response`
     report : called as report(share done, words) after each strain step
@@ -63,9 +79,9 @@ def find_events(
     >>> len(found.events), found.end
     (0, 'the last strain was reached')
     """
-    require_positive(to=to, drag=drag, step=step, resolution=resolution, prune=prune)
+    require_positive(to=to, drag=drag, step=step, resolution=resolution, prune=prune, smallest=smallest)
     _check(state, law, step, resolution, most)
-    search = Search(_first_point(state, law, drag, prune), step, resolution)
+    search = Search(_first_point(state, law, drag, prune), step, resolution, smallest)
     end = "the last strain was reached"
     for k in range(int(np.ceil(round(to / step, 9)))):
         if most is not None and len(search.events) >= most:
@@ -118,8 +134,9 @@ def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:
 class Search:
     """A path, followed from one strain step to the next, and what was found on it."""
 
-    def __init__(self, point: Point, step: float, resolution: float):
+    def __init__(self, point: Point, step: float, resolution: float, smallest: float):
         self.point, self.step, self.resolution = point, step, resolution
+        self.least = smallest * point.judge.overlap  # displacement of an event
         self.events: list[Event] = []
         self.rows: list[tuple] = []
         self.history = [point]  # since the last event
@@ -183,13 +200,12 @@ class Search:
             other = depart(beyond)[0]
             beyond.tolerated = other is None
             after = settle(other) if other else beyond
-            away = distance(beyond.state, after.state, beyond.response.support.grains)
-            jumps = away > BURST * before.judge.overlap
+            jumps = self._is_far(beyond, after)
         else:
             after = fall(before, goal)
             if after is None:
                 return False
-            jumps = jumped(before, after) and not continuous(before, after)
+            jumps = self._is_far(before, after) and jumped(before, after) and not continuous(before, after)
         break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
         if jumps:
             self._record(break_)
@@ -198,6 +214,10 @@ class Search:
             if before.stable and not after.stable:
                 self.loss = break_
         return True
+
+    def _is_far(self, a: Point, b: Point) -> bool:
+        moved = displacement(a.state, b.state, b.strain - a.strain)
+        return jump_size(moved, a.response.support.grains)[0] > self.least
 
     def _record(self, found: Break) -> None:
         """Add an event. If stability was lost within the last strain step, the instability took a while to grow."""
