@@ -28,7 +28,7 @@ from .event_path import (
 from .event_types import Event, Events, StrainStep
 from .shear import reduced_cell
 
-SMALLEST = 0.01  # displacement of an event, in mean overlaps
+SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
 THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
 SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step

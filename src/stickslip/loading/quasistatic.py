@@ -21,7 +21,7 @@ from .shear import shear_strain, sheared
 CHOICES = ("tell", "follow-dynamics", "stop")
 STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
 LOOSE = 0.2  # likewise, of the motion of a step from the linear prediction
-HALVINGS = 5  # of a step whose grains do not move as the linear responses predict
+HALVINGS = 4  # of a step whose grains do not move as the linear responses predict
 UNSTABLE, LEFT = "the equilibrium is unstable", "the step left its branch"
 NEGATIVE = "of negative stiffness"
 
@@ -36,7 +36,7 @@ def aqs(
     Newton's method finds equilibria whether they are stable or not, and may land on another branch than that on which
     the step began. Both are checked: the first by the spectrum of the step; the second by the motion of the grains,
     which must continue that of the step before or follow from the Jacobians at both ends. Where it does not, the step
-    is repeated in up to 32 smaller ones, which must lead to the same state.
+    is repeated in up to 16 smaller ones, which must lead to the same state.
 
     Parameters
     ----------
