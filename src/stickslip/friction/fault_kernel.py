@@ -40,7 +40,7 @@ def log_velocity(form, w, s, stress, a, b, mu0, cut, cut2, normal, damping):
     damping : η V0 [stress]
     """
     for _ in range(MOST_ITERATIONS):
-        f, df = friction(form, w, s, a, b, mu0, cut, cut2)
+        f, df = laws.friction(form, w, s, 0.0, a, b, 0.0, mu0, cut, cut2)
         push = damping * np.exp(w)
         step = (normal * f + push - stress) / (normal * df + push)
         if step > 5.0:

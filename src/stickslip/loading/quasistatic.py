@@ -92,7 +92,7 @@ class Watch:
     def __init__(self, law: Law, slip: bool, modes: bool, choice: str, drag: float | None):
         self.law, self.slip, self.modes, self.choice, self.drag = law, slip, modes, choice, drag
         self.rate: np.ndarray | None = None  # (N, 6) motion per strain in the last step
-        self.told = False
+        self.warned = False
 
     def check(self, start: State, point: Equilibrium) -> Equilibrium:
         """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
@@ -108,8 +108,8 @@ class Watch:
         return self._tell(point, "; ".join(words))
 
     def _tell(self, point: Equilibrium, words: str) -> Equilibrium:
-        if not self.told and (NEGATIVE in words or LEFT in words):  # pairs are seen in the spectrum
-            self.told = True
+        if not self.warned and (NEGATIVE in words or LEFT in words):  # pairs are seen in the spectrum
+            self.warned = True
             more = "further warnings are in the outcomes of the path"
             warnings.warn(f"at strain {point.load:g} {words}; {more}", UnstableEquilibriumWarning, stacklevel=4)
         known = f"{point.outcome.warning}; " if point.outcome.warning else ""
@@ -196,6 +196,6 @@ def _trace(start: Point, strain: float, halvings: int) -> Point | None:
     return None if middle is None else _trace(middle, strain, halvings - 1)
 
 
-def told(outcome: Outcome) -> tuple[bool, bool]:
+def parse_warning(outcome: Outcome) -> tuple[bool, bool]:
     """Return whether a step landed on an unstable equilibrium, and whether it left its branch."""
     return UNSTABLE in outcome.warning, LEFT in outcome.warning

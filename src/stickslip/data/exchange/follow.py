@@ -28,7 +28,7 @@ NEEDS = "docs/lammps.md shows what LAMMPS must write"
 
 
 class Source(NamedTuple):
-    """Where dumps are, and what their files do not say."""
+    """Place of the dumps, and options for reading them."""
 
     folder: Path
     grains: str  # pattern of the names of dumps of grains
@@ -47,7 +47,7 @@ class Pair(NamedTuple):
 
 
 class Look(NamedTuple):
-    """What is in the folder at one time."""
+    """Contents of the folder at one time."""
 
     dumps: dict[Path, Dump]  # of grains
     local: dict[Path, Dump]  # of contacts
@@ -156,7 +156,7 @@ def _damage(dumps: dict[Path, Dump]) -> list[str]:
     return [frame.problem for dump in dumps.values() for frame in dump.frames if frame.problem]
 
 
-def unfinished(found: Look) -> list[str]:
+def missing_frames(found: Look) -> list[str]:
     """Notes on what is missing if nothing more will be written."""
     cut = [path.name for path, dump in (found.dumps | found.local).items() if dump.partial]
     notes = [f"{name} ends in the middle of a frame, which is left out" for name in cut]

@@ -142,12 +142,12 @@ def _next_frame(file: BinaryIO, path: Path) -> DumpFrame | None:
             return None
         step, kind, rows = head
     except ValueError as problem:
-        return _damaged(file, path, start, -1, str(problem))
+        return _damaged_frame(file, path, start, -1, str(problem))
     for number in range(rows):
         line = file.readline()
         if BEGIN in line:
             file.seek(-len(line), 1)
-            return _damaged(file, path, start, step, f"the frame was cut off after {number} of {rows} rows")
+            return _damaged_frame(file, path, start, step, f"the frame was cut off after {number} of {rows} rows")
         if not line.endswith(b"\n"):
             return None
         digest.update(line)
@@ -178,7 +178,7 @@ def _read_head(file: BinaryIO, digest) -> tuple[int, str, int] | None:
         raise ValueError(f"the header has no {missing.args[0]}") from None
 
 
-def _damaged(file: BinaryIO, path: Path, start: int, step: int, words: str) -> DumpFrame | None:
+def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, words: str) -> DumpFrame | None:
     """Damaged frame, which ends where the next one begins; None if there is none yet."""
     stop = _find_begin(file)
     place = f"{path.name}, step {step}" if step >= 0 else f"{path.name}, byte {start}"

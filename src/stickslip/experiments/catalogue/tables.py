@@ -40,7 +40,7 @@ def event_table(samples) -> Table:
         elif name in ("opened", "closed"):
             out[name] = np.array(values, int)
         elif name in ("distances", "softest", "re_pair", "growth"):
-            out[name] = _aligned(values, places)
+            out[name] = _stack_by_distance(values, places)
         else:
             out[name] = np.array(values, float)
     return out
@@ -59,7 +59,7 @@ def _places(distances: np.ndarray, step: float) -> np.ndarray:
     return np.round(np.log(step / distances) / np.log(RATIO)).astype(int)
 
 
-def _aligned(values: list, places: list) -> np.ndarray:
+def _stack_by_distance(values: list, places: list) -> np.ndarray:
     """Stack the values of several events so that a column belongs to one distance; NaN where there is no value."""
     out = np.full((len(values), 1 + max((int(k.max()) for k in places if len(k)), default=-1)), np.nan)
     for row, value, k in zip(out, values, places, strict=True):

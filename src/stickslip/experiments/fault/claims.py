@@ -89,19 +89,19 @@ def _event_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[C
     def of(name: str, size: float = 1.0):
         return lambda result: float(getattr(result.settled, name).mean()) / size
 
-    def made(id: str, source: str, paper: float, measure, unit: str, tolerance: str, note: str = "") -> Claim:
+    def compare(id: str, source: str, paper: float, measure, unit: str, tolerance: str, note: str = "") -> Claim:
         error = _error(measure, main, coarser)
         return claim(id, f"Sec 7: {source}", paper, measure(main), unit, TOLERANCE[tolerance], note, error=error)
 
     plates = main.recurrence * main.scenario.loading.plate_rate
     return [
-        made("nucleation-depth", '"nucleate at a depth of ∼12–13 km"', 12.5, of("depth", 1e3), "km", "depth"),
-        made("arrest-depth", '"arrest at a depth of ∼18 km"', 18.0, of("bottom", 1e3), "km", "depth"),
-        made(
+        compare("nucleation-depth", '"nucleate at a depth of ∼12–13 km"', 12.5, of("depth", 1e3), "km", "depth"),
+        compare("arrest-depth", '"arrest at a depth of ∼18 km"', 18.0, of("bottom", 1e3), "km", "depth"),
+        compare(
             "surface-slip", '"surface slip of ∼3 m"', 3.0, of("surface_slip"), "m", "rough",
             f"plate motion between two events is {plates:.4f} m",
         ),
-        made("surface-velocity", '"max surface slip rate of ∼5 m/s"', 5.0, of("surface_velocity"), "m/s", "rough"),
+        compare("surface-velocity", '"max surface slip rate of ∼5 m/s"', 5.0, of("surface_velocity"), "m/s", "rough"),
     ]  # fmt: skip
 
 

@@ -23,7 +23,7 @@ class StageConditions(NamedTuple):
 
 
 class StagePart(NamedTuple):
-    """What remains of a stage."""
+    """Rest of a stage."""
 
     number: int  # of the stage
     conditions: StageConditions
@@ -40,7 +40,7 @@ class StagePart(NamedTuple):
 
 
 class FlowEngine(NamedTuple):
-    """What runs the stages."""
+    """Engine that runs the stages."""
 
     states: Callable[[StagePart], Iterator[State]]  # -> the state at each remaining sample
     stops: bool  # whether a stage may end at rest, before its duration

@@ -17,7 +17,7 @@ from ...data.law_schema import make_law
 from ...ensemble import Member, Workers
 from ...loading.packing import PackingInfo
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
-from ...loading.quasistatic import aqs, told
+from ...loading.quasistatic import aqs, parse_warning
 from ...loading.release import Released, release
 from ...solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
 from ...solve.spectrum import spectrum
@@ -168,7 +168,7 @@ def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
         _path_columns(point, protocol.law),
         zeros,
         point.outcome.fallback,
-        *told(point.outcome),
+        *parse_warning(point.outcome),
     )
 
 

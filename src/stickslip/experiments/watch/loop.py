@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from ...data.exchange.follow import INTERVAL, Look, Pair, Source, look, read_pair, unfinished
+from ...data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
 from ...data.sample import NO_CONTACTS, PackingError
 from .measures import Row, measure_frame
 
@@ -77,7 +77,7 @@ def watch(
             break
         yield Progress(rows, notes, 0)
         time.sleep(interval)
-    notes = (*said, *found.notes, *unfinished(found))
+    notes = (*said, *found.notes, *missing_frames(found))
     if not any(row.computed for row in rows.values()):
         raise PackingError(f"{source.folder} has no complete frame: {'; '.join(notes[-3:])}")
     yield Progress(rows, notes, 0, live=False)
