@@ -207,7 +207,10 @@ def test_sweeps_prove_their_files_too(call, tmp_path):
     assert "contains the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
 
 
-@pytest.mark.parametrize("when", ["members", "settling", "failing"])
+SLOW_MOMENTS = [pytest.param(when, marks=pytest.mark.slow) for when in ("settling", "failing")]
+
+
+@pytest.mark.parametrize("when", ["members", *SLOW_MOMENTS])
 def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_path, monkeypatch, when):
     """A kill while members run, or while the new sweep takes the old one's place, or members that all fail."""
     other = (tmp_path / "many.toml").read_text().replace("stiffness = 200.0", "stiffness = 210.0")

@@ -34,9 +34,16 @@ def worst(law, state, dt, duration, drag=0.0):
 CASES = [
     ("hertz_mindlin", "sharp", 3, {}, 0.0),
     ("hertz_mindlin", "smooth", 2, {}, 0.002),
-    ("linear", "smooth", 3, {"damping": "mass_velocity", "damping_n": 0.02, "damping_t": 0.01}, 0.0),
+    pytest.param(
+        "linear",
+        "smooth",
+        3,
+        {"damping": "mass_velocity", "damping_n": 0.02, "damping_t": 0.01},
+        0.0,
+        marks=pytest.mark.slow,
+    ),
     ("hertz_mindlin_reff", "sharp", 3, {"damping_n": 0.3, "damping_t": 0.15}, 0.0),
-    ("hertz_mindlin_rescaled", "sharp", 3, {}, 0.0),
+    pytest.param("hertz_mindlin_rescaled", "sharp", 3, {}, 0.0, marks=pytest.mark.slow),
     pytest.param("hertz_mindlin_reff_rescaled", "smooth", 2, {"damping_n": 0.3}, 0.0, marks=pytest.mark.slow),
 ]
 

@@ -197,7 +197,10 @@ def test_grains_that_hit_a_floor_and_leave_it(law_name, dim, speed, duration, co
     assert slope == pytest.approx(2.0, abs=0.15)
 
 
-@pytest.mark.parametrize(("damping", "expected"), [("velocity", 1.0), ("mass_velocity", 1.0), ("viscoelastic", 2.0)])
+@pytest.mark.parametrize(
+    ("damping", "expected"),
+    [("velocity", 1.0), pytest.param("mass_velocity", 1.0, marks=pytest.mark.slow), ("viscoelastic", 2.0)],
+)
 def test_dashpots_that_act_from_the_first_touch_leave_first_order(damping, expected):
     law = ss.laws.linear(kn=1.0, kt=0.8, mu=0.5, damping=damping, damping_n=0.1)
     state = on_a_floor(2, "linear", np.linspace(0.02, 0.03, 60), 0.02)

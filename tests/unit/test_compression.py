@@ -60,7 +60,7 @@ def test_a_quench_that_runs_out_of_steps_returns_the_last_positions():
     assert 1e-9 < energy(end, law)[0] < energy(start, law)[0]
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_frictional_packing_is_at_rest_under_the_pressure(dim):
     law = ss.laws.hertz_mindlin(mu=0.4)
     state, info = compressed(40, mu=0.4, pressure=1e-3, dim=dim, seed=2)
