@@ -42,9 +42,9 @@ release: $(STAMP)  ## build the wheel and the sdist into dist/ and check them; u
 
 lock:  ## regenerate the lock files with uv
 	@PATH="$(BIN):$$PATH" command -v uv >/dev/null || { echo "make lock needs uv: $(BIN)/pip install uv"; exit 1; }
-	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
-	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
-	echo twine | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
+	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
+	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
+	echo twine | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
 
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"

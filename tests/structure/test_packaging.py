@@ -9,12 +9,13 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from shutil import which
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 from stickslip import extras
 
@@ -81,6 +82,22 @@ def test_classifiers_and_versions_agree():
     named = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if line.startswith("Programming Language")]
     assert named == ["3", *PYTHONS]
     assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
+
+
+def test_the_lock_pins_packages_with_the_extras_that_others_require():
+    """Without them pip's hash mode refuses the lock as soon as a later release of such a package appears."""
+    pins = re.findall(r"^([\w.-]+)(?:\[([\w,-]+)\])?==", (ROOT / "requirements.lock").read_text(), re.MULTILINE)
+    pinned = {name: set(extras_.split(",")) - {""} for name, extras_ in pins}
+    wanted = {}
+    for name in pinned:
+        try:
+            needs = [Requirement(line) for line in requires(name) or ()]
+        except PackageNotFoundError:  # of another platform
+            continue
+        for need in needs:
+            if need.extras and (need.marker is None or need.marker.evaluate({"extra": ""})):
+                wanted.setdefault(need.name, set()).update(need.extras)
+    assert wanted and {name: extras_ - pinned[name] for name, extras_ in wanted.items() if extras_ - pinned[name]} == {}
 
 
 @pytest.mark.slow
