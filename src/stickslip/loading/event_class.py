@@ -18,7 +18,7 @@ from .event_path import TIME_STEP, Judge, Point, displacement
 from .event_types import Event, EventKind
 
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-FITTED = 3  # of these distances, the nearest ones, to which an exponent is fitted
+FITTED = 4  # of these distances, the nearest ones, to which an exponent is fitted
 VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
@@ -106,25 +106,35 @@ def _softness(point: Point) -> tuple[float, float, float, float]:
 
 
 def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Exponent of values ∝ distances^p over the nearest distances, and its standard error.
+    """Exponent of values ∝ distances^p (1 + O(values)) over the nearest distances, and its standard error.
+
+    Where a solution branch ends or a real part vanishes, both quantities are analytic in the same coordinate, so that
+    the first correction to the power is proportional to the values: log(values) = const + p log(distances) + b values.
 
     Returns
     -------
     float, float
-        NaN if a value is not positive, or with fewer than three
+        both NaN if a value is not positive, or with fewer than three; the error is NaN with three
 
     Examples
     --------
-    >>> power, error = fit_power(np.array([64.0, 8.0, 1.0]), np.array([8.0, 8.0**0.5, 1.0]))
+    >>> d = np.array([512.0, 64.0, 8.0, 1.0])
+    >>> power, error = fit_power(d, 0.01 * d**0.5)
     >>> round(power, 6), error < 1e-6
     (0.5, True)
     """
     x, y = distances[-FITTED:], values[-FITTED:]
     if len(x) < 3 or not (y > 0).all():
         return np.nan, np.nan
-    x, y = np.log(x) - np.log(x).mean(), np.log(y) - np.log(y).mean()
-    power = float(x @ y / (x @ x))
-    return power, float(np.sqrt(((y - power * x) ** 2).sum() / (len(x) - 2) / (x @ x)))
+    columns = np.stack([np.log(x), y / y.max()], axis=1)
+    columns -= columns.mean(axis=0)
+    size = np.linalg.norm(columns, axis=0)
+    columns /= np.where(size > 0, size, 1)
+    rise = np.log(y) - np.log(y).mean()
+    power, *_ = found = np.linalg.lstsq(columns, rise)[0]
+    free = len(x) - 3
+    square = ((rise - columns @ found) ** 2).sum() / free if free else np.nan
+    return float(power / size[0]), float(np.sqrt(square * np.linalg.pinv(columns.T @ columns)[0, 0]) / size[0])
 
 
 def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
@@ -182,8 +192,8 @@ def _changing(last: Point, upper: float):
 def loss_ahead(point: Point, strain: float) -> float:
     """Strain after which a contact is lost on the linear motion ahead, so that the state is then unstable; ∞ without.
 
-    A contact is lost where it reaches the Coulomb limit or opens. Mobilisations and normal forces are extrapolated from
-    their change over a small part of `strain`. The contacts that are lost first are tried, one by one.
+    A contact is lost where it reaches the Coulomb limit or opens. Forces and what is left to the limit are extrapolated
+    from their change over a small part of `strain`. The contacts that are lost first are tried, one by one.
     """
     response, state, part = point.response, point.state, PROBE * strain
     there = displaced(point.ahead(point.strain + part), response.free, _coordinates(response, part))
@@ -203,11 +213,10 @@ def loss_ahead(point: Point, strain: float) -> float:
 
 
 def _margins(state, point: Point) -> np.ndarray:
-    """(C, 2) 1 − |F_t|/(μ F_n), and F_n, of every pair in the list."""
+    """(C, 2) μ F_n − |F_t|, and F_n, of every pair in the list; both change linearly as long as no contact does."""
     line = linearise(state, point.judge.law, memory=FREE)
     pull = line.secant * np.linalg.norm(line.slip, axis=1)
-    free = 1 - np.divide(pull, line.limit, out=np.zeros(len(pull)), where=line.limit > 0)
-    return np.stack([np.maximum(free, 0), line.force_n * line.closed], axis=1)
+    return np.stack([np.maximum(line.limit - pull, 0), line.force_n * line.closed], axis=1)
 
 
 def _coordinates(response, strain: float) -> np.ndarray:
