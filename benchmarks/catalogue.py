@@ -1,11 +1,11 @@
 """Reference catalogue of events: at least 1,000 events of several contact laws, in two and three dimensions.
 
-    python -m benchmarks.catalogue FOLDER           # runs what is not yet there: several core-hours, one process
-    python -m benchmarks.catalogue FOLDER --draw    # only the tables and figures, from what is finished
+    python -m benchmarks.catalogue FOLDER               # runs what is not yet there: several core-hours, one process
+    python -m benchmarks.catalogue FOLDER sharp-0.5 …   # only these laws, or gouge; processes with other laws may run beside
+    python -m benchmarks.catalogue FOLDER --draw        # only the tables and figures, from what is finished
 
 Every law is run in parts, each in a folder of its own. A run that was stopped continues with the packing at which it
-was stopped. Tables, figures and the summary of `docs/catalogue.md` are written
-to `docs/reference/catalogue`.
+was stopped. Tables, figures and the summary of `docs/catalogue.md` are written to `docs/reference/catalogue`.
 """
 
 import shutil
@@ -47,7 +47,7 @@ class Run(NamedTuple):
     packing: dict
     law: dict
     parts: int
-    events: int = 50
+    events: int = 25
 
     def scenario(self, part: int):
         """Scenario of one part."""
@@ -56,26 +56,27 @@ class Run(NamedTuple):
 
 
 RUNS = {
-    "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 5),
-    "smooth-0.5": Run(DISKS, {"coulomb": "smooth", "mu": 0.5}, 5),
-    "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 5),
-    "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 5),
+    "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 10),
+    "smooth-0.5": Run(DISKS, {"coulomb": "smooth", "mu": 0.5}, 10),
+    "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 10),
+    "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 10),
     "spheres-smooth-0.5": Run(SPHERES, {"coulomb": "smooth", "mu": 0.5}, 1, 20),
     "spheres-sharp-0.5": Run(SPHERES, {"coulomb": "sharp", "mu": 0.5}, 1, 20),
 }
 
 
-def compute(folder: Path) -> None:
-    """Run all parts that are not finished, the first part of every law before the second ones, spheres last."""
-    parts = [(run.packing["dim"], part, name) for name, run in RUNS.items() for part in range(run.parts)]
+def compute(folder: Path, names: list[str]) -> None:
+    """Run the parts that are not finished, the first part of every law before the second ones, spheres last."""
+    parts = [
+        (run.packing["dim"], part, name) for name, run in RUNS.items() if name in names for part in range(run.parts)
+    ]
     for _, part, name in sorted(parts, key=lambda one: one[:2]):
         place = folder / f"{name}-{part}"
         if not (place / "events.csv").is_file():
             chosen = RUNS[name].scenario(part)
             result = ss.simulate(chosen, folder=place, workers=1, report=_say(f"{name}, part {part}"))
             write_result(place, EXPERIMENTS["catalogue"], result)
-            write_reference(folder)
-    if not (folder / "gouge" / "slips.csv").is_file():
+    if "gouge" in names and not (folder / "gouge" / "slips.csv").is_file():
         chosen = ss.experiments.registry.read_scenario(GOUGE)
         found = ss.simulate(chosen, folder=folder / "gouge", workers=1, report=_say("gouge"))
         write_result(folder / "gouge", EXPERIMENTS["gouge"], found)
@@ -211,6 +212,8 @@ def _area(one: Skill) -> str:
 if __name__ == "__main__":
     if len(sys.argv) < 2:
         sys.exit("give the folder of the runs, as in python -m benchmarks.catalogue results/catalogue")
+    if unknown := set(sys.argv[2:]) - {*RUNS, "gouge", "--draw"}:
+        sys.exit(f"unknown: {', '.join(sorted(unknown))}; use {', '.join(RUNS)}, gouge or --draw")
     if "--draw" not in sys.argv:
-        compute(Path(sys.argv[1]))
+        compute(Path(sys.argv[1]), sys.argv[2:] or [*RUNS, "gouge"])
     write_reference(Path(sys.argv[1]))
