@@ -1,7 +1,7 @@
 """Reference catalogue of events: at least 1,000 events of several contact laws, in two and three dimensions.
 
     python -m benchmarks.catalogue FOLDER               # runs what is not yet there: several core-hours, one process
-    python -m benchmarks.catalogue FOLDER sharp-0.5 …   # only these laws, or gouge; processes with other laws may run beside
+    python -m benchmarks.catalogue FOLDER sharp-0.5 …   # only these, or gouge; other laws may run beside
     python -m benchmarks.catalogue FOLDER --draw        # only the tables and figures, from what is finished
 
 Every law is run in parts, each in a folder of its own. A run that was stopped continues with the packing at which it
