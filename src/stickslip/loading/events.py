@@ -191,10 +191,6 @@ class Search:
     def _judge(self, trial: Point | None, goal: float) -> bool:
         """Let dynamics decide over a step that is as short as a bracket; False if it does not come to rest."""
         before = self.point
-        path, upper = self._finer(before, goal) if before.stable else ([before], goal)
-        if path[-1].strain == goal:  # still shorter steps pass
-            self._accept(path[-1])
-            return True
         beyond = trial if trial is not None and not trial.stable and continuous(before, trial) else None
         if beyond is not None:
             other = depart(beyond)[0]
@@ -206,13 +202,19 @@ class Search:
             if after is None:
                 return False
             jumps = self._is_far(before, after) and jumped(before, after) and not continuous(before, after)
+        lost = before.stable and not after.stable
+        if not (jumps or lost):
+            self._accept(after)
+            return True
+        path, upper = self._finer(before, goal) if before.stable else ([before], goal)
         break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
-        if jumps:
+        if path[-1].strain == goal:  # still shorter steps pass
+            self._accept(path[-1])
+        elif jumps:
             self._record(break_)
         else:
             self._accept(after)
-            if before.stable and not after.stable:
-                self.loss = break_
+            self.loss = break_
         return True
 
     def _is_far(self, a: Point, b: Point) -> bool:
@@ -235,7 +237,7 @@ class Search:
         waiting, path = [goal], [start]
         while waiting:
             trial = path[-1].newton(waiting[-1], thorough=True)
-            if trial is not None and trial.stable and continuous(path[-1], trial):
+            if trial is not None and continuous(path[-1], trial) and trial.stable:
                 path.append(trial)
                 waiting.pop()
             elif waiting[-1] - path[-1].strain > self.resolution / FINER:
