@@ -54,7 +54,9 @@ CASES = [
         True,
         marks=pytest.mark.slow,
     ),
-    ("hertz_mindlin_reff", "sharp", 3, {"damping_n": 0.3, "damping_t": 0.15}, False),
+    pytest.param(
+        "hertz_mindlin_reff", "sharp", 3, {"damping_n": 0.3, "damping_t": 0.15}, False, marks=pytest.mark.slow
+    ),
     ("hertz_mindlin_rescaled", "sharp", 3, {}, True),
     pytest.param(
         "hertz_mindlin_reff_rescaled", "smooth", 2, {"damping_n": 0.3, "damping_t": 0.15}, True, marks=pytest.mark.slow

@@ -295,7 +295,6 @@ RUNS = [
 TWO_THREADS = [RUNS[0], RUNS[7], ("cohesive-damped", 3, "difference")]
 FAST = [
     *(("rolling-damped", 3, "difference", control, "rows") for control in (*PLAIN[2:], *FRAME)),
-    ("wet", 2, "difference", springs, "rows"),
     *(("hertz_mindlin-sharp", 3, "difference", control, "blocks") for control in (*PLAIN, *FRAME)),
     *(("hertz_mindlin_reff-sharp-viscoelastic", 2, "rate", control, "rows") for control in FRAME[2:]),
 ]
