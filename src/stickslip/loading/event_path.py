@@ -27,7 +27,7 @@ ITERATIONS, PATIENCE = 30, 3  # of Newton's method, and its steps that may leave
 RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which dynamics hands over to Newton's method, over the mean normal force
 KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
 LEFT = 10.0  # distance from an unstable equilibrium at which it has been left, over that of the start
-TIME_STEP = 0.1  # of dynamics, in units of the longest stable one
+TIME_STEP = 0.2  # of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # of dynamics
 # dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
