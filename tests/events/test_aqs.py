@@ -64,7 +64,7 @@ def test_a_path_can_follow_dynamics():
     end, outcome = ss.relax(ss.packings.sheared(before.state, step), LINEAR, tolerance=1e-12, drag=nu)
     assert outcome.ok
     place = [state.grains.position - state.grains.position.mean(axis=0) for state in (end, followed.state, alone.state)]
-    assert np.abs(place[1] - place[0]).max() < 1e-5  # the time steps differ
+    assert np.abs(place[1] - place[0]).max() < 3e-5  # the time steps differ
     assert np.abs(place[2] - place[0]).max() > 1e-3
 
 
