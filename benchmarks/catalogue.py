@@ -30,7 +30,7 @@ PAGE = Path(__file__).parents[1] / "docs/catalogue.md"
 MARK = "<!-- written by python -m benchmarks.catalogue -->\n"
 GOUGE = Path(__file__).parents[1] / "examples/gouge_stick_slip.toml"
 DISKS, SPHERES = {"grains": 50, "dim": 2, "packing_fraction": 0.845}, {"grains": 40, "dim": 3, "packing_fraction": 0.66}
-SHEAR = {"drag": 0.1, "step": 4e-4, "resolution": 1e-6, "window": 4e-4}
+SHEAR = {"drag": 0.1, "resolution": 1e-6, "window": 4e-4}
 APART = 10_000  # distance between the seeds of two parts
 
 PICTURES = {
@@ -49,15 +49,17 @@ class Run(NamedTuple):
     parts: int
     events: int = 25
     strain: float = 0.1  # of every packing
+    step: float = 4e-4
 
     def scenario(self, part: int):
         """Scenario of one part."""
-        shear = SHEAR | {"strain": self.strain}
+        shear = SHEAR | {"strain": self.strain, "step": self.step}
         size = {"events": self.events, "packings": 1000, "seed": APART * part}
         return ss.scenario(experiment="catalogue", packing=self.packing, law=self.law, shear=shear, **size)
 
 
 RUNS = {  # with moderate friction the first events come late
+    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 12, step=1e-3),
     "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 16),
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24),
     "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 4, strain=0.4),
@@ -174,7 +176,8 @@ def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, 
 
 def _row_of_classes(law: str, table: Table, steps: Table) -> str:
     counts = " | ".join(str(number) for number in class_counts(table).values())
-    strain = sum(steps["strain"][steps["sample"] == one].max() + SHEAR["step"] for one in np.unique(steps["sample"]))
+    paths = [steps["strain"][steps["sample"] == one] for one in np.unique(steps["sample"])]
+    strain = sum(path[-1] + path[1] - path[0] for path in paths)
     exponents = rows_of(table, table["kind"] == "saddle_node")["exponent"]
     exponents = exponents[np.isfinite(exponents)]
     low, middle, high = np.quantile(exponents, [0.25, 0.5, 0.75]) if len(exponents) else [np.nan] * 3

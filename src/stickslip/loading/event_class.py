@@ -18,8 +18,8 @@ from .event_path import TIME_STEP, Judge, Point, displacement
 from .event_types import Event, EventKind
 
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-FITTED = 4  # of these distances, the nearest ones, to which an exponent is fitted
-VANISHES = 0.25  # exponent above which a quantity tends to zero at an event
+FITTED, FALLS = 4, 1.2  # nearest distances to which an exponent is fitted; fall up to the second, or it is left out
+VANISHES = 0.25  # exponent over the nearest three distances, above which a quantity tends to zero at an event
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
 NEAREST, ALMOST = 5, 0.99  # most mobilised sticking contacts that are tried, too, if their mobilisation is above this
@@ -124,6 +124,8 @@ def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     (0.5, True)
     """
     x, y = distances[-FITTED:], values[-FITTED:]
+    if len(x) == FITTED and y[0] < FALLS * y[1]:  # another mode was the softest there
+        x, y = x[1:], y[1:]
     if len(x) < 3 or not (y > 0).all():
         return np.nan, np.nan
     columns = np.stack([np.log(x), y / y.max()], axis=1)
@@ -142,9 +144,9 @@ def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, 
     if not found.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
-        fit = fit_power(profile.distances, values)
-        if fit[0] >= VANISHES:
-            return kind, fit
+        x, y = profile.distances[-3:], values[-3:]
+        if len(x) == 3 and (y > 0).all() and np.log(y[0] / y[2]) >= VANISHES * np.log(x[0] / x[2]):
+            return kind, fit_power(profile.distances, values)
     return EventKind.UNRESOLVED, (np.nan, np.nan)
 
 

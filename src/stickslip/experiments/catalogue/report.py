@@ -30,7 +30,8 @@ def law_label(scenario) -> str:
     if law.file is not None:
         return "law from a file"
     name = {"hertz_mindlin": "Hertz", "linear": "linear"}[law.kind]
-    return f"{name}, {law.coulomb}, $\\mu$ = {law.mu:g}, {scenario.packing.dim}D"
+    friction = f"{law.coulomb}, $\\mu$ = {law.mu:g}" if law.mu else "no friction"
+    return f"{name}, {friction}, {scenario.packing.dim}D"
 
 
 def figures(result: CatalogueResult):
