@@ -30,7 +30,7 @@ PAGE = Path(__file__).parents[1] / "docs/catalogue.md"
 MARK = "<!-- written by python -m benchmarks.catalogue -->\n"
 GOUGE = Path(__file__).parents[1] / "examples/gouge_stick_slip.toml"
 DISKS, SPHERES = {"grains": 50, "dim": 2, "packing_fraction": 0.845}, {"grains": 40, "dim": 3, "packing_fraction": 0.66}
-SHEAR = {"drag": 0.1, "resolution": 1e-6, "window": 4e-4}
+SHEAR = {"drag": 0.1, "step": 4e-4, "resolution": 1e-6, "window": 4e-4}
 APART = 10_000  # distance between the seeds of two parts
 
 PICTURES = {
@@ -49,17 +49,16 @@ class Run(NamedTuple):
     parts: int
     events: int = 25
     strain: float = 0.1  # of every packing
-    step: float = 4e-4
 
     def scenario(self, part: int):
         """Scenario of one part."""
-        shear = SHEAR | {"strain": self.strain, "step": self.step}
+        shear = SHEAR | {"strain": self.strain}
         size = {"events": self.events, "packings": 1000, "seed": APART * part}
         return ss.scenario(experiment="catalogue", packing=self.packing, law=self.law, shear=shear, **size)
 
 
 RUNS = {  # with moderate friction the first events come late
-    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 12, step=1e-3),
+    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 12),
     "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 16),
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24),
     "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 4, strain=0.4),
