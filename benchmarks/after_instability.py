@@ -2,7 +2,8 @@
 
     python -m benchmarks.after_instability [states of each kind, by default 24] [kinds: arrays disks spheres]
 
-24 states of each kind take about half an hour on one core, two thirds of it for spheres.
+24 states of each kind take about half an hour on one core, two thirds of it for spheres. The table of the documentation
+has 24 arrays and disks, and 50 spheres.
 
 Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction, and arrays
 of disks on a substrate are pushed. States are kept in which one complex pair dominates: nothing else grows at half its
@@ -14,6 +15,7 @@ or reaches the Coulomb limit is compared with the predicted one.
 import sys
 import warnings
 from collections import Counter
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ from stickslip.solve import birth
 SHARE = 0.05  # of the predicted amplitude, at which a run on the mode begins
 NOISE = 1e-5  # of the predicted displacement, in a run from random velocities
 DOMINATES = 2.0  # smallest ratio of the growth rate of the pair to that of anything else
+GROWTH = (0, 3e-4, 1e-3, np.inf)  # limits of the ratio of growth rate to frequency, between which states are counted
 MOST_STEPS = 1_000_000
 TOO_LONG = "the runs would need more than a million steps"
 BEYOND = 4.0  # e-folding times in which an event is awaited, beyond the time of linear growth
@@ -247,6 +250,9 @@ def main(each: int = 24, wanted=tuple(KINDS)) -> None:
         for where, near in (("|q|/|p| ≤ 1/3", True), ("|q|/|p| > 1/3", False)):
             chosen_rows = [row for row in group if (row.form.nearness <= birth.NEAR_BIRTH) == near]
             print(summarise(f"{name}, {where}", chosen_rows))
+        for low, high in pairwise(GROWTH):
+            chosen_rows = [row for row in group if low <= row.form.growth_rate / row.form.frequency < high]
+            print(summarise(f"{name}, {low:g} ≤ σ/ω < {high:g}", chosen_rows))
     every = [row for group in rows.values() for row in group]
     print(summarise("all", every))
     print(summarise("all in which no contact closes before", [r for r in every if r.form.closing > r.form.first]))
