@@ -58,7 +58,7 @@ class Run(NamedTuple):
 
 
 RUNS = {  # with moderate friction the first events come late
-    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 12),
+    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 20),
     "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 16),
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24),
     "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 4, strain=0.4),
