@@ -52,7 +52,7 @@ class Leg(NamedTuple):
     @property
     def warm_up(self) -> int:
         """Number of steps of duration zero before the first one."""
-        return 2 if self.state.control.cell_rate.any() else 0
+        return 2 if self.state.control.cell_rate.any() or self.state.control.cell_free.any() else 0
 
     @property
     def sample_steps(self) -> list[int]:
@@ -61,6 +61,11 @@ class Leg(NamedTuple):
 
 
 LOOSE = 1  # atom type of grains that belong to no rigid group; group g has type g + 2
+
+
+def digits(*numbers: float) -> str:
+    """Numbers with seventeen digits, from which they are read back exactly."""
+    return " ".join(f"{number:.17g}" for number in numbers)
 
 
 def atom_types(state: State) -> np.ndarray:

@@ -16,14 +16,15 @@ from ...core.measure import touching
 from ...core.state import State
 from ...data.exchange.lammps_text import read_dump
 from ...data.schema import ScenarioError
+from .cell import needs_forces, read_cell
 from .leg import Leg
-from .memory import history_size, is_complete, read_restart, restored, write_memory
+from .memory import Restart, history_size, is_complete, read_restart, restored, write_memory
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
 from .script import BEFORE, DATA, PLACES, PREPARE, SAMPLE, format_preparation, write_input
 from .supported import check_leg
 
 WAIT = 0.02  # between looks at the log [s]
-LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9}\s*$")  # of thermodynamic output
+LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # of thermodynamic output
 
 
 @checked
@@ -170,30 +171,32 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     except (OSError, ValueError) as problem:
         raise RuntimeError(f"{path} cannot be read ({problem}): run LAMMPS again in {folder}") from problem
     elapsed = step * leg.dt
-    low, high, (xy, xz, yz) = box[0:6:2], box[1:6:2], box[6:]
+    low, high, (xy, xz, yz) = box[0:6:2], box[1:6:2], box[6:9]
     vectors = np.array([[high[0] - low[0], 0, 0], [xy, high[1] - low[1], 0], [xz, yz, high[2] - low[2]]])
-    whole, rate = found.image * state.cell.periodic, state.control.cell_rate
-    vectors -= leg.dt * state.cell.vectors @ rate.T  # the box in the log is that of the next step
-    inside = found.position
-    if rate.any():
-        place = _unwrapped(folder / PLACES.replace("*", str(step + leg.warm_up)))
-        inside = inside + np.round((place - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
-    grains = state.grains._replace(
-        position=inside + whole @ vectors, velocity=found.velocity - inside @ rate.T, spin=found.spin
-    )
+    cell, position, velocity = _moved(leg, folder, step, found, vectors, box[9:])
+    grains = state.grains._replace(position=position, velocity=velocity, spin=found.spin)
     if not (np.isfinite(grains.position).all() and np.isfinite(grains.velocity).all()):
         raise RuntimeError("the grains became unstable in LAMMPS: use a shorter dt")
-    cell = state.cell._replace(vectors=state.cell.vectors + elapsed * state.cell.vectors @ rate.T, rate=rate.copy())
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)
     grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
     return restored(moved._replace(grains=grains), leg.law, found)
 
 
-def _unwrapped(path: Path) -> np.ndarray:
-    """Unwrapped positions in a dump, (N, 3), with a box that is one step ahead."""
-    table = read_dump(path)[0][0]
-    return table.numbers("xu", "yu", "zu")
+def _moved(leg: Leg, folder: Path, step: int, found: Restart, following: np.ndarray, rates: np.ndarray):
+    """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
+    state, rate = leg.state, leg.state.control.cell_rate
+    dumped = folder / PLACES.replace("*", str(step + leg.warm_up))
+    if needs_forces(leg):
+        return read_cell(leg, following, rates, read_dump(dumped)[0][0])
+    whole, inside = found.image * state.cell.periodic, found.position
+    vectors = following - leg.dt * state.cell.vectors @ rate.T
+    if rate.any():
+        place = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
+        inside = inside + np.round((place - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
+    change = step * leg.dt * state.cell.vectors @ rate.T
+    cell = state.cell._replace(vectors=state.cell.vectors + change, rate=rate.copy())
+    return cell, inside + whole @ vectors, found.velocity - inside @ rate.T
 
 
 def walls_at(leg: Leg, elapsed: float):

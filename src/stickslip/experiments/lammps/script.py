@@ -7,7 +7,8 @@ import numpy as np
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.laws.builtin import LINEAR, NO_TENSION, Law, rescales
 from ...data.exchange.frame import wrapped_into
-from .leg import LOOSE, Leg, atom_types, inertia_factor, is_held, members_of
+from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
+from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
 from .supported import WITHOUT_RADIUS, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
@@ -16,19 +17,14 @@ ROTATION = 10 / 3  # LAMMPS's `fix langevin` damps the rotation of spheres by th
 SPHERE = 0.4  # I0 with which it does so
 
 
-def digits(*numbers: float) -> str:
-    """Numbers with seventeen digits, from which they are read back exactly."""
-    return " ".join(f"{number:.17g}" for number in numbers)
-
-
 def format_data(leg: Leg) -> str:
     """Format a data file of `atom_style sphere`; velocities include the flow of a deforming cell."""
     state, grains = leg.state, leg.state.grains
     inside, image, corner, size = _box(leg)
-    vectors, rate = state.cell.vectors, state.control.cell_rate
+    vectors = state.cell.vectors
     density = grains.mass / (4 / 3 * np.pi * grains.radius**3)
     types, moving, n = atom_types(state), driven_bodies(state), len(density)
-    velocity, spin = moving.velocity[:n] + inside @ rate.T, moving.spin[:n]
+    velocity, spin = moving.velocity[:n] + inside @ moving.rate.T, moving.spin[:n]
     atoms = [
         f"{k + 1} {types[k]} {digits(2 * grains.radius[k], density[k], *inside[k])} {' '.join(map(str, image[k]))}"
         for k in range(len(density))
@@ -87,18 +83,30 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 def format_input(leg: Leg, begin: str = DATA) -> str:
     """Commands of a leg, output and `run` included."""
     steps, count, before = leg.steps, leg.samples, leg.warm_up
-    warm_up = f"timestep 0.0\nrun {before}\ntimestep {digits(leg.dt)}\n" if before else ""
+    warm_up = _warm_up(leg) if before else ""
     done = f"(step-{before})" if before else "step"
     return f"""{contact_commands(leg, begin)}
 {motion_commands(leg)}
 # a state is written to a restart file and a line to the log at {count} times
 variable sample equal round((round({done}*{count}/{steps})+1)*{steps}/{count}){f"+{before}" if before else ""}
 restart v_sample {SAMPLE}
-thermo_style custom step xlo xhi ylo yhi zlo zhi xy xz yz
+thermo_style custom step xlo xhi ylo yhi zlo zhi xy xz yz{rates_in_log(leg.state)}
 thermo_modify format float %.17g flush yes norm no
 thermo v_sample
 {_place_commands(leg)}{leg.more}{warm_up}run {steps}{" pre no" if before else ""}
 """
+
+
+def _warm_up(leg: Leg) -> str:
+    """Two steps of duration zero, so that the forces of the first step know the rate of the cell and its start."""
+    moving = _moving_cell(leg)
+    between = "\n".join(["run 1", *moving.first, "run 1 pre no", *moving.second]) if moving.before else "run 2"
+    return f"timestep {INSTANT}\n{between}\ntimestep {digits(leg.dt)}\n"
+
+
+def _moving_cell(leg: Leg) -> CellCommands:
+    """Commands for a cell that deforms otherwise than in simple shear; empty for others."""
+    return cell_commands(leg, _turning(leg)) if needs_forces(leg) else CellCommands([], [], [])
 
 
 def format_preparation(leg: Leg) -> str:
@@ -226,11 +234,12 @@ def motion_commands(leg: Leg) -> str:
     gravity = leg.state.control.gravity
     if gravity.any():
         lines.append(f"fix gravity all gravity {digits(np.linalg.norm(gravity))} vector {digits(*gravity)}")
+    lines += _moving_cell(leg).before  # its forces on grains are those of contacts and gravity only
     lines += _drag_commands(leg) if leg.drag else []
     lines += _plate_commands(leg)
     disc = " disc" if leg.state.cell.dim == 2 and abs(inertia_factor(leg.state) - SPHERE) > 1e-6 else ""
     lines.append(f"fix loose loose nve/sphere{disc}")
-    lines += _cell_commands(leg)
+    lines += [] if needs_forces(leg) else _cell_commands(leg)
     if leg.state.cell.dim == 2:
         lines.append("fix plane all enforce2d")
     if leg.ranks > 1 and not leg.state.cell.periodic[: leg.state.cell.dim].all():
@@ -239,11 +248,17 @@ def motion_commands(leg: Leg) -> str:
     return "\n".join(lines)
 
 
+def _turning(leg: Leg) -> float:
+    """Drag of `fix langevin`, with which rotations have the drag of the leg."""
+    return leg.drag * inertia_factor(leg.state) / (ROTATION * SPHERE)
+
+
 def _drag_commands(leg: Leg) -> list[str]:
     """Drag −m ν v by `fix addforce`, and −I ν ω by `fix langevin` without noise, which also acts on translations."""
-    nu = leg.drag
-    turning = nu / (ROTATION * SPHERE / inertia_factor(leg.state))
+    nu, turning = leg.drag, _turning(leg)
     lines = [f"fix slow loose langevin 0.0 0.0 {digits(1 / turning)} 1 omega yes"]
+    if needs_forces(leg):
+        return lines
     for axis in "xyz"[: leg.state.cell.dim]:
         lines.append(f"variable slow_{axis} atom -{digits(nu)}*mass*v{axis}")
         lines.append(f"variable rest_{axis} atom -{digits(nu - turning)}*mass*v{axis}")
@@ -340,10 +355,11 @@ def lead_formula(leg: Leg, column: int) -> str:
 
 def _place_commands(leg: Leg) -> str:
     """Dump of unwrapped positions, if the cell deforms: restart files then have positions wrapped, but not images."""
-    if not leg.state.control.cell_rate.any():
+    if not leg.warm_up:
         return ""
+    columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"
     return (
-        f"dump places all custom 1 {PLACES} id xu yu zu\ndump_modify places every v_sample sort id format float %.17g\n"
+        f"dump places all custom 1 {PLACES} id {columns}\ndump_modify places every v_sample sort id format float %.17g\n"
     )
 
 

@@ -22,6 +22,7 @@ from ...core.laws.builtin import (
 from ...core.laws.dispatch import Kind
 from ...core.state import State
 from ...data.schema import ScenarioError
+from .cell import needs_forces, tilts_of
 from .leg import Leg, inertia_factor, is_held, members_of
 
 DASHPOTS = {
@@ -73,7 +74,7 @@ def parameters_of(law: Law, state: State) -> np.ndarray:
 def check_leg(leg: Leg) -> None:
     """Raise ScenarioError if LAMMPS cannot run the conditions of a leg exactly."""
     check_law(leg.law, leg.state)
-    _check_cell(leg.state)
+    _check_cell(leg)
     _check_grains(leg.state)
     _check_groups(leg)
     _check_walls(leg)
@@ -84,19 +85,27 @@ def check_leg(leg: Leg) -> None:
         )
 
 
-def _check_cell(state: State) -> None:
+def _check_cell(leg: Leg) -> None:
+    state = leg.state
     control, cell = state.control, state.cell
-    if control.cell_free.any():
+    rate, free = control.cell_rate, control.cell_free
+    if (free & ~np.eye(3, dtype=bool)).any():
         raise ScenarioError(
-            "LAMMPS was given a cell that follows a stress, but none of its barostats (fix nph, fix press/berendsen, "
-            f"fix deform/pressure) obeys M ℓ² L̇ = V (σ − target): prescribe the shear rate, {STAY}"
+            "LAMMPS was given a cell whose shear follows a stress, but it sums stress as if it were symmetric, and only "
+            f"lengths of cells follow it exactly: prescribe the shear rate, {STAY}"
         )
-    rate = control.cell_rate
-    lower = np.tril(rate).any()
-    if rate.any() and (lower or (rate @ rate).any() or (control.cell_follows[rate != 0] >= 0).any()):
+    if np.tril(rate, -1).any() or (control.cell_follows[rate != 0] >= 0).any():
         raise ScenarioError(
-            "LAMMPS was given a deforming cell that is not in simple shear at a constant rate along xy, xz or yz, "
-            f"whose equations of motion differ: {STAY[3:]}"
+            "LAMMPS was given a cell whose rate varies in time or tilts it along yx, zx or zy: use a constant rate and "
+            f"shear along xy, xz or yz, {STAY}"
+        )
+    if needs_forces(leg) and (tilts := tilts_of(state))[0, 1] and tilts[1, 2]:
+        raise ScenarioError(
+            f"LAMMPS was given a cell that shears along xy and yz at once, which fix deform does not do: use one, {STAY}"
+        )
+    if needs_forces(leg) and (len(state.walls.mass) or (control.group >= 0).any()):
+        raise ScenarioError(
+            f"LAMMPS was given walls or rigid groups in a cell that changes its lengths: leave them out, {STAY}"
         )
     if not (np.triu(cell.vectors, 1) == 0).all() or not (np.diag(cell.vectors) > 0).all():
         raise ScenarioError("LAMMPS needs a cell whose first vector is along x and second one in the xy plane")
