@@ -25,6 +25,14 @@ def stirred(number=200):
     return fresh(state._replace(grains=state.grains._replace(velocity=velocity, spin=spin)))
 
 
+def stirred_disks():
+    """A dense periodic packing of disks with random velocities and spins."""
+    state, _ = jammed(100, packing_fraction=0.88, dim=2, seed=0)
+    velocity, spin = np.random.default_rng(0).normal(0, 0.02, (2, 100, 3))
+    velocity[:, 2], spin[:, :2] = 0, 0
+    return fresh(state._replace(grains=state.grains._replace(velocity=velocity, spin=spin)))
+
+
 def lattice(dim, *, equal=False):
     """Grains on a lattice that overlaps by a tenth, with random velocities and spins; and the lattice's length."""
     rng, side = np.random.default_rng(2), 4 if dim == 3 else 6
@@ -86,6 +94,15 @@ def sheared(a, b):
     return state._replace(control=ss.control.strained_at(state.control, rate))
 
 
+def under_stress(stress, rate=None, *, dim=3, growing=False):
+    """The packing in a cell some of whose lengths follow a stress, in shear or already moving if wanted."""
+    state = stirred() if dim == 3 else stirred_disks()
+    control = state.control if rate is None else ss.control.strained_at(state.control, rate)
+    control = ss.control.stress_controlled(control, stress, mass=20.0) if stress else control
+    cell = state.cell._replace(rate=np.diag([0.02, -0.03, 0.0])) if growing else state.cell
+    return state._replace(control=control, cell=cell)
+
+
 def walls_law(law):
     """The law with another friction at the second wall."""
     return ss.laws.for_pair(law, 0, 1, mu=0.1)
@@ -111,6 +128,12 @@ SCENES = {
     "cell sheared along xy": (lambda: sheared(0, 1), REFF_DAMPED),
     "cell sheared along xz": (lambda: sheared(0, 2), REFF),
     "cell sheared along yz": (lambda: sheared(1, 2), REFF),
+    "cell under stress": (lambda: under_stress({"xx": 0.05, "yy": 0.02, "zz": 0.08}), REFF_DAMPED),
+    "cell under stress, disks": (lambda: under_stress({"xx": 0.05, "yy": 0.05}, dim=2), LINEAR_DAMPED),
+    "cell under stress, moving": (lambda: under_stress({"xx": 0.05, "yy": 0.05}, growing=True), REFF),
+    "shear under stress": (lambda: under_stress({"yy": 0.05}, [[0, 0.05], [0, 0]]), REFF),
+    "shear under stresses": (lambda: under_stress({"xx": 0.05, "yy": 0.05}, [[0, 0.05], [0, 0]]), REFF_DAMPED),
+    "compressed and sheared": (lambda: under_stress({}, [[-0.02, 0, 0.03], [0, 0.01, 0.05], [0, 0, 0.03]]), REFF),
 }
 
 

@@ -21,7 +21,18 @@ from stickslip.experiments.lammps.run import run_in_lammps, run_leg, sample_path
 from stickslip.experiments.lammps.supported import check_leg
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
-from tests.peers.lammps_scenes import DT, LINEAR, SCENES, STEPS, between_walls, differ, stirred
+from tests.peers.lammps_scenes import (
+    DT,
+    LINEAR,
+    REFF,
+    SCENES,
+    STEPS,
+    between_plates,
+    between_walls,
+    differ,
+    stirred,
+    under_stress,
+)
 
 # without LAMMPS
 
@@ -51,7 +62,9 @@ def test_a_law_of_a_user_is_refused():
 def refused_conditions():
     state, n = stirred(), 200
     control = state.control
-    compressed = np.diag([-0.01, 0, 0])
+    follows, strained, plates = ss.control.stress_controlled, ss.control.strained_at, between_plates(3, "")
+    varying = ss.control.time_dependent(strained(control, np.diag([-0.01, 0])), "cell", [0.0, 1.0], [1.0, 0.0])
+    both = follows(strained(control, [[0, 0.1, 0], [0, 0, 0.1], [0, 0, 0]]), {"yy": 0.1})
     free_wall = between_walls(3)
     free_wall.control.free[-2, 0] = True
     held, pushed = ss.control.fixed(control, [3]), control._replace(force=np.ones((n, 3)))
@@ -59,8 +72,11 @@ def refused_conditions():
     shaken = between_walls(2, moving=True)
     many = ss.control.time_dependent(shaken.control, [36], np.linspace(0, 1, 90), np.ones(90), axes=[0])
     return [
-        (state._replace(control=ss.control.stress_controlled(control, {"yy": 0.1})), "a cell that follows a stress"),
-        (state._replace(control=ss.control.strained_at(control, compressed)), "not in simple shear"),
+        (state._replace(control=follows(control, {"yy": 0.1, "xy": 0.0})), "a cell whose shear follows a stress"),
+        (state._replace(control=strained(control, [[0, 0], [0.1, 0]])), "tilts it along yx"),
+        (state._replace(control=varying), "whose rate varies in time"),
+        (state._replace(control=both), "along xy and yz at once"),
+        (plates._replace(control=follows(plates.control, {"xx": 0.1})), "rigid groups in a cell that changes"),
         (free_wall, "a wall that a force moves"),
         (state._replace(control=held), "single grains that are held"),
         (state._replace(control=pushed), "forces on single grains"),
@@ -207,6 +223,7 @@ def compare(ours, theirs):
         assert differ(getattr(theirs.grains, name), getattr(ours.grains, name)) < 1e-10, name
     assert differ(theirs.walls.point, ours.walls.point) < 1e-10
     assert differ(theirs.cell.vectors, ours.cell.vectors) < 1e-12
+    assert differ(theirs.cell.rate, ours.cell.rate) < 1e-10
     rows, others = ss.measure.touching(ours), ss.measure.touching(theirs)
     assert (ours.contacts.key[rows] == theirs.contacts.key[others]).all() and len(rows) > 20
     assert differ(theirs.contacts.slip[others], ours.contacts.slip[rows]) < 1e-10
@@ -229,7 +246,9 @@ def test_first_steps_agree(peer, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, 4])
-@pytest.mark.parametrize("name", ["packing with dashpots", "walls, disks", "spring", "cell sheared along xy"])
+@pytest.mark.parametrize(
+    "name", ["packing with dashpots", "walls, disks", "spring", "cell sheared along xy", "shear under stresses"]
+)
 def test_several_ranks_agree(peer, tmp_path, name, ranks):
     """Also four of them on fewer cores, which `require_lammps` would refuse."""
     if process.find_mpirun() is None:
@@ -241,7 +260,9 @@ def test_several_ranks_agree(peer, tmp_path, name, ranks):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["packing", "walls, no dashpots", "shaken plate", "cell sheared along xz"])
+@pytest.mark.parametrize(
+    "name", ["packing", "walls, no dashpots", "shaken plate", "cell sheared along xz", "shear under stress"]
+)
 def test_memory_goes_to_lammps(peer, name):
     """A run of ours goes on in LAMMPS as it does here; with dashpots, a start is not exact on either side."""
     make, law = SCENES[name]
@@ -266,6 +287,45 @@ def test_drag_slows_translations_and_rotations_alike(peer, dim):
         missed.append([differ(getattr(theirs.grains, n), getattr(ours.grains, n)) for n in ("velocity", "spin")])
     for coarse, fine in zip(*missed, strict=True):
         assert 1e-6 < coarse < 0.01 and fine == pytest.approx(coarse / 2, rel=0.1)
+
+
+@pytest.mark.slow
+def test_drag_in_a_deforming_cell_is_relative_to_its_flow(peer):
+    """Exact where nothing turns: LAMMPS's own drag, which acts on rotations, is first order in dt."""
+    law = ss.laws.hertz_mindlin_reff(1.0, 0.0, 0.0)
+    for stress in ({}, {"yy": 0.05}):
+        state = under_stress(stress, [[0, 0.05], [0, 0]])
+        state.grains.spin[:] = 0.0
+        ours, _, _ = ss.run(state, law, STEPS, DT, slip_update="rate", drag=0.1)
+        free, _, _ = ss.run(state, law, STEPS, DT, slip_update="rate")
+        theirs = run_in_lammps(state, law, STEPS, DT, drag=0.1)[-1]
+        for name in ("position", "velocity"):
+            assert differ(getattr(theirs.grains, name), getattr(ours.grains, name)) < 1e-10, name
+        assert differ(theirs.cell.vectors, ours.cell.vectors) < 1e-12
+        assert differ(free.grains.velocity, ours.grains.velocity) > 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stress", [{"yy": 0.02}, {"xx": 0.02, "yy": 0.02}])
+def test_a_cell_in_shear_under_stress_agrees_while_its_tilt_grows(peer, stress):
+    """To a strain of 1. LAMMPS flips its cell at 1/2 if the vector that it takes away stays as it is."""
+    state = under_stress(stress, [[0, 0.1], [0, 0]])
+    ours, _, _ = ss.run(state, REFF, 200, DT, slip_update="rate")
+    theirs = run_in_lammps(state, REFF, 200, DT)[-1]
+    whole = (theirs.cell.vectors - ours.cell.vectors) @ np.linalg.inv(ours.cell.vectors)
+    assert np.abs(whole - np.round(whole)).max() < 1e-10 and np.round(whole).any() == (len(stress) == 1)
+    for name in ("position", "velocity", "spin"):
+        assert differ(getattr(theirs.grains, name), getattr(ours.grains, name)) < 1e-10, name
+
+
+@pytest.mark.slow
+def test_a_cell_comes_to_rest_under_its_stress(peer):
+    law, wanted = SCENES["packing with dashpots"][1], np.array([0.018, 0.02, 0.022])
+    state = under_stress(dict(zip(("xx", "yy", "zz"), wanted, strict=True)))
+    state = state._replace(control=state.control._replace(cell_mass=0.0))
+    end = run_in_lammps(state, law, 20_000, DT, drag=0.1)[-1]
+    assert np.diag(ss.measure.stress(end, law)) == pytest.approx(wanted, rel=1e-3)
+    assert np.abs(end.cell.rate).max() < 1e-5
 
 
 FORCES = """

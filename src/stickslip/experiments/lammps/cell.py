@@ -139,7 +139,7 @@ def _stress_commands(leg: Leg) -> list[str]:
 
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
-    """Coefficients, fixes of Σ m v², and the fix of the forces on grains; `first`: velocities are those of the start."""
+    """Coefficients, fixes of Σ m v², and the fix of the forces on grains; `first`: velocities are at the start."""
     dt, h, (keep, slow) = leg.dt, 0.5 * leg.dt, _drag_factors(leg)
     half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)
     ahead = _product(half, _turn(later, dt))
@@ -203,12 +203,12 @@ def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str],
         words.append(f"{side} variable v_cell_move_{side} v_cell_speed_{side}")
     # a flip adds one vector of the cell to another, but keeps the rates of both for a step
     moving = [any((a, k) in rate for a in range(k + 1)) for k in range(3)]
-    flips = not (moving[0] and tilts[0, 1:].any() or moving[1] and tilts[1, 2])
+    flips = not ((moving[0] and tilts[0, 1:].any()) or (moving[1] and tilts[1, 2]))
     return at_rest, moves, f"fix cell all deform 1 {' '.join(words)} remap v{'' if flips else ' flip no'}"
 
 
 def read_cell(leg: Leg, following: np.ndarray, rates: np.ndarray, table):
-    """Return cell, positions and velocities from the next step's cell, the rates in the log, and a dump of the grains."""
+    """Return cell, positions and velocities from the next step's vectors, the rates in the log, and a dump."""
     one, h, mass = np.eye(3), 0.5 * leg.dt, leg.state.grains.mass[:, None]
     later, before = driven_bodies(leg.state).rate, driven_bodies(leg.state).rate
     for n, axis in enumerate(free_axes(leg.state)):

@@ -358,9 +358,8 @@ def _place_commands(leg: Leg) -> str:
     if not leg.warm_up:
         return ""
     columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"
-    return (
-        f"dump places all custom 1 {PLACES} id {columns}\ndump_modify places every v_sample sort id format float %.17g\n"
-    )
+    how = "every v_sample sort id format float %.17g"
+    return f"dump places all custom 1 {PLACES} id {columns}\ndump_modify places {how}\n"
 
 
 def _cell_commands(leg: Leg) -> list[str]:

@@ -91,8 +91,8 @@ def _check_cell(leg: Leg) -> None:
     rate, free = control.cell_rate, control.cell_free
     if (free & ~np.eye(3, dtype=bool)).any():
         raise ScenarioError(
-            "LAMMPS was given a cell whose shear follows a stress, but it sums stress as if it were symmetric, and only "
-            f"lengths of cells follow it exactly: prescribe the shear rate, {STAY}"
+            "LAMMPS was given a cell whose shear follows a stress, but has no sum of f_x r_y, only one of f_y r_x: let "
+            f"only lengths of the cell follow, {STAY}"
         )
     if np.tril(rate, -1).any() or (control.cell_follows[rate != 0] >= 0).any():
         raise ScenarioError(
@@ -101,7 +101,7 @@ def _check_cell(leg: Leg) -> None:
         )
     if needs_forces(leg) and (tilts := tilts_of(state))[0, 1] and tilts[1, 2]:
         raise ScenarioError(
-            f"LAMMPS was given a cell that shears along xy and yz at once, which fix deform does not do: use one, {STAY}"
+            f"LAMMPS was given a cell that tilts along xy and yz at once, which it cannot deform: use one, {STAY}"
         )
     if needs_forces(leg) and (len(state.walls.mass) or (control.group >= 0).any()):
         raise ScenarioError(
