@@ -1,5 +1,6 @@
 """Fault gouge in LAMMPS, which was written by others: what is exported, the first steps, and steady sliding."""
 
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
-from stickslip.experiments.gouge import lammps
+from stickslip.experiments.gouge import lammps, queue
 from stickslip.experiments.gouge.dimensionless import stiffness
 from stickslip.experiments.gouge.protocol import STICKSLIP, _series, load_point_lead
 from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
@@ -299,3 +300,59 @@ def test_first_steps_of_the_rescaled_law_agree_with_lammps(peer, steps):
         assert differ(getattr(ours, name), getattr(theirs, name)) < 1e-8 * steps, name
     for name in ("friction", "contact_friction", "normal", "kinetic_energy"):
         assert differ(getattr(ours, name), getattr(theirs, name)) < arm, name
+
+
+FIXED = {
+    "engine": "lammps", "sample_every": 100, "preparation": QUICK | {"steady": False, "slip": 0.2},
+    "protocol": [
+        {"kind": "slide", "velocity": 0.6, "slip": 0.5},
+        {
+            "kind": "slide-hold-slide", "before": [0.3], "holds": [2e-4, 1e-4], "after": [0.3], "approach": 0.1,
+            "slip": 0.1, "branches": 2, "spacing": 0.1, "twin": 0.1,
+        },
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("where", ["preparation", "slide"])
+def test_legs_that_end_when_sliding_is_steady_are_not_written_for_a_queue(tmp_path, where):
+    fixed = {"preparation": QUICK | {"steady": False}} if where == "slide" else {}
+    parts = [{"kind": "slide", "velocity": 0.3, "slip": 8.0, "steady": where == "slide"}]
+    chosen = ss.scenario(experiment="gouge", **FEW, **({"preparation": QUICK} | fixed), protocol=parts, engine="lammps")
+    with pytest.raises(ScenarioError, match=r"set preparation\.steady = false and leave steady = true out") as found:
+        queue.export(chosen, tmp_path)
+    assert "\n" not in str(found.value) and not list(tmp_path.iterdir())
+
+
+def test_a_preparation_of_a_given_slip_has_no_longest_one():
+    chosen = ss.scenario(experiment="gouge", **FEW, **FIXED)
+    assert not chosen.preparation.steady
+    with pytest.raises(ScenarioError, match=r"preparation\.longest"):
+        ss.scenario(experiment="gouge", **FEW, **FIXED | {"preparation": QUICK | {"slip": 50.0}})
+
+
+@pytest.mark.slow
+def test_legs_written_for_a_queue_are_read_back(peer, tmp_path):
+    """`run.sh` runs LAMMPS without this package; the result is that of the same legs run here."""
+    chosen = ss.scenario(experiment="gouge", **FEW, **FIXED)
+    queue.export(chosen, tmp_path)
+    with pytest.raises(ScenarioError, match=r"LAMMPS has not finished in .*leg-01: let it finish there first"):
+        ss.simulate(chosen, folder=tmp_path)
+    lmp = process.which("lmp", path=os.path.dirname(sys.executable))
+    done = subprocess.run(
+        ["sh", "run.sh", lmp], cwd=tmp_path, capture_output=True, text=True, env=process._environment()
+    )
+    assert done.returncode == 0, done.stderr
+    with pytest.raises(ScenarioError, match="contains states that LAMMPS wrote"):
+        queue.export(chosen, tmp_path)
+    found, here = ss.simulate(chosen, folder=tmp_path), ss.simulate(chosen)
+    (mine,), (theirs,) = here.realizations, found.realizations
+    kinds = [test.kind for test in mine.tests]
+    assert kinds == [test.kind for test in theirs.tests] and {"steady", "slide", "twin", "hold", "reslide"} == set(
+        kinds
+    )
+    for k, (one, other) in enumerate(zip(mine.tests, theirs.tests, strict=True)):
+        for name in ("time", "load_point", "slip", "velocity", "friction", "normal", "thickness", "fabric"):
+            # the same input but for the last digit of the spring's anchor, which grows as trajectories diverge
+            assert differ(getattr(other.series, name), getattr(one.series, name)) < (1e-2 if k else 1e-9), (k, name)
+        assert other.elastic == pytest.approx(one.elastic, rel=1e-2)

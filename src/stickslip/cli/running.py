@@ -185,14 +185,11 @@ def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
     from ..experiments.registry import experiment_of
 
     write = experiment_of(chosen).export
-    if chosen.experiment == "gouge":
-        raise ValueError(
-            "--export was given with fault gouge, whose legs end when the measured friction is steady, so that they "
-            "cannot be written in advance: run stickslip with --engine lammps inside the job"
-        )
     if write is None or chosen.engine != "lammps":
         what = f"experiment = {chosen.experiment!r}" if write is None else f"engine = {chosen.engine!r}"
-        raise ValueError(f"--export was given with {what}: it writes flows for LAMMPS; add --engine lammps")
+        raise ValueError(
+            f"--export was given with {what}: it writes flows and fault gouge for LAMMPS; add --engine lammps"
+        )
     with _working_in(folder, how):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)

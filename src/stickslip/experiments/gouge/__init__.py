@@ -46,6 +46,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    export=_here("queue.export"),
     announce=_here("report.announce"),
     smallest=(SMALLEST,),
     paper=Paper(

@@ -6,6 +6,7 @@ contact memory, and the contents of the restart file, so any number of legs may 
 disk. Numbers are SI.
 """
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,7 +39,8 @@ class Place(NamedTuple):
     """State at the end of a leg, from which others may start."""
 
     gouge: Gouge  # sample with the memory of its contacts
-    restart: bytes  # LAMMPS restart file of the same state; empty before the first leg
+    restart: bytes  # LAMMPS restart file of the same state; empty before the first leg, and of legs run in a queue
+    number: int = 0  # of the leg that ends here, in a queue
 
 
 def engine(ranks: int = 1) -> Engine:
@@ -54,8 +56,13 @@ def engine(ranks: int = 1) -> Engine:
         If there are fewer cores than ranks.
     """
     require_lammps(ranks)
+    return engine_of(partial(_leg, ranks=ranks))
+
+
+def engine_of(leg: Callable) -> Engine:
+    """Return an Engine with places of LAMMPS and a function that runs legs."""
     return Engine(
-        start, partial(_leg, ranks=ranks), lambda place: place.gouge.state,
+        start, leg, lambda place: place.gouge.state,
         lambda place: elastic_energy(place.gouge.state, place.gouge.law), (Place, Gouge),
     )  # fmt: skip
 
@@ -71,11 +78,11 @@ def start(scenario: GougeScenario, gouge: Gouge) -> Place:
     ahead = load_point_lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
     attached = attach_spring(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
     place = Place(attached, b"")
-    check_leg(_make_leg(scenario, place, 0.0, scenario.sample_every))
+    check_leg(make_leg(scenario, place, 0.0, scenario.sample_every))
     return place
 
 
-def _make_leg(
+def make_leg(
     scenario: GougeScenario, place: Place, velocity: float, steps: int, *, ranks: int = 1, skin: float = SKIN
 ) -> Leg:
     """Return the leg in which the load point of the spring moves at a velocity."""
@@ -117,7 +124,7 @@ def write_input(
         contacts and plate
     """
     folder.mkdir(parents=True, exist_ok=True)
-    leg = _make_leg(scenario, place, velocity, steps, ranks=ranks)
+    leg = make_leg(scenario, place, velocity, steps, ranks=ranks)
     if not place.restart:
         return write_start(leg, folder)
     (folder / BEFORE).write_bytes(place.restart)
@@ -134,7 +141,7 @@ def read_output(
     RuntimeError
         If LAMMPS did not finish the leg.
     """
-    leg = _make_leg(scenario, place, velocity, steps)
+    leg = make_leg(scenario, place, velocity, steps)
     begin, here = place.gouge.state.time, place.gouge._replace(state=leg.state)
     try:
         plate = np.loadtxt(folder / PLATE, ndmin=2)[-(steps // scenario.sample_every) :]
@@ -166,7 +173,7 @@ def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, s
 
     `skin` is the skin distance of the neighbour lists, in diameters.
     """
-    leg = _make_leg(scenario, place, velocity, scenario.sample_every, skin=skin)
+    leg = make_leg(scenario, place, velocity, scenario.sample_every, skin=skin)
     return f"{contact_commands(leg)}\n{motion_commands(leg)}\n"
 
 

@@ -23,6 +23,7 @@ from .sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
 from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
 DECADE = 20  # samples of a hold in each decade of time
+TRUNK = "trunk"  # name of the pieces of an unfinished trunk
 CHUNK = 100  # samples between two progress reports
 Tell = Callable[[float, str], None]
 
@@ -131,11 +132,22 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
         If the sample does not settle, does not become steady, or becomes unstable.
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
-    gouge = load_or_compute(
+    return slide_trunk(scenario, settled_sample(scenario, seed, tell, kept), engine, tell, kept)
+
+
+def settled_sample(scenario: GougeScenario, seed: int, tell: Tell, kept: Checkpoint | None) -> Gouge:
+    """Return the sample at rest; arguments as in `run_trunk`."""
+    return load_or_compute(
         kept,
         "settled",
         lambda: prepare_sample(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}")),
     )
+
+
+def slide_trunk(
+    scenario: GougeScenario, gouge: Gouge, engine: Engine, tell: Tell, kept: Checkpoint | None = None
+) -> Trunk:
+    """Take a settled sample through the slides of the protocol; arguments as in `run_trunk`."""
     legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration)
     place, tests, found = engine.start(scenario, gouge), [], []
     states, velocity = {"settled": gouge.state}, 0.0
@@ -184,8 +196,12 @@ def make_realization(scenario: GougeScenario, seed: int, found: Trunk, tests) ->
 
 
 def _slide_to_steadiness(legs: "_LegRunner", place):
-    """Slide until friction is the same in two successive windows."""
+    """Slide until friction is the same in two successive windows, or for a given slip."""
     chosen = legs.scenario.preparation
+    if not chosen.steady:
+        seconds = chosen.slip * legs.scenario.grains.mean / chosen.velocity
+        place, series, elastic = legs.run(place, chosen.velocity, seconds, "preparation")
+        return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
     found = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
     if found is None:
         raise RuntimeError(

@@ -190,6 +190,7 @@ class Preparation(Settling):
         description=("steady: friction in two successive windows differs by at most this value or the standard error"),
     )
     longest: Positive = Field(40.0, description="slip after which the preparation fails if sliding is not steady [D]")
+    steady: bool = Field(True, description="whether to slide until friction is steady; false: exactly `slip`")
 
 
 class Slide(ScenarioTable):
@@ -397,12 +398,13 @@ class GougeScenario(ScenarioBase):
     def _check_sampling(self):
         size, chosen = self.grains.mean, self.preparation
         least = max(chosen.slip, 2 * chosen.window)
-        if chosen.longest < least:
+        if chosen.steady and chosen.longest < least:
             raise ValueError(
                 f"preparation.longest = {chosen.longest:g} was given, but it must not be less than slip or two "
                 f"windows: use at least {least:g}"
             )
-        legs = {"preparation.window": chosen.window * size / chosen.velocity}
+        name = "preparation.window" if chosen.steady else "preparation.slip"
+        legs = {name: (chosen.window if chosen.steady else chosen.slip) * size / chosen.velocity}
         for number, part in enumerate(self.protocol, start=1):
             name = f"protocol entry {number}"
             legs[name] = min(min([*part.trunk(v, size), *part.branch(v, size)]) for v in part.starts)

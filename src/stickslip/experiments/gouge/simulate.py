@@ -15,6 +15,7 @@ from ..realizations import Realizations, Report, Task, run_realizations, silent
 from .dimensionless import Range
 from .protocol import (
     STICKSLIP,
+    TRUNK,
     Branch,
     Engine,
     Realization,
@@ -29,7 +30,6 @@ from .protocol import (
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder next to the results
-TRUNK = "trunk"  # names of pieces of an unfinished realization
 
 
 @readable
@@ -62,7 +62,7 @@ def simulate_gouge(
     ArchiveError
         If a file of a finished realization is damaged, or was written by another version.
     """
-    find_engine(scenario)
+    find_engine(scenario, folder)
     if workers is None and scenario.ranks > 1:
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
@@ -151,16 +151,22 @@ class _Ensemble:
             self.kept.of(one.digest).clear()
 
 
-def find_engine(scenario: GougeScenario) -> Engine:
-    """Return the engine that a scenario names.
+def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
+    """Return the engine that a scenario names; it reads legs that were written to the folder for a queue.
 
     Raises
     ------
     RuntimeError
         If it is not installed. The message says how to install it.
+    ScenarioError
+        If a leg has not run in the queue.
     """
     if scenario.engine == "stickslip":
         return STICKSLIP
+    from . import queue
+
+    if folder and queue.is_written(folder):
+        return queue.engine(folder)
     from .lammps import engine
 
     return engine(scenario.ranks)
@@ -169,13 +175,13 @@ def find_engine(scenario: GougeScenario) -> Engine:
 def _trunk_task(text: str, kept: Checkpoint | None, tell: Tell) -> Trunk:
     """Run one trunk, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return run_trunk(one, one.seed, find_engine(one), tell, kept and kept.seen())
+    return run_trunk(one, one.seed, find_engine(one, kept and kept.run), tell, kept and kept.seen())
 
 
 def _branch_task(text: str, start: Branch, kept: Checkpoint | None, tell: Tell) -> tuple[Test, ...]:
     """Run one branch, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return run_branch(one, start, find_engine(one), tell, kept and kept.seen())
+    return run_branch(one, start, find_engine(one, kept and kept.run), tell, kept and kept.seen())
 
 
 def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:

@@ -43,19 +43,35 @@ def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
     ScenarioError
         If LAMMPS has already run legs in this folder.
     """
+    clear_legs(folder)
+    paths, ends, begin = [], [], DATA
+    for number, leg in enumerate(legs):
+        place = leg_folder(folder, number)
+        paths.append(write_input(leg._replace(number=number), place, begin=begin))
+        ends.append(sample_path(leg, place, leg.steps))
+        begin = f"../{place.name}/{ends[-1].name}"
+    return [*paths, *write_scripts(folder, ends, ranks)]
+
+
+def clear_legs(folder: Path) -> None:
+    """Remove legs that were written before.
+
+    Raises
+    ------
+    ScenarioError
+        If LAMMPS has already run legs in this folder.
+    """
     if any((folder / LEGS).rglob(SAMPLE)):
         raise ScenarioError(
             f"{folder} contains states that LAMMPS wrote: continue with stickslip resume, or choose another folder"
         )
     rmtree(folder / LEGS, ignore_errors=True)
-    paths, runs, begin = [], [], DATA
-    for number, leg in enumerate(legs):
-        place = leg_folder(folder, number)
-        paths.append(write_input(leg._replace(number=number), place, begin=begin))
-        last = sample_path(leg, place, leg.steps)
-        runs.append(ONE.format(leg=place.name, last=last.name, input=INPUT))
-        begin = f"../{place.name}/{last.name}"
+
+
+def write_scripts(folder: Path, ends: list[Path], ranks: int) -> list[Path]:
+    """Write a script that runs legs one after the other, and a job for SLURM; `ends` are the states that end them."""
+    runs = [ONE.format(leg=end.parent.name, last=end.name, input=INPUT) for end in ends]
     texts = {SCRIPT: RUN.format(ranks=ranks, legs=LEGS, runs="\n".join(runs)), JOB: SLURM.format(ranks=ranks)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return [*paths, *(folder / name for name in texts)]
+    return [folder / name for name in texts]

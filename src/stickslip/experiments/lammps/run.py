@@ -34,7 +34,8 @@ def run_in_lammps(
     """Run a state in LAMMPS, with its contact memory, and return states with theirs, the last one at the end.
 
     Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic, in
-    shear, or have lengths that follow a stress. LAMMPS integrates the slip as `run` does with ``slip_update="rate"``. It does not track angles.
+    shear, or have lengths that follow a stress. LAMMPS integrates the slip as `run` does with ``slip_update="rate"``.
+    It does not track angles.
 
     Parameters
     ----------
