@@ -191,20 +191,21 @@ SMOOTH = ss.laws.linear(kn=1.0, kt=0.5, mu=0.0)
 BUMPS = {"kicks": 0.3, "realizations": 3, "duration": 400.0, "dt": 0.2, "drag": DRAG, "distance": 2.0, "workers": 1}
 
 
+def grain_on_bumps(number):
+    """A pressed grain without friction on a periodic row of fixed ones."""
+    places = [*([k, 0, 0] for k in range(number)), [0.5, np.sqrt(0.75) - 0.005, 0]]
+    control = ss.control.rigid(ss.control.fixed(ss.control.loads(number + 1), list(range(number))), [number])
+    control = ss.control.force_controlled(control, [number], [0, -BUMP_PRESS])
+    control.free[number, 3:] = False
+    cell = ss.box([number, 4.0, 4.0], [True, False, False], dim=2)
+    return ss.assembly(ss.spheres(places, 0.5, mass=1.0), cell=cell, control=control)
+
+
 @pytest.fixture(scope="module")
 def bumps():
-    """A pressed grain without friction on a row of fixed ones, and its path; with little drag it slides on.
-
-    It is held up to a load of tan 30° = 0.58.
-    """
-    places = [*([k, 0, 0] for k in range(NUMBER)), [0.5, np.sqrt(0.75) - 0.005, 0]]
-    control = ss.control.rigid(ss.control.fixed(ss.control.loads(NUMBER + 1), list(range(NUMBER))), [NUMBER])
-    control = ss.control.force_controlled(control, [NUMBER], [0, -BUMP_PRESS])
-    control.free[NUMBER, 3:] = False
-    cell = ss.box([NUMBER, 4.0, 4.0], [True, False, False], dim=2)
-    state = ss.assembly(ss.spheres(places, 0.5, mass=1.0), cell=cell, control=control)
+    """Path and protocol of the grain. It is held up to a load of tan 30° = 0.58; with little drag it slides on."""
     protocol = ss.protocols.plate_shear(SMOOTH, [NUMBER])
-    return ss.protocols.ramp(state, [0.0, 0.05, 0.15, 0.3], protocol), protocol
+    return ss.protocols.ramp(grain_on_bumps(NUMBER), [0.0, 0.05, 0.15, 0.3], protocol), protocol
 
 
 def hold(state, load):
@@ -367,6 +368,28 @@ def test_wrapped_grains_have_the_same_forces_and_go_on_alike():
         np.testing.assert_allclose(mine, other, atol=1e-12)
     later, then = (ss.run(one, law, 200, 0.1, threads=1)[0] for one in (state, inside))
     np.testing.assert_allclose(later.grains.velocity, then.grains.velocity, atol=1e-9)
+
+
+def test_wrapped_grains_on_a_wall_have_the_same_forces_and_go_on_alike():
+    state, _ = ss.relax(ss.packings.with_push(ss.packings.disk_array(3, press=1e-3), 1e-4), LAW)
+    state.grains.velocity[:, 0] = 0.5
+    state, _, _ = ss.run(state, LAW, 200, 0.1, threads=1)
+    inside = wrapped(state)
+    shift = (state.grains.position - inside.grains.position)[:, 0]
+    assert (inside.grains.position[:, 0] < 3).all() and (shift > 3).all() and np.allclose(shift % 3, 0)
+    for mine, other in zip(forces(state, LAW)[0][:2], forces(inside, LAW)[0][:2], strict=True):
+        np.testing.assert_allclose(mine, other, atol=1e-14)
+    later, then = (ss.run(one, LAW, 200, 0.1, threads=1)[0] for one in (state, inside))
+    np.testing.assert_allclose(later.grains.velocity, then.grains.velocity, atol=1e-12)
+
+
+def test_a_plate_that_slides_by_more_than_64_boxes_goes_on():
+    start = ss.protocols.plate_shear(SMOOTH, [4]).apply(grain_on_bumps(4), 1.0)
+    with pytest.raises(ValueError, match="64 or more periodic boxes apart"):
+        ss.run(start, SMOOTH, 8000, 0.2, drag=DRAG, threads=1)
+    how = kinetic._Dynamics(SMOOTH, 8000, 0.2, 2.0, DRAG)
+    (begun,), end = kinetic._run_leg((start,), start, how, 8000)
+    assert travel(begun, end) > 64 * 4 and np.ptp(end.grains.position[:, 0]) < 4 * kinetic.FAR
 
 
 def test_a_flow_by_more_than_a_hundred_boxes_goes_on():

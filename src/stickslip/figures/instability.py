@@ -34,7 +34,7 @@ def growth_by_amplitude(form):
 
 @styled
 def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
-    """Shares of kicked runs that slide and that slide on, against the load, beside the static thresholds.
+    """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
 
     Open circles and dashed curves are runs that slid by the distance, full ones those that slid on for another
     duration; coloured bands are 95 % intervals of the loads at which half do so, and the lower panel shows the median

@@ -49,18 +49,20 @@ def reduced_cell(state: State) -> State:
 
 
 def wrapped(state: State) -> State:
-    """Same packing with every grain in the cell, for unlimited flow; only for states without walls.
+    """Same packing with every grain in the cell, for unlimited flow; for states without springs to load points.
 
-    Nothing physical changes: positions shift by whole cells, and images and keys of the contacts are rewritten.
+    Nothing physical changes: positions shift by whole cells, and images, keys and pair vectors are rewritten.
     """
-    cell, contacts, count = state.cell, state.contacts, int(state.contacts.count[0])
+    cell, contacts, n, count = state.cell, state.contacts, len(state.grains.radius), int(state.contacts.count[0])
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
-    box = np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0).astype(np.int64)
-    image = contacts.image[:count] + box[contacts.i[:count]] - box[contacts.j[:count]]
-    rows = _with_images(contacts, image)._replace(origin=contacts.origin - box @ cell.vectors)
-    return state._replace(
-        grains=state.grains._replace(position=state.grains.position - box @ cell.vectors), contacts=rows
-    )
+    box = np.zeros((state.n_bodies, 3), np.int64)  # walls stay where they are
+    box[:n] = np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0)
+    i, j, pair = contacts.i[:count], contacts.j[:count], contacts.pair.copy()
+    between, shift = (j < n)[:, None], box @ cell.vectors
+    pair[:count] -= np.where(between, 0.0, shift[i])
+    image = contacts.image[:count] + np.where(between, box[i] - box[j], 0)
+    rows = _with_images(contacts._replace(pair=pair, origin=contacts.origin - shift), image)
+    return state._replace(grains=state.grains._replace(position=state.grains.position - shift[:n]), contacts=rows)
 
 
 def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:

@@ -32,6 +32,7 @@ from .shear import reduced_cell, wrapped
 
 LEGS = 40  # into which a run is divided, to see whether the sample has slid
 WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
+FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
 SLID = 0.1  # distance by which a sample has slid, as of `travel`
 FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
 BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
@@ -373,25 +374,30 @@ def _slide_on(start: State, how: _Dynamics) -> tuple[State, bool]:
 
 
 def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: int) -> tuple[tuple[State, ...], State]:
-    """Run a state on. If shear of its cell is free, it and earlier states are returned in the reduced cell."""
-    flows = (state.control.cell_free & ~np.eye(3, dtype=bool)).any()
+    """Run a state on. If it flows across boxes, its grains are put back, and those of earlier states move with them."""
     try:
         end, _, outcome = run(state, how.law, steps, how.dt, drag=how.drag, threads=1)
     except ValueError as problem:
         if str(problem) != TOO_FAR:
             raise
-        if not flows or steps < 2:
+        if steps < 2 or state.control.spring.any():
             raise RuntimeError("a sample slid by tens of periodic boxes: use a shorter duration") from problem
         earlier, state = _run_leg(earlier, state, how, steps // 2)
         return _run_leg(earlier, state, how, steps - steps // 2)
     if outcome.broken:
         raise NotInEquilibriumError("a run of the kinetic threshold blew up", outcome)
-    if not flows:
+    if np.abs(end.contacts.image[: end.contacts.count[0]]).max(initial=0) <= FAR or end.control.spring.any():
         return earlier, end
-    small = wrapped(reduced_cell(end))
-    change = np.round(small.cell.vectors @ np.linalg.inv(end.cell.vectors))
-    turned = (one._replace(cell=one.cell._replace(vectors=change @ one.cell.vectors)) for one in earlier)
-    return tuple(turned), small
+    back = wrapped(reduced_cell(end))
+    change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
+    shift = back.grains.position - end.grains.position
+    return tuple(_moved(one, change, shift) for one in earlier), back
+
+
+def _moved(state: State, change: np.ndarray, shift: np.ndarray) -> State:
+    """Positions and cell of a state, of which `travel` needs no more, in another cell of the lattice and shifted."""
+    cell = state.cell._replace(vectors=change @ state.cell.vectors)
+    return state._replace(cell=cell, grains=state.grains._replace(position=state.grains.position + shift))
 
 
 def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:
