@@ -56,17 +56,23 @@ def test_thresholds_are_drawn_where_they_are():
         loads=np.array([0.1, 0.2, 0.3]), kicks=np.array([1e-6, 3e-3]), probability=np.array([[0, 0], [0, 0.5], [0, 1]]),
         lifetime=np.array([[np.nan, np.nan], [np.nan, 40.0], [np.nan, 10.0]]), duration=50.0,
         width=np.array([np.nan, 0.01]),
-        threshold=np.array([np.nan, 0.2]), interval=np.array([[-np.inf, np.inf], [0.15, np.inf]]), arrest=(0.1, 0.15),
-        first_pair=0.0, first_limit=0.25,
+        threshold=np.array([np.nan, 0.2]), interval=np.array([[-np.inf, np.inf], [0.15, np.inf]]),
+        lasting_probability=np.array([[0, 0], [0, 0.4], [0, 0.9]]), lasting_width=np.array([np.nan, 0.01]),
+        lasting_threshold=np.array([np.nan, 0.22]), lasting_interval=np.array([[-np.inf, np.inf], [0.18, 0.25]]),
+        arrest=np.array([[0.1, 0.15], [-np.inf, 0.1]]), arrest_range=(-np.inf, 0.15), first_pair=0.0, first_limit=0.25,
+        distance=0.1,
     )  # fmt: skip
     above, below = ss.figures.static_and_kinetic(found, label="push", strength=0.4).axes
     lines = {line.get_label(): line for line in above.get_lines()}
-    assert lines["velocities of 0.003"].get_ydata().tolist() == [0, 0.5, 1] and below.get_xlabel() == "push"
+    circles = [line.get_ydata().tolist() for line in above.get_lines() if len(line.get_xdata()) == 3]
+    assert circles[2:] == [[0, 0.5, 1], [0, 0.4, 0.9]] and {"slid by 0.1", "slid on"} <= set(lines)
+    assert lines["velocities of 0.003"].get_ydata().tolist() == [0, 0.4, 0.9] and below.get_xlabel() == "push"
     verticals = {word: lines[word].get_xdata()[0] for word in ("first limit", "slides by itself")}
     assert verticals == {"first limit": 0.25, "slides by itself": 0.4} and "first pair" not in lines
-    (curve,) = (line for line in above.get_lines() if len(line.get_xdata()) == 400)
+    curve, lasting = (line for line in above.get_lines() if len(line.get_xdata()) == 400)
     x, y = curve.get_data()
     assert x[-1] == 0.4 and np.interp(0.2, x, y) == pytest.approx(0.5, abs=0.01)
+    assert np.interp(0.22, *lasting.get_data()) == pytest.approx(0.5, abs=0.01)
     bands = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in above.patches]
-    assert [tuple(np.round(band, 9)) for band in bands] == [(0.15, 0.4), (0.1, 0.15)]
+    assert [tuple(np.round(band, 9)) for band in bands] == [(0.15, 0.4), (0.18, 0.25), (0.1, 0.15)]
     assert below.get_lines()[1].get_ydata()[1:].tolist() == [40.0, 10.0]

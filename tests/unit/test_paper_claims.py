@@ -216,10 +216,13 @@ def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
 )  # fmt: skip
 def test_the_threshold_must_lie_between_arrest_and_sliding(interval, verdict):
     found = Made(
-        loads=np.array([0.04, 0.083]), probability=np.array([[0.0], [1.0]]), runs=np.full((2, 1), 16),
-        kicks=np.array([1e-4]), threshold=np.array([0.044]), interval=np.array([interval]), arrest=(0.04, 0.045),
+        loads=np.array([0.04, 0.083]), probability=np.array([[0.1], [1.0]]), runs=np.full((2, 1), 16), distance=0.1,
+        lasting_probability=np.array([[0.0], [0.9]]), kicks=np.array([1e-4]), lasting_threshold=np.array([0.044]),
+        lasting_interval=np.array([interval]), arrest=np.array([[0.04, 0.045]] * 3), arrest_range=(0.04, 0.045),
     )  # fmt: skip
     value, between = disk_claims._threshold_claims(found)
+    assert "slide by 0.1, and that slide on: 0.1 and 0 at 0.04, 1 and 0.9 at 0.083" in value.note
+    assert "3 sliding arrays stopped between 0.04 and 0.045" in value.note
     assert between.verdict == verdict and value.verdict == NO_REFERENCE
     assert value.measured == (None if verdict == UNDECIDED else 0.044)
 

@@ -59,7 +59,8 @@ def test_outcomes_are_those_of_dynamics_run_by_hand(result):
         (start,) = (point.state for point in result.path if point.load == load)
         for velocity, expected in zip((1e-9, 0.02), slid, strict=True):
             count = 0
-            for seed in (1, 2, 3):
+            for number in range(3):
+                seed = kinetic._seed(1, load, velocity, number)
                 kick = np.random.default_rng(seed).normal(0.0, velocity, (20, 6))
                 grains = start.grains._replace(
                     velocity=kick[:, :3] * [1, 1, 0], spin=kick[:, 3:] * [0, 0, 1] / start.grains.radius[:, None]
@@ -84,7 +85,7 @@ def test_the_path_ends_where_the_sample_slides(result):
     assert found.strength == 0.3 and found.path[-1].load == 0.2
     assert found.found.loads.tolist() == [0.1] and np.isnan(result.strength)
     tables["kicks"] |= {"distance": 0.5 * steps.min()}
-    with pytest.raises(RuntimeError, match=r"slides by itself at a load of 0.1, below all of load.loads: add smaller"):
+    with pytest.raises(ScenarioError, match=r"slides by itself at a load of 0.1, below all of load.loads: add smaller"):
         ss.simulate(ss.scenario(**tables | {"load": {"loads": [0.2], "step": 0.1}}), workers=1)
 
 
@@ -130,8 +131,33 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
         rows = list(csv.DictReader(file))
     found = result.found
     assert [int(row["slid"]) for row in rows] == found.slid.ravel().tolist()
+    assert [int(row["lasting"]) for row in rows] == found.lasting.ravel().tolist()
+    assert [float(row["lasting share"]) * 3 for row in rows] == pytest.approx(found.lasting.ravel().tolist())
     assert [float(row["load"]) for row in rows] == np.repeat(found.loads, 2).tolist()
     assert (out / "fig1_static_and_kinetic.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("dt = 0.5", "dt = 50.0\nduration = 3000.0"),
+            "kicks.dt = 50 was given, but the largest stable time step of the",
+        ),
+        (
+            ("[1e-9, 0.02]", "[1e3]"),
+            "kicks.velocities has 1000, with which grains move by more than a radius in a time",
+        ),
+        (("[0.2, 0.3]\nstep = 0.1", "[2.0, 3.0]\nstep = 0.5"), "below all of load.loads: add smaller loads"),
+    ],
+)
+def test_input_that_proves_wrong_leaves_nothing(change, words, tmp_path, monkeypatch, capsys):
+    text = TOML.replace("duration = 300.0\n", "") if "duration" in change[1] else TOML
+    (tmp_path / "one.toml").write_text(text.replace(*change))
+    assert call(monkeypatch, "run", tmp_path / "one.toml", "--out", tmp_path / "out", "--workers", 1) == 2
+    told = capsys.readouterr().err
+    assert words in told and told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
@@ -163,7 +189,15 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
         ({"sample": {"kind": "disk-array", "press": 1.0}}, "more than a fifth of a radius"),
         ({"sample": {"kind": "disk-array", "disks": 3, "disk": 4}}, "use at most 3"),
         ({"load": {"loads": [0.2, 0.1]}}, "loads must rise: sort them"),
-        ({"load": {"loads": []}}, "load.loads"),
+        (
+            {"load": {"loads": []}},
+            r"load.loads = \[\] was given: give a list of one or more numbers, such as \[0.03, 0.04\]",
+        ),
+        ({"load": {"loads": 0.01}}, "load.loads = 0.01 was given: give a list"),
+        ({"load": {"loads": "many"}}, "load.loads = 'many' was given: give a list"),
+        ({"kicks": {"velocities": 1e-4}}, "kicks.velocities = 0.0001 was given: give a list"),
+        ({"kicks": {"velocities": [1e-4, 1e-6, 1e-4]}}, "give each velocity once"),
+        ({"kicks": {"ramps": 0}}, "kicks.ramps = 0 was given"),
         ({"load": {"loads": [1.0], "step": 1e-9}}, "use a larger step"),
         ({"kicks": {"velocities": [-1.0]}}, "kicks.velocities"),
         ({"kicks": {"dt": 1.0, "duration": 10.0}}, "between 40 and 1e9 steps are allowed"),

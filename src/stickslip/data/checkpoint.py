@@ -158,6 +158,13 @@ def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any])
     return kept.load(name)
 
 
+def abandon(kept: Checkpoint) -> None:
+    """Remove what a run saved before its input proved to be wrong; results of an earlier run remain."""
+    remove_checkpoint(kept.run)
+    if all(path.name == SCENARIO or path.name.startswith(".") for path in kept.run.iterdir()):
+        (kept.run / SCENARIO).unlink(missing_ok=True)
+
+
 def remove_checkpoint(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
     gone = folder / GONE  # renamed first, so that a kill cannot leave only some of them

@@ -34,10 +34,12 @@ def growth_by_amplitude(form):
 
 @styled
 def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
-    """Share of kicked runs that slide against the load, and their lifetimes, beside the static thresholds.
+    """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
 
-    Shaded bands are 95 % intervals of the fitted thresholds; `strength` is the load at which the sample slides by
-    itself.
+    Open circles and dashed curves are runs that slid by the distance, full ones those that slid on for another
+    duration; coloured bands are 95 % intervals of the loads at which half do so, and the lower panel shows the median
+    time until a run had slid. The grey band contains the loads at which sliding samples stopped; `strength` is the load
+    at which the sample slides by itself.
     """
     figure, (axes, below) = column_axes(2, 4.0, sharex=True, height_ratios=(3, 2))
     loads = found.loads
@@ -45,13 +47,22 @@ def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
     x = np.linspace(loads[0], top, 400)
     for k, kick in enumerate(found.kicks):
         color = COLORS[k % len(COLORS)]
-        axes.plot(loads, found.probability[:, k], "o", color=color, ms=3.5, label=f"velocities of {kick:.3g}")
+        axes.plot(loads, found.probability[:, k], "o", color=color, ms=5, mfc="none")
+        axes.plot(loads, found.lasting_probability[:, k], "o", color=color, ms=3, label=f"velocities of {kick:.3g}")
         below.plot(loads, found.lifetime[:, k], "o-", color=color, ms=3.5, lw=0.6)
-        if np.isfinite(found.threshold[k]):
-            axes.plot(x, expit((x - found.threshold[k]) / found.width[k]), color=color)
-            axes.axvspan(*np.clip(found.interval[k], loads[0], top), color=color, alpha=0.12, lw=0)
-    if found.arrest:
-        axes.axvspan(*found.arrest, color=BLACK, alpha=0.25, lw=0, label="a sliding sample stops")
+        for at, interval, width, style in (
+            (found.threshold[k], found.interval[k], found.width[k], "--"),
+            (found.lasting_threshold[k], found.lasting_interval[k], found.lasting_width[k], "-"),
+        ):
+            if np.isfinite(at):
+                axes.plot(x, expit((x - at) / width), style, color=color)
+                axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
+    axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="slid on")
+    if len(found.arrest):
+        axes.axvspan(
+            *np.clip(found.arrest_range, loads[0], top), color=BLACK, alpha=0.2, lw=0, label="stops when lowered"
+        )
     static = (
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
         (strength, "slides by itself", "-"),
@@ -61,8 +72,8 @@ def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
             axes.axvline(load, color=BLACK, ls=style, lw=0.8, label=words)
             below.axvline(load, color=BLACK, ls=style, lw=0.8)
     axes.set_ylim(-0.03, 1.03)
-    axes.set_ylabel("share of runs that slide")
-    below.set_ylabel("median lifetime [time]")
+    axes.set_ylabel("share of runs")
+    below.set_ylabel("median time until\nit has slid [time]")
     below.set_ylim(0, 1.1 * found.duration)
     below.axhline(found.duration, color=BLACK, lw=0.5, ls=":")
     below.set_xlabel(label)

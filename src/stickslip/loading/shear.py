@@ -1,11 +1,11 @@
-"""Simple shear of a periodic cell, and reduced cells."""
+"""Simple shear of a periodic cell, reduced cells, and grains inside them."""
 
 import numpy as np
 
 from ..core.arguments import checked
 from ..core.contacts.neighbors import pack_key
 from ..core.dynamics.cell_motion import strained
-from ..core.state import PER_PAIR, State
+from ..core.state import PER_PAIR, Contacts, State
 
 
 @checked
@@ -42,10 +42,34 @@ def reduced_cell(state: State) -> State:
                     if shorter @ shorter < vectors[a] @ vectors[a] * (1 - 1e-12):
                         vectors[a], moved = shorter, True
                         change[a] -= k * change[b]
-    contacts, count = state.contacts, int(state.contacts.count[0])
+    count = int(state.contacts.count[0])
     back = np.round(np.linalg.inv(change)).astype(np.int64)
+    rows = _with_images(state.contacts, state.contacts.image[:count] @ back)
+    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
+
+
+def wrapped(state: State) -> State:
+    """Same packing with every grain in the cell, for unlimited flow; for states without springs to load points.
+
+    Nothing physical changes: positions shift by whole cells, and images, keys and pair vectors are rewritten.
+    """
+    cell, contacts, n, count = state.cell, state.contacts, len(state.grains.radius), int(state.contacts.count[0])
+    used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
+    box = np.zeros((state.n_bodies, 3), np.int64)  # walls stay where they are
+    box[:n] = np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0)
+    i, j, pair = contacts.i[:count], contacts.j[:count], contacts.pair.copy()
+    between, shift = (j < n)[:, None], box @ cell.vectors
+    pair[:count] -= np.where(between, 0.0, shift[i])
+    image = contacts.image[:count] + np.where(between, box[i] - box[j], 0)
+    rows = _with_images(contacts._replace(pair=pair, origin=contacts.origin - shift), image)
+    return state._replace(grains=state.grains._replace(position=state.grains.position - shift[:n]), contacts=rows)
+
+
+def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
+    """List with other images for its valid rows, sorted by its new keys."""
+    count = len(images)
     image, key, slip, pair = (a.copy() for a in (contacts.image, contacts.key, contacts.slip, contacts.pair))
-    image[:count] = image[:count] @ back
+    image[:count] = images
     lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0]
     mirrored = (contacts.i == contacts.j) & (lead < 0)  # a grain and its own image: such pairs are listed once
     for a in (image, slip, pair):
@@ -54,10 +78,9 @@ def reduced_cell(state: State) -> State:
     order = np.concatenate([np.argsort(key[:count]), np.arange(count, len(key))])
     rows = contacts._replace(image=image, key=key, slip=slip, pair=pair)
     parts = {name: getattr(rows, name) for name in PER_PAIR}
-    rows = rows._replace(
+    return rows._replace(
         **{name: np.ascontiguousarray(p[order]) for name, p in parts.items() if p is not None and len(p)}
     )
-    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
 
 
 @checked

@@ -1,17 +1,22 @@
-"""Kinetic threshold: from which load on a kicked sample slides, and at which load a sliding sample stops.
+"""Kinetic threshold: from which load on a kicked sample slides, whether it slides on, and at which load it stops.
 
 A sample that is at rest at a load is kicked with random velocities and runs freely. It has *slid* once what bears the
-load has moved by a given distance (see `travel`), and is at rest again if it has not within the duration. The share of
-kicks that end in sliding rises with the load; a logistic curve is fitted to it by maximum likelihood.
+load has moved by a given distance within the duration of a run (see `travel`). A run that has slid continues for as
+long again. It *lasts* if it moves on by that distance, and by a quarter of it in each quarter of that time; otherwise
+the sample has slid by a limited distance only. Near the threshold sliding samples stop at random times, so that fewer
+runs last the longer they are. The shares of both rise with the load; a logistic curve is fitted to each by maximum
+likelihood. Runs have independent random numbers, as the likelihood requires.
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit
 
 from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.contacts.neighbors import TOO_FAR
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import check_time_step
@@ -21,31 +26,40 @@ from ..core.readable import readable
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
+from ..solve.balance import BALANCED_BELOW, imbalance, motion_imbalance
 from .protocols import Equilibrium, Protocol, perturbed
+from .shear import reduced_cell, wrapped
 
 LEGS = 40  # into which a run is divided, to see whether the sample has slid
+WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
+FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
 SLID = 0.1  # distance by which a sample has slid, as of `travel`
-FINE, WIDTHS = 200, 80  # thresholds per range of loads, and widths, at which the likelihood is evaluated
-BEYOND, WIDEST = 5, 50  # largest distance of a threshold from the loads and largest width, in their range
+FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
+BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
 DROP = 1.92  # of the log-likelihood at the ends of an interval of 95 % (half of the quantile 3.84 of χ² with 1 degree)
 
 
 @readable(head=lambda found: found.sentence)
 class KineticThreshold(NamedTuple):
-    """Outcomes of kicks at several loads, the threshold fitted to them, and the static thresholds of the same path."""
+    """Outcomes of kicks at several loads, the thresholds fitted to them, and the static thresholds of the same path."""
 
     loads: np.ndarray  # (L,)
     kicks: np.ndarray  # (K,) standard deviation of the initial velocities [length/time]
-    slid: np.ndarray  # (L, K) number of runs that slid
+    slid: np.ndarray  # (L, K) number of runs that moved by `distance` within `duration`
     runs: np.ndarray  # (L, K) number of runs
-    lifetime: np.ndarray  # (L, K) median time until a run had slid, NaN without any [time]
-    threshold: np.ndarray  # (K,) load at which half of the runs slide; NaN if all or none slid
-    interval: np.ndarray  # (K, 2) of 95 % by the likelihood ratio; infinite where nothing bounds it
+    lifetime: np.ndarray  # (L, K) median over all runs of the time until they had slid; NaN unless most slid [time]
+    threshold: np.ndarray  # (K,) load at which half of the runs slide; NaN if the loads do not bracket it
+    interval: np.ndarray  # (K, 2) of 95 % by the likelihood ratio; infinite where the loads do not bound it
     width: np.ndarray  # (K,) of the logistic curve 1/(1 + exp(−(load − threshold)/width))
-    arrest: tuple[float, float] | None  # loads between which a sliding sample stops, ramped down; None if not tried
+    arrest: np.ndarray  # (R, 2) for each ramp down, load at which the sample stopped (−inf: none) and the one above
     first_pair: float  # smallest load on the path with a complex pair; NaN without
     first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN without
     duration: float  # of a run [time]
+    distance: float  # by which a run has slid, as of `travel`
+    lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and went on for another `duration`
+    lasting_threshold: np.ndarray  # (K,) as `threshold`, of runs that last: the kinetic threshold proper
+    lasting_interval: np.ndarray  # (K, 2)
+    lasting_width: np.ndarray  # (K,)
 
     @property
     def probability(self) -> np.ndarray:
@@ -53,42 +67,88 @@ class KineticThreshold(NamedTuple):
         return self.slid / self.runs
 
     @property
+    def lasting_probability(self) -> np.ndarray:
+        """(L, K) share of the runs that lasted."""
+        return self.lasting / self.runs
+
+    @property
+    def arrest_range(self) -> tuple[float, float]:
+        """Lowest and highest end of the brackets of all ramps down; NaN without any."""
+        return (float(self.arrest[:, 0].min()), float(self.arrest[:, 1].max())) if len(self.arrest) else (np.nan,) * 2
+
+    @property
     def sentence(self) -> str:
         """Thresholds in words."""
-        words = []
-        for kick, at, (low, high), slid in zip(self.kicks, self.threshold, self.interval, self.slid.T, strict=True):
-            found = f"slide from {at:.4g} on (95 %: {low:.4g} to {high:.4g})"
-            found = found if np.isfinite(at) else "always slide" if slid.any() else "never slide"
+        words, slides, lasts = [], f"slide by {self.distance:g}", f"slide on for another {self.duration:g}"
+        for k, kick in enumerate(self.kicks):
+            found = _describe_rise(slides, self.threshold[k], self.interval[k], self.probability[:, k])
+            if self.slid[:, k].any():
+                at, interval = self.lasting_threshold[k], self.lasting_interval[k]
+                found += f" and {_describe_rise(lasts, at, interval, self.lasting_probability[:, k])}"
             words.append(f"runs from velocities of {kick:.3g} {found}")
-        if self.arrest:
-            words.append(f"a sliding sample stops between {self.arrest[0]:.4g} and {self.arrest[1]:.4g}")
+        words += _describe_arrest(self)
         for name, load in (("first complex pair", self.first_pair), ("first contact at the limit", self.first_limit)):
             words.append(f"{name} at {load:.4g}" if np.isfinite(load) else f"no {name.removeprefix('first ')}")
         return "; ".join(words)
 
 
+def _describe_rise(verb: str, at: float, interval, share) -> str:
+    """From which load on runs do something, in words."""
+    if np.isfinite(at):
+        return f"{verb} from {at:.4g} on (95 %: {interval[0]:.4g} to {interval[1]:.4g})"
+    if share.min() == share.max() and share.max() in (0, 1):
+        return f"{'always' if share.max() else 'never'} {verb}"
+    return f"{verb} from a load on that is not bracketed by these loads"
+
+
+def _describe_arrest(found: KineticThreshold) -> list[str]:
+    """Outcome of the ramps down, in words."""
+    count, stopped = len(found.arrest), np.isfinite(found.arrest[:, 0])
+    if not count:
+        return [] if found.lasting.any() else ["no run slides on, from which the load could be lowered"]
+    words = []
+    if stopped.any():
+        low, high = found.arrest[stopped, 0].min(), found.arrest[stopped, 1].max()
+        words.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
+    if not stopped.all():
+        words.append(f"{(~stopped).sum()} of {count} still slide at {found.loads[0]:.4g}, the lowest of these loads")
+    return words
+
+
+class _Dynamics(NamedTuple):
+    """How samples are run."""
+
+    law: Law
+    leg: int  # steps
+    dt: float
+    distance: float
+    drag: float
+
+
 @checked
 def kinetic_threshold(
     path: list[Equilibrium], protocol: Protocol, *, kicks=(1e-13, 1e-4), realizations: int = 10, duration: float,
-    dt: float, loads=None, distance: float = SLID, ramp_down: bool = True, drag: float = 0.0, seed: int = 0,
-    workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
+    dt: float, loads=None, distance: float = SLID, ramp_down: bool = True, ramps: int = 3, drag: float = 0.0,
+    seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
 ) -> KineticThreshold:  # fmt: skip
-    """Kick the equilibria of a load path and find from which load on they slide.
+    """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
 
-    Results do not depend on `workers`.
+    Every run has its own random numbers, which depend on the seed, the load, the velocity and the number of the run
+    only. Results do not depend on `workers`.
 
     Parameters
     ----------
     path : equilibria along a rising load, from `ramp`
     protocol : how loads are applied, used to lower the load of a sliding sample
     kicks : (K,) standard deviations of random initial velocities [length/time]
-    realizations : number of seeds for each load and kick
-    duration, dt : of a run [time]
+    realizations : number of runs for each load and kick
+    duration, dt : of a run [time]; a run that slides continues for another duration
     loads : loads of the path that are tried; default: all
     distance : by which a sample has slid: shear strain of a cell whose shear follows a stress; or else the displacement
         of a plate (rigid groups that are free to move) in mean diameters; or else the median one of all grains
-    ramp_down : whether the load is also lowered from a sliding sample, through the loads that are tried; it stays at
-        each of them while the sample slows down, and has come to rest if it does not slide in two runs
+    ramp_down : whether the load is also lowered from sliding samples, through the loads that are tried; it stays at
+        each of them for a duration, and the sample has stopped unless it slides throughout, as a run that lasts
+    ramps : largest number of sliding samples whose load is lowered: runs that last, at the highest load with any
     drag : of all runs [1/time]
     kept : where finished runs are saved; runs that it has are not repeated
     report : called as report(share done, words)
@@ -96,7 +156,8 @@ def kinetic_threshold(
     Raises
     ------
     ValueError
-        if a given load does not lie on the path, if loads do not rise along it, if a kick is negative or not finite,
+        if a given load does not lie on the path, if loads do not rise along it, if a state of the path is not at rest
+        at its load, if a kick is negative, not finite or given twice, or moves grains by more than a radius in a step,
         or if dt is longer than `stable_time_step` or a fortieth of `duration`.
     RuntimeError
         if a run blows up.
@@ -113,52 +174,90 @@ def kinetic_threshold(
     >>> found.slid.tolist()
     [[0], [0], [0]]
     """
-    require_positive(duration=duration, dt=dt, realizations=realizations, distance=distance)
-    require_not_negative(drag=drag, seed=seed)
-    realizations, seed = int(realizations), int(seed)
+    require_positive(duration=duration, dt=dt, distance=distance)
+    require_not_negative(drag=drag)
+    _require_count(1, realizations=realizations, ramps=ramps)
+    _require_count(0, seed=seed)
     if duration < LEGS * dt:
         raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
-    kicks, known = _velocities(kicks), np.array([point.load for point in path])
-    if not len(known) or (np.diff(known) <= 0).any():
-        raise ValueError(f"a path with the loads {known.tolist()} was given: it needs loads that rise")
-    wanted = known if loads is None else np.unique(np.asarray(loads, float))
-    places = [int(np.argmin(np.abs(known - load))) for load in wanted]
-    if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
-        raise ValueError(f"loads = {wanted.tolist()} were given: the path has {known.tolist()}")
-    for place in places:
-        check_time_step(path[place].state, protocol.law, driven_bodies(path[place].state), dt)
-    how = (protocol.law, duration, dt, distance, drag)
-    tasks = [
-        (path[place].state, kick, seed + k, *how) for place in places for kick in kicks for k in range(realizations)
-    ]
+    kicks, tried = _velocities(kicks), _tried(path, loads)
+    for point in tried:
+        check_time_step(point.state, protocol.law, driven_bodies(point.state), dt)
+        _require_rest(point, protocol)
+        if kicks.max() * dt > point.state.grains.radius.min():
+            raise ValueError(
+                f"kicks = {kicks.max():g} and dt = {dt:g} were given: grains would move by more than a radius in a "
+                f"step; use smaller velocities"
+            )
+    how = _Dynamics(protocol.law, max(1, round(duration / dt / LEGS)), dt, distance, drag)
+    starts = [
+        (point.state, float(kick), _seed(int(seed), point.load, kick, k))
+        for point in tried for kick in kicks for k in range(int(realizations))
+    ]  # fmt: skip
     done = run_members(
-        _kick, tasks, workers=workers,
+        _kick, [(*start, how) for start in starts], workers=workers,
         report=report and (lambda count, total, one: report(count / total, _describe_run(one))),
-        load=lambda k: kept.load(f"run-{k:06d}") if kept and kept.has(f"run-{k:06d}") else None,
-        save=lambda k, time: kept and kept.save(f"run-{k:06d}", time),
+        load=lambda k: kept.load(f"kick-{k:06d}") if kept and kept.has(f"kick-{k:06d}") else None,
+        save=lambda k, found: kept and kept.save(f"kick-{k:06d}", found),
     )  # fmt: skip
     for one in done:
         if one.failure:
             raise RuntimeError(one.failure)
-    times = np.array([one.result for one in done]).reshape(len(places), len(kicks), realizations)
-    slid = np.isfinite(times).sum(axis=2)
-    lifetime = np.full(slid.shape, np.nan)
-    lifetime[slid > 0] = np.nanmedian(times[slid > 0], axis=1)
-    runs = np.full(slid.shape, realizations)
-    fits = [fit_threshold(known[places], s, r) for s, r in zip(slid.T, runs.T, strict=True)]
-    threshold, interval, width = (np.array(values) for values in zip(*fits, strict=True))
-    arrest = None
-    if ramp_down and slid.any():
-        found = load_or_compute(
-            kept, "arrest", lambda: _ramp_down(path, places, slid, times, kicks, seed, protocol, how, report)
-        )
-        arrest = (float(found[0]), float(found[1])) if np.isfinite(found).all() else None
+    found = np.array([one.result for one in done]).reshape(len(tried), len(kicks), -1, 2)
+    time, lasts = found[..., 0], found[..., 1] > 0
+    where, runs = np.array([point.load for point in tried]), np.full(time.shape[:2], time.shape[2])
+    slid, lasting = np.isfinite(time).sum(axis=2), lasts.sum(axis=2)
+    median = np.median(np.where(np.isnan(time), np.inf, time), axis=2)
+    arrest = np.zeros((0, 2))
+    if ramp_down and lasts.any():
+        top = int(np.flatnonzero(lasts.any(axis=(1, 2)))[-1])
+        chosen = [k for k in np.flatnonzero(lasts) if k // lasts[0].size == top][-int(ramps) :]
+        points = tried[: top + 1]
+        arrest = np.array([
+            load_or_compute(kept, f"ramp-{k:06d}", lambda k=k: _ramp_down(starts[k], points, protocol, how, report))
+            for k in chosen
+        ])  # fmt: skip
     pair = [point.load for point in path if len(point.spectrum.pairs)]
     limit = [point.load for point in path if _at_limit(point.state)]
     return KineticThreshold(
-        known[places], kicks, slid, runs, lifetime, threshold, interval, width, arrest, min(pair, default=np.nan),
-        min(limit, default=np.nan), duration,
+        where, kicks, slid, runs, np.where(np.isfinite(median), median, np.nan), *_fit_each(where, slid, runs), arrest,
+        min(pair, default=np.nan), min(limit, default=np.nan), float(duration), float(distance), lasting,
+        *_fit_each(where, lasting, runs),
     )  # fmt: skip
+
+
+def _require_count(least: int, **values) -> None:
+    for name, value in values.items():
+        if isinstance(value, bool | np.bool_) or not least <= value <= 10**18:
+            raise ValueError(f"{name} = {value} was given: use a whole number from {least} to 1e18")
+
+
+def _tried(path: list[Equilibrium], loads) -> list[Equilibrium]:
+    """Points of a path at the given loads, or all."""
+    known = np.array([point.load for point in path])
+    if not len(known) or (np.diff(known) <= 0).any():
+        raise ValueError(f"a path with the loads {known.tolist()} was given: it needs loads that rise")
+    if loads is None:
+        return list(path)
+    try:
+        wanted = np.unique(np.asarray(loads, float))
+    except (TypeError, ValueError):
+        raise ValueError(f"loads = {loads!r} were given: use numbers, or None for all loads of the path") from None
+    places = [int(np.argmin(np.abs(known - load))) for load in wanted]
+    if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
+        raise ValueError(f"loads = {wanted.tolist()} were given: the path has {known.tolist()}")
+    return [path[place] for place in places]
+
+
+def _require_rest(point: Equilibrium, protocol: Protocol) -> None:
+    """Raise ValueError if a state is not at rest under its load."""
+    state, law = protocol.apply(point.state, point.load), protocol.law
+    share = max(imbalance(state, law), motion_imbalance(state, law))
+    if not share <= BALANCED_BELOW:
+        raise ValueError(
+            f"a path was given whose state at a load of {point.load:.4g} is not at rest there (forces are off by "
+            f"{share:.2g} of the mean contact force): use equilibria with their own loads, from ramp with this protocol"
+        )
 
 
 def _velocities(kicks) -> np.ndarray:
@@ -169,30 +268,53 @@ def _velocities(kicks) -> np.ndarray:
         out = np.zeros(0)
     if out.ndim > 1 or not len(out) or not (np.isfinite(out) & (out >= 0)).all():
         raise ValueError(f"kicks = {kicks!r} were given: one or more velocities are needed, none of them negative")
+    if len(np.unique(out)) < len(out):
+        raise ValueError(f"kicks = {out.tolist()} were given: give each velocity once")
     return out
+
+
+def _seed(seed: int, load: float, kick: float, number: int) -> int:
+    """Seed of one run, independent of those of all others and of what else is run."""
+    words = [seed, *np.array([load, kick], float).view(np.uint64).tolist(), number]
+    return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 
 def fit_threshold(loads, slid, runs) -> tuple[float, tuple[float, float], float]:
     """Load at which half of the runs slide, its 95 % interval and the width of the logistic curve.
 
     The likelihood is evaluated on a grid. Widths far below the spacing of the loads cannot be told apart: if all runs
-    above a load slide and none below it, the interval is the gap between these loads.
+    above a load slide and none below it, the interval is the gap between these loads. What lies outside the loads is
+    not stated: a threshold outside them is NaN, and an end of the interval infinite. Shares that do not rise with the
+    load have no threshold.
     """
     loads, slid, runs = (np.asarray(a, float) for a in (loads, slid, runs))
-    if not 0 < slid.sum() < runs.sum() or len(loads) < 2:
-        return np.nan, (-np.inf, np.inf), np.nan
+    nothing = np.nan, (-np.inf, np.inf), np.nan
+    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of that of the likeliest curve
+    if not (0 < slid.sum() < runs.sum() and slope > 1e-9 * runs.sum() * np.ptp(loads)):
+        return nothing
     gap, span = np.diff(loads).min(), np.ptp(loads)
-    middle = np.linspace(loads[0] - BEYOND * span, loads[-1] + BEYOND * span, (2 * BEYOND + 1) * FINE + 1)
+    ends = np.array([loads[0] - BEYOND * span, *loads, loads[-1] + BEYOND * span])
+    middle = np.concatenate([np.linspace(a, b, FINE, endpoint=False) for a, b in pairwise(ends)])
     width = np.geomspace(gap / 50, WIDEST * span, WIDTHS)
     x = (loads - middle[:, None, None]) / width[:, None]
     log = (slid * np.log(expit(x) + 1e-300) + (runs - slid) * np.log(expit(-x) + 1e-300)).sum(axis=2)
     profile = log.max(axis=1)
     best = profile.max()
     inside = middle[profile >= best - DROP]
-    at = float(middle[profile >= best - 1e-6].mean())
-    ends = (float(inside[0]), float(inside[-1]))
-    ends = (-np.inf if ends[0] == middle[0] else ends[0], np.inf if ends[1] == middle[-1] else ends[1])
+    at = float(middle[profile >= best - 1e-6][[0, -1]].mean())
+    if not loads[0] <= at <= loads[-1]:
+        return nothing
+    ends = (
+        float(inside[0]) if inside[0] > loads[0] else -np.inf,
+        float(inside[-1]) if inside[-1] < loads[-1] else np.inf,
+    )
     return at, ends, float(width[np.argmax(log[np.argmin(np.abs(middle - at))])])
+
+
+def _fit_each(loads, counts, runs) -> tuple[np.ndarray, ...]:
+    """Thresholds (K,), intervals (K, 2) and widths (K,) for each column of counts."""
+    fits = [fit_threshold(loads, *pair) for pair in zip(counts.T, runs.T, strict=True)]
+    return tuple(np.array(values) for values in zip(*fits, strict=True))
 
 
 def _at_limit(state: State) -> bool:
@@ -219,53 +341,75 @@ def travel(start: State, end: State) -> float:
 def _describe_run(member) -> str:
     if member.failure:
         return member.failure
-    return f"slid after {member.result:.4g}" if np.isfinite(member.result) else "did not slide"
+    time, lasts = member.result
+    return f"slid after {time:.4g} and {'slides on' if lasts else 'stopped'}" if np.isfinite(time) else "did not slide"
 
 
-def _kick(state: State, kick: float, seed: int, law: Law, duration: float, dt: float, distance: float, drag: float):
-    """Time until a kicked sample has slid, NaN if it does not."""
-    return _run_until_slid(perturbed(state, seed, kick), law, duration, dt, distance, drag)[1]
+def _kick(state: State, kick: float, seed: int, how: _Dynamics) -> np.ndarray:
+    """(2,) time until a kicked sample has slid, NaN if it does not, and 1 if it then lasts, else 0."""
+    end, time = _run_until_slid(perturbed(state, seed, kick), how)
+    return np.array([time, np.isfinite(time) and _slide_on(end, how)[1]])
 
 
-def _run_until_slid(start: State, law: Law, duration: float, dt: float, distance: float, drag: float):
+def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
     """State at the end of a run, and the time at which it had slid; NaN if it did not."""
-    end, steps = start, max(1, round(duration / dt / LEGS))
-    for leg in range(LEGS):
-        end, _, outcome = run(end, law, steps, dt, drag=drag, threads=1)
-        if outcome.broken:
-            raise NotInEquilibriumError("a run of the kinetic threshold blew up", outcome)
-        if travel(start, end) > distance:
-            return end, (leg + 1) * steps * dt
+    end = start
+    for count in range(1, LEGS + 1):
+        (start,), end = _run_leg((start,), end, how, how.leg)
+        if travel(start, end) > how.distance:
+            return end, count * how.leg * how.dt
     return end, np.nan
 
 
-def _ramp_down(path, places, slid, times, kicks, seed, protocol: Protocol, how, report) -> np.ndarray:
-    """(2,) loads between which a sample that slides at the highest load that lets it slide comes to rest, or NaN."""
-    last = int(np.flatnonzero(slid.any(axis=1))[-1])
-    kick, k = np.argwhere(np.isfinite(times[last]))[-1]
-    moving, start = path[places[last]].load, path[places[last]].state
-    state, time = _run_until_slid(perturbed(start, seed + int(k), kicks[kick]), *how)
-    velocity = travel(start, state) / time
-    for place in places[:last][::-1]:
-        load = path[place].load
-        state, velocity = _slow_down(protocol.apply(state, load), velocity, how)
+def _slide_on(start: State, how: _Dynamics) -> tuple[State, bool]:
+    """State of a sliding sample after a further duration, or when it no longer slides, and whether it still slides."""
+    end = start
+    for _ in range(WINDOWS):
+        before = end
+        for _ in range(LEGS // WINDOWS):
+            (start, before), end = _run_leg((start, before), end, how, how.leg)
+        if travel(before, end) < how.distance / WINDOWS:
+            return end, False
+    return end, travel(start, end) >= how.distance  # else it has moved to and fro
+
+
+def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: int) -> tuple[tuple[State, ...], State]:
+    """Run a state on. If it flows across boxes, its grains are put back, and those of earlier states move with them."""
+    try:
+        end, _, outcome = run(state, how.law, steps, how.dt, drag=how.drag, threads=1)
+    except ValueError as problem:
+        if str(problem) != TOO_FAR:
+            raise
+        if steps < 2 or state.control.spring.any():
+            raise RuntimeError("a sample slid by tens of periodic boxes: use a shorter duration") from problem
+        earlier, state = _run_leg(earlier, state, how, steps // 2)
+        return _run_leg(earlier, state, how, steps - steps // 2)
+    if outcome.broken:
+        raise NotInEquilibriumError("a run of the kinetic threshold blew up", outcome)
+    if np.abs(end.contacts.image[: end.contacts.count[0]]).max(initial=0) <= FAR or end.control.spring.any():
+        return earlier, end
+    back = wrapped(reduced_cell(end))
+    change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
+    shift = back.grains.position - end.grains.position
+    return tuple(_moved(one, change, shift) for one in earlier), back
+
+
+def _moved(state: State, change: np.ndarray, shift: np.ndarray) -> State:
+    """Positions and cell of a state, of which `travel` needs no more, in another cell of the lattice and shifted."""
+    cell = state.cell._replace(vectors=change @ state.cell.vectors)
+    return state._replace(cell=cell, grains=state.grains._replace(position=state.grains.position + shift))
+
+
+def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:
+    """(2,) load at which a sample that slides at the last point stops, −inf if none, and the one above it."""
+    state, kick, seed = start
+    state, _ = _slide_on(_run_until_slid(perturbed(state, seed, kick), how)[0], how)
+    moving = points[-1].load
+    for point in points[-2::-1]:
+        state, slides = _slide_on(protocol.apply(state, point.load), how)
         if report:
-            report(1.0, f"ramp down, load {load:.4g}: {'slides' if velocity else 'stopped'}")
-        if not velocity:
-            return np.array([load, moving])
-        moving = load
-    return np.full(2, np.nan)
-
-
-def _slow_down(state: State, velocity: float, how) -> tuple[State, float]:
-    """Run a sliding sample as long as it becomes slower; its velocity at the end, and zero if it came to rest."""
-    while True:
-        end, time = _run_until_slid(state, *how)
-        if np.isnan(time):
-            calm, time = _run_until_slid(end, *how)  # it may just have been slowing down
-            if np.isnan(time):
-                return calm, 0.0
-            state, end = end, calm
-        before, velocity, state = velocity, travel(state, end) / time, end
-        if velocity >= before:
-            return state, velocity
+            report(1.0, f"ramp down, load {point.load:.4g}: {'slides' if slides else 'stopped'}")
+        if not slides:
+            return np.array([point.load, moving])
+        moving = point.load
+    return np.array([-np.inf, moving])

@@ -19,7 +19,7 @@ ARREST_LOADS = (0.030, 0.040)  # at which the paper's array comes to rest after 
 KICK = 1e-4  # standard deviation of the initial velocities: far above what a pair grows from [length/time]
 KICKED_LOADS = (0.030, 0.040, 0.0425, 0.045, 0.0475, 0.050, 0.055, 0.083)
 FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # of a quick run
-REALIZATIONS = {False: 20, True: 10}  # at each load, in a full and in a quick run
+REALIZATIONS = {False: 20, True: 8}  # at each load, in a full and in a quick run
 
 
 class Arrest(NamedTuple):

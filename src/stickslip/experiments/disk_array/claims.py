@@ -236,13 +236,16 @@ def _arrest_claims(arrest: Arrest) -> list[Claim]:
 
 def _threshold_claims(found: KineticThreshold) -> list[Claim]:
     """Claims about the kinetic threshold, and that it separates the paper's loads of arrest and of sliding."""
-    at, (low, high), top = float(found.threshold[0]), found.interval[0], min(FRONT_LOADS)
-    outcomes = zip(found.loads, found.probability[:, 0], strict=True)
-    shares = ", ".join(f"{share:.2g} at {load:g}" for load, share in outcomes)
-    note = f"share of {found.runs[0, 0]} runs from velocities of {found.kicks[0]:g} that slide: {shares}"
-    stops = "no lower load stops a sliding array"
-    if found.arrest:
-        stops = f"a sliding array stops between {found.arrest[0]:g} and {found.arrest[1]:g}"
+    at, (low, high), top = float(found.lasting_threshold[0]), found.lasting_interval[0], min(FRONT_LOADS)
+    outcomes = zip(found.loads, found.probability[:, 0], found.lasting_probability[:, 0], strict=True)
+    shares = ", ".join(f"{slid:.2g} and {lasting:.2g} at {load:g}" for load, slid, lasting in outcomes)
+    note = (
+        f"load at which half of the kicked runs slide on; shares of {found.runs[0, 0]} runs from velocities of "
+        f"{found.kicks[0]:g} that slide by {found.distance:g}, and that slide on: {shares}"
+    )
+    stops, (last, first) = "no sliding array came to rest at a lower load", found.arrest_range
+    if np.isfinite(last):
+        stops = f"{pluralize(len(found.arrest), 'sliding array')} stopped between {last:g} and {first:g}"
     known = bool(np.isfinite([at, low, high]).all())
     return [
         claim(

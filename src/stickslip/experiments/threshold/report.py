@@ -33,20 +33,21 @@ def files(result: ThresholdResult):
 def _write_outcomes(result: ThresholdResult, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["load", "velocity", "runs", "slid", "share", "median lifetime"])
-        for load, _, kick, runs, slid, lifetime in _outcomes(result):
-            writer.writerow([load, kick, runs, slid, slid / runs, "" if np.isnan(lifetime) else lifetime])
+        writer.writerow(["load", "velocity", "runs", "slid", "share", "lasting", "lasting share", "median lifetime"])
+        for load, _, kick, runs, slid, lasting, lifetime in _outcomes(result):
+            time = "" if np.isnan(lifetime) else lifetime
+            writer.writerow([load, kick, runs, slid, slid / runs, lasting, lasting / runs, time])
 
 
 def _outcomes(result: ThresholdResult):
-    """Rows (load, number of complex pairs, velocity, runs, slid, lifetime)."""
+    """Rows (load, number of complex pairs, velocity, runs, slid, lasting, lifetime)."""
     found = result.found
     pairs = {point.load: len(point.spectrum.pairs) for point in result.path}
     for row, load in enumerate(found.loads):
         for column, kick in enumerate(found.kicks):
             yield (
                 float(load), pairs[float(load)], float(kick), int(found.runs[row, column]),
-                int(found.slid[row, column]), float(found.lifetime[row, column]),
+                int(found.slid[row, column]), int(found.lasting[row, column]), float(found.lifetime[row, column]),
             )  # fmt: skip
 
 
@@ -69,11 +70,11 @@ def numbers(result: ThresholdResult) -> dict:
 def show(result: ThresholdResult) -> None:
     """Print a summary of a run on the terminal."""
     table = Table(title="Kicked runs", **STYLE)
-    for name in ("load", "pairs", "velocity", "slid", "median lifetime"):
+    for name in ("load", "pairs", "velocity", "slid", "lasting", "median lifetime"):
         table.add_column(name, justify="right", no_wrap=True)
-    for load, pairs, kick, runs, slid, lifetime in _outcomes(result):
+    for load, pairs, kick, runs, slid, lasting, lifetime in _outcomes(result):
         time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
-        table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", time)
+        table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)
     show_table(table)
     for sentence in result.sentence.split("; "):
         console.print(f"  {sentence}", soft_wrap=True)
@@ -87,14 +88,17 @@ def show(result: ThresholdResult) -> None:
 def measures(result: ThresholdResult) -> dict[str, tuple[float, str]]:
     """Return the measures of a run for sweeps as {name: (value, unit)}; loads are shear force over normal force."""
     found, out = result.found, {}
-    for kick, at, (low, high), slid in zip(
-        found.kicks, found.threshold, found.interval, found.probability.T, strict=True
+    for which, at, interval, share in (
+        ("", found.threshold, found.interval, found.probability),
+        ("lasting_", found.lasting_threshold, found.lasting_interval, found.lasting_probability),
     ):
-        out |= {
-            f"threshold@{kick:g}": (at, "1"), f"threshold_low@{kick:g}": (low, "1"),
-            f"threshold_high@{kick:g}": (high, "1"), f"largest_share@{kick:g}": (slid.max(), "1"),
-        }  # fmt: skip
-    low, high = found.arrest or (np.nan, np.nan)
+        for k, kick in enumerate(found.kicks):
+            out |= {
+                f"{which}threshold@{kick:g}": (at[k], "1"), f"{which}threshold_low@{kick:g}": (interval[k, 0], "1"),
+                f"{which}threshold_high@{kick:g}": (interval[k, 1], "1"),
+                f"largest_{which}share@{kick:g}": (share[:, k].max(), "1"),
+            }  # fmt: skip
+    low, high = found.arrest_range
     return out | {
         "arrest_low": (low, "1"), "arrest_high": (high, "1"), "strength": (result.strength, "1"),
         "first_pair": (found.first_pair, "1"), "first_limit": (found.first_limit, "1"),

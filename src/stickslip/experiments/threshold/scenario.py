@@ -16,6 +16,12 @@ from ..sphere_shear.scenario import Packing
 LEGS_AT_LEAST = 40  # time steps of a run
 
 
+def _require_list(name: str, value, example: str):
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError(f"{name} = {value!r} was given: give a list of one or more numbers, such as {example}")
+    return value
+
+
 class ArraySample(Array):
     """Disks in a row on a substrate; the load is the push on one disk over the normal force on all of them."""
 
@@ -89,6 +95,11 @@ class Raise(ScenarioTable):
     )
     step: Positive = Field(1e-3, description="largest increment of the load between two equilibria")
 
+    @field_validator("loads", mode="before")
+    @classmethod
+    def _check_list(cls, value):
+        return _require_list("load.loads", value, "[0.03, 0.04]")
+
     @field_validator("loads")
     @classmethod
     def _check_loads(cls, value):
@@ -115,17 +126,33 @@ class Kicks(ScenarioTable):
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         10, description="runs at each load and velocity, which differ in their random numbers"
     )
-    duration: Duration = Field(40_000.0, description="of a run [time]")
+    duration: Duration = Field(40_000.0, description="of a run; one that slides continues for as long again [time]")
     dt: Positive | None = Field(None, description="time step; default: a fifth of the largest stable one [time]")
     drag: NotNegative = Field(0.0, description="drag on translations and rotations per unit mass [1/time]")
     distance: Positive = Field(
         0.1,
         description=(
             "by which a sample has slid: shear strain of a packing; displacement of the upper plate of gouge, or "
-            "median displacement of an array, in mean diameters"
+            "median displacement of an array, in mean diameters; sliding lasts if a quarter of it follows in each "
+            "quarter of a further duration"
         ),
     )
-    ramp_down: bool = Field(True, description="whether the load is lowered from a sliding sample until it stops")
+    ramp_down: bool = Field(True, description="whether the load is lowered from sliding samples until they stop")
+    ramps: Annotated[int, Field(ge=1, le=1000)] = Field(
+        3, description="largest number of sliding samples whose load is lowered"
+    )
+
+    @field_validator("velocities", mode="before")
+    @classmethod
+    def _check_list(cls, value):
+        return _require_list("kicks.velocities", value, "[1e-13, 1e-4]")
+
+    @field_validator("velocities")
+    @classmethod
+    def _check_velocities(cls, value):
+        if len(set(value)) < len(value):
+            raise ValueError(f"kicks.velocities = {list(value)} was given: give each velocity once")
+        return value
 
     @model_validator(mode="after")
     def _check_time_step(self):

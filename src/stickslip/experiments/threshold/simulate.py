@@ -11,17 +11,18 @@ from ...core.measure import pressure
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.readable import readable
 from ...core.state import State
-from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
+from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
+from ...data.schema import ScenarioError
 from ...ensemble import Workers
 from ...loading.protocols import Equilibrium, Protocol, load_path, solve_point
 from ...loading.stress import cell_shear, plate_shear
-from ...loading.threshold import KineticThreshold, kinetic_threshold, travel
+from ...loading.threshold import LEGS, KineticThreshold, kinetic_threshold, travel
 from ..disk_array import simulate as disk_array
 from ..gouge.sample import Gouge, prepare_sample
 from ..jammed_packing import make_packing
 from ..realizations import Report, silent
-from .scenario import ArraySample, GougeSample, PackingSample, ThresholdScenario
+from .scenario import ArraySample, GougeSample, Kicks, PackingSample, ThresholdScenario
 
 STEP_SHARE = 0.2  # default time step, over the largest stable one
 
@@ -54,18 +55,50 @@ def make_sample(scenario: ThresholdScenario, kept: Checkpoint | None, report: Re
 def _array(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report):
     recipe = scenario.sample.recipe(scenario.load.loads[-1] or scenario.load.step, scenario.load.step)
     state, law = disk_array.press(recipe)
+    _check_kicks(scenario, state, law)
     return state, disk_array.make_protocol(recipe, law)
 
 
 def _packing(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report):
     sample, law = scenario.sample, make_law(scenario.sample.law)
-    state, _ = load_or_compute(kept, "packing", lambda: make_packing(sample, law, scenario.seed))
+
+    def make():
+        state, outcome = make_packing(sample, law, scenario.seed)
+        _check_kicks(scenario, state, law)
+        return state, outcome
+
+    state, _ = load_or_compute(kept, "packing", make)
     return state, cell_shear(law, sample.pressure or pressure(state, law))
 
 
 def _gouge(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report):
-    made = load_or_compute(kept, "gouge", lambda: prepare_sample(scenario.sample.recipe, scenario.seed, report=report))
+    def make():
+        made = prepare_sample(scenario.sample.recipe, scenario.seed, report=report)
+        _check_kicks(scenario, made.state, made.law)
+        return made
+
+    made = load_or_compute(kept, "gouge", make)
     return made.state, plate_shear(made.law, made.top)
+
+
+def _time_step(how: Kicks, state: State, law: Law) -> float:
+    return how.dt or min(STEP_SHARE * stable_time_step(state, law), how.duration / LEGS)
+
+
+def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
+    """Raise ScenarioError, before anything is saved, if runs of a sample without shear load would blow up."""
+    how, dt = scenario.kicks, _time_step(scenario.kicks, state, law)
+    longest, radius = stable_time_step(state, law), state.grains.radius.min()
+    if dt > longest:
+        raise ScenarioError(
+            f"kicks.dt = {dt:g} was given, but the largest stable time step of the sample is {longest:.3g}: use a "
+            f"fifth of it, or leave dt out"
+        )
+    if max(how.velocities) * dt > radius:
+        raise ScenarioError(
+            f"kicks.velocities has {max(how.velocities):g}, with which grains move by more than a radius in a time "
+            f"step of {dt:.3g}: use velocities below {radius / dt:.2g}"
+        )
 
 
 def raise_load(
@@ -111,8 +144,10 @@ def simulate_threshold(
     ------
     NotInEquilibriumError
         If the sample has no equilibrium without shear load.
+    ScenarioError
+        If it slides by itself below the smallest load at which it is to be kicked, or if its runs would blow up.
     RuntimeError
-        If it slides by itself below the smallest load at which it is to be kicked.
+        If a run blows up.
 
     Examples
     --------
@@ -130,13 +165,15 @@ def simulate_threshold(
     path, strength = raise_load(state, loads, protocol, how.distance, kept and kept.of("path"), report)
     tried = [load for load in wanted if load <= path[-1].load]
     if not tried:
-        raise RuntimeError(
+        if kept:
+            abandon(kept)
+        raise ScenarioError(
             f"the sample slides by itself at a load of {strength:.4g}, below all of load.loads: add smaller loads"
         )
-    dt = how.dt or min(STEP_SHARE * stable_time_step(path[0].state, protocol.law), how.duration / 40)
+    dt = _time_step(how, path[0].state, protocol.law)
     found = kinetic_threshold(
         path, protocol, loads=tried, kicks=how.velocities, realizations=how.realizations, duration=how.duration, dt=dt,
-        distance=how.distance, ramp_down=how.ramp_down, drag=how.drag, seed=scenario.seed, workers=workers,
-        kept=kept and kept.of("runs"), report=lambda share, words: report("kicked runs", share, words),
+        distance=how.distance, ramp_down=how.ramp_down, ramps=how.ramps, drag=how.drag, seed=scenario.seed,
+        workers=workers, kept=kept and kept.of("runs"), report=lambda share, words: report("kicked runs", share, words),
     )  # fmt: skip
     return ThresholdResult(scenario, protocol.law, path, strength, found)
