@@ -160,7 +160,7 @@ def roc_curves(found, titles=("",)):
     panels = found if found and isinstance(found[0], list) else [found]
     rows = -(-len(panels) // 2)
     width = min(2, len(panels))
-    figure, grid = plt.subplots(rows, width, figsize=(WIDTH * width, 3.5 * rows), squeeze=False)
+    figure, grid = plt.subplots(rows, width, figsize=(WIDTH * width, 3.9 * rows), squeeze=False)
     for axes, skills, title in zip(grid.flat, panels, titles, strict=False):
         for one in skills:
             label, color = PREDICTORS[one.predictor]
@@ -168,7 +168,7 @@ def roc_curves(found, titles=("",)):
             axes.fill_between(x, *one.band, color=color, alpha=0.15, lw=0)
             axes.plot(one.roc.false_alarms, one.roc.hits, color=color, label=f"{label} {_area(one)}", clip_on=False)
         axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
-        axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="false alarms", ylabel="announced events", aspect="equal")
+        axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="false alarms", ylabel="announced events")
         axes.set_title(title, fontsize=7.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.17), ncol=2, columnspacing=1.0, handlelength=1.2)
     for axes in grid.flat[len(panels) :]:
