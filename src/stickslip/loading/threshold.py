@@ -33,6 +33,7 @@ from .shear import reduced_cell, wrapped
 LEGS = 40  # into which a run is divided, to see whether the sample has slid
 WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
 FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
+SLOWING = 0.95  # travel in the last window over that in the first one, below which a sample still slows down
 SLID = 0.1  # distance by which a sample has slid, as of `travel`
 FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
 BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
@@ -147,7 +148,8 @@ def kinetic_threshold(
     distance : by which a sample has slid: shear strain of a cell whose shear follows a stress; or else the displacement
         of a plate (rigid groups that are free to move) in mean diameters; or else the median one of all grains
     ramp_down : whether the load is also lowered from sliding samples, through the loads that are tried; it stays at
-        each of them for a duration, and the sample has stopped unless it slides throughout, as a run that lasts
+        each of them for a duration, and for more as long as the sample slows down. The sample has stopped unless it
+        slides throughout, as a run that lasts
     ramps : largest number of sliding samples whose load is lowered: runs that last, at the highest load with any
     drag : of all runs [1/time]
     kept : where finished runs are saved; runs that it has are not repeated
@@ -348,7 +350,7 @@ def _describe_run(member) -> str:
 def _kick(state: State, kick: float, seed: int, how: _Dynamics) -> np.ndarray:
     """(2,) time until a kicked sample has slid, NaN if it does not, and 1 if it then lasts, else 0."""
     end, time = _run_until_slid(perturbed(state, seed, kick), how)
-    return np.array([time, np.isfinite(time) and _slide_on(end, how)[1]])
+    return np.array([time, np.isfinite(time) and len(_slide_on(end, how)[1]) > 0])
 
 
 def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
@@ -361,16 +363,17 @@ def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
     return end, np.nan
 
 
-def _slide_on(start: State, how: _Dynamics) -> tuple[State, bool]:
-    """State of a sliding sample after a further duration, or when it no longer slides, and whether it still slides."""
-    end = start
+def _slide_on(start: State, how: _Dynamics) -> tuple[State, list[float]]:
+    """State of a sliding sample after a further duration and its travel in each window; none if it no longer slides."""
+    end, ways = start, []
     for _ in range(WINDOWS):
         before = end
         for _ in range(LEGS // WINDOWS):
             (start, before), end = _run_leg((start, before), end, how, how.leg)
-        if travel(before, end) < how.distance / WINDOWS:
-            return end, False
-    return end, travel(start, end) >= how.distance  # else it has moved to and fro
+        ways.append(travel(before, end))
+        if ways[-1] < how.distance / WINDOWS:
+            return end, []
+    return end, ways if travel(start, end) >= how.distance else []  # else it has moved to and fro
 
 
 def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: int) -> tuple[tuple[State, ...], State]:
@@ -403,13 +406,15 @@ def _moved(state: State, change: np.ndarray, shift: np.ndarray) -> State:
 def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:
     """(2,) load at which a sample that slides at the last point stops, −inf if none, and the one above it."""
     state, kick, seed = start
-    state, _ = _slide_on(_run_until_slid(perturbed(state, seed, kick), how)[0], how)
+    state, _ = _run_until_slid(perturbed(state, seed, kick), how)  # not for longer, as it may gain speed without limit
     moving = points[-1].load
     for point in points[-2::-1]:
-        state, slides = _slide_on(protocol.apply(state, point.load), how)
+        state, ways = protocol.apply(state, point.load), [np.inf, 0.0]
+        while ways and ways[-1] < SLOWING * ways[0]:
+            state, ways = _slide_on(state, how)
         if report:
-            report(1.0, f"ramp down, load {point.load:.4g}: {'slides' if slides else 'stopped'}")
-        if not slides:
+            report(1.0, f"ramp down, load {point.load:.4g}: {'slides' if ways else 'stopped'}")
+        if not ways:
             return np.array([point.load, moving])
         moving = point.load
     return np.array([-np.inf, moving])
