@@ -169,7 +169,7 @@ def kinetic_threshold(
     Three disks in a row on a substrate; one is pushed. Small kicks do not make them slide:
 
     >>> import stickslip as ss
-    >>> law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=0.5), 0, 1)
+    >>> law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
     >>> protocol = ss.protocols.Protocol(law, ss.packings.with_push, lambda state, load: ss.relax(state, law))
     >>> path = ss.protocols.ramp(ss.packings.disk_array(3, press=5e-5), [0.0, 1e-6, 2e-6], protocol)
     >>> found = kinetic_threshold(path, protocol, kicks=1e-9, realizations=2, duration=100.0, dt=0.1, workers=1)
