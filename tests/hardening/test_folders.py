@@ -148,6 +148,22 @@ def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call,
     assert not (tmp_path / "out" / "unfinished").exists()
 
 
+def test_an_unfinished_run_is_overwritten_by_another_scenario(call, tmp_path, monkeypatch):
+    """What the stopped run had left beside its checkpoint is no file of another program when the new run ends."""
+
+    def stopped(scenario, *, folder, **_):
+        checkpoint_in(folder, scenario).save("piece", {"a": 1.0})
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as now:
+        now.setattr(slider, "simulate_slider", stopped)
+        assert call("run", "0.toml", "--out", "out").code == 130
+    assert "scenario.json" in contents(tmp_path / "out")
+    done = call("run", "1.toml", "--out", "out", "--overwrite")
+    assert done.code == 0, done.err
+    assert json.loads((tmp_path / "out" / "scenario.json").read_text())["seed"] == 1
+
+
 def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(call, tmp_path, monkeypatch):
     assert call("run", "0.toml", "--out", "out").code == 0
     settle = report.install_results

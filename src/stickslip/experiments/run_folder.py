@@ -90,7 +90,7 @@ def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
         )  # fmt: skip
     if others or going or unfinished_scenario(folder):
         remove_checkpoint(folder)
-        allow_overwriting(folder, [name for name in others if is_run_file(name)])
+        allow_overwriting(folder, going)
         checkpoint_in(folder, scenario).announce()
 
 
