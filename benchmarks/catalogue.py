@@ -119,7 +119,14 @@ def write_reference(folder: Path, out: Path = OUT) -> None:
         if (folder / "gouge" / name).is_file():
             shutil.copy(folder / "gouge" / name, out / target)
     if out == OUT:
-        _fill_page(summary(events, steps, found))
+        _fill_page(_progress(folder) + summary(events, steps, found))
+
+
+def _progress(folder: Path) -> str:
+    """Sentence about the parts that are not finished; empty without any."""
+    parts = [folder / f"{name}-{part}" / "events.csv" for name, run in RUNS.items() for part in range(run.parts)]
+    done = sum(path.is_file() for path in parts)
+    return "" if done == len(parts) else f"{done} of {len(parts)} parts of the run have been made.\n\n"
 
 
 def _fill_page(text: str) -> None:
