@@ -100,6 +100,13 @@ def test_the_lock_pins_packages_with_the_extras_that_others_require():
     assert wanted and {name: extras_ - pinned[name] for name, extras_ in wanted.items() if extras_ - pinned[name]} == {}
 
 
+def test_benchmarks_can_be_imported():
+    """They are not part of the package, so that no other test notices when a name moves."""
+    names = [path.stem for path in (ROOT / "benchmarks").glob("*.py") if path.stem not in ("__main__", "engine_yade")]
+    run = called(sys.executable, "-c", f"from benchmarks import {', '.join(sorted(names))}", cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+
+
 @pytest.mark.slow
 def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alone(built):
     _, wheel, source = built
