@@ -196,7 +196,10 @@ def _row_of_classes(law: str, table: Table, steps: Table) -> str:
 
 
 def _row_of_areas(law: str, several: list[Skill]) -> str:
-    cells = {one.predictor: f"{one.roc.area:.2f} ({one.low:.2f}–{one.high:.2f})" for one in several}
+    cells = {
+        one.predictor: f"{one.roc.area:.2f}" + (f" ({one.low:.2f}–{one.high:.2f})" if np.isfinite(one.low) else "")
+        for one in several
+    }
     return f"| {_plain(law)} | " + " | ".join(cells.get(name, "–") for name in PREDICTORS) + " |"
 
 
