@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.measure import touching
 from stickslip.loading.event_class import fit_power
-from stickslip.loading.event_path import Judge, Point, committed, displacement
+from stickslip.loading.event_path import Judge, Point, commit, displacement
 from stickslip.results import EventKind
 from tests.events.packings import FRICTIONLESS, LINEAR, SMOOTH, STEP, packing, search
 
@@ -81,7 +81,7 @@ def test_smooth_friction_is_announced_on_the_same_packing(sliding):
 
 def walk(state, law, start, steps, width, nu):
     """Equilibria of damped dynamics after each of many small strain steps: the obvious and slow way."""
-    judge = Judge(committed(state, law), law, nu)
+    judge = Judge(commit(state, law), law, nu)
     points = [Point(start, state, judge)]
     for k in range(1, steps + 1):
         moved = ss.packings.sheared(points[-1].state, width)

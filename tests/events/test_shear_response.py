@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.loading.event_path import committed, displacement
+from stickslip.loading.event_path import commit, displacement
 from stickslip.solve.shear_response import Response, damped_exponents, margin, root_mean_square, support
 
 LAWS = {
@@ -20,7 +20,7 @@ def sheared(law, dim, slip=True):
     for _ in range(4):
         state, outcome = ss.equilibrate(ss.packings.sheared(state, 5e-4, slip=slip), law, check="nothing")
         assert outcome.ok
-    return committed(state, law)
+    return commit(state, law)
 
 
 @pytest.mark.parametrize("slip", [True, False])

@@ -197,7 +197,7 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
     for one in ones:
         kept = checkpoint_in(tmp_path, one)
         kept.of("some").save("piece", 1.0)
-        assert kept.seen() is not None
+        assert kept.if_visible() is not None
     if older:  # version 0.1
         for path in (tmp_path / "unfinished").glob("part-*.json"):
             path.rename(path.with_name(path.name.replace("part-", "scenario-")))

@@ -55,14 +55,14 @@ class Checkpoint(NamedTuple):
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         # a reproduction runs several scenarios: the first is that of the run, the others are those of its parts
-        if not self._noted:
+        if not self._has_note:
             write_atomically(self._part_note if unfinished_scenario(self.run) else self._note, self.scenario.encode())
         if not (self.run / SCENARIO).exists():
             write_atomically(self.run / SCENARIO, self.scenario.encode())
 
-    def seen(self) -> "Checkpoint | None":
+    def if_visible(self) -> "Checkpoint | None":
         """Return self if this process can see the run's folder, else None (as for a worker on another machine)."""
-        return self if self._noted else None
+        return self if self._has_note else None
 
     def check(self) -> None:
         """Raise ArchiveError if a piece of this part, or of its own parts, cannot be used."""
@@ -80,7 +80,7 @@ class Checkpoint(NamedTuple):
         return self.run / UNFINISHED / f"{_PART}{self._digest}.json"
 
     @property
-    def _noted(self) -> bool:
+    def _has_note(self) -> bool:
         return self._note.is_file() or self._part_note.is_file()
 
     @property

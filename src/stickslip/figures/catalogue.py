@@ -40,7 +40,7 @@ def eigenvalue_before_events(events):
     return figure
 
 
-def _scaled(events, kind: str):
+def _ratios(events, kind: str):
     """Distances, λ over its value at the largest distance, and λ with the contact set to slide, for one class."""
     rows = events["kind"] == kind
     distance, softest = events["distances"][rows], events["softest"][rows]
@@ -50,7 +50,7 @@ def _scaled(events, kind: str):
 
 
 def _saddle_nodes(axes, events) -> None:
-    distance, ratio, _ = _scaled(events, "saddle_node")
+    distance, ratio, _ = _ratios(events, "saddle_node")
     for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
         above = y > 0
         axes.loglog(x[above], y[above] ** 2, color=BLUE, lw=0.5, alpha=0.35)
@@ -65,7 +65,7 @@ def _saddle_nodes(axes, events) -> None:
 
 
 def _sliding_contacts(axes, events) -> None:
-    distance, ratio, switched = _scaled(events, "sliding")
+    distance, ratio, switched = _ratios(events, "sliding")
     for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
         axes.plot(x, y, color=BLUE, lw=0.5, alpha=0.35)
     axes.axhline(0, color=BLACK, lw=0.6)

@@ -53,7 +53,7 @@ def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
     """Describe an event, except for where Newton's method alone leads."""
     judge, before, after = found.before.judge, found.before, found.after
     profile = _profile(found, step)
-    kind, (power, error) = _announced(found, profile)
+    kind, (power, error) = _classify(found, profile)
     trigger, row, values = None, -1, None
     if kind is EventKind.UNRESOLVED and (trigger := find_trigger(found.last, found.upper)):
         kind, row, values = trigger
@@ -139,7 +139,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     return float(power / size[0]), float(np.sqrt(square * np.linalg.pinv(columns.T @ columns)[0, 0]) / size[0])
 
 
-def _announced(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
+def _classify(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
     """Kind of an event as far as spectra tell, and the exponent with its error."""
     if not found.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)

@@ -58,7 +58,7 @@ class Judge:
         """Exponents of growth under the drag [1/time]."""
         return damped_exponents(eigenvalues, self.drag)
 
-    def supported(self, state: State) -> np.ndarray:
+    def supported_grains(self, state: State) -> np.ndarray:
         """(N,) grains of a state that are left after pruning."""
         return support(state, self.law, prune=self.prune).grains
 
@@ -75,7 +75,7 @@ class Judge:
             if not outcome.ok:
                 return here, False
             end = self.newton(here, thorough=True)
-            if end is not None and distance(here, end, self.supported(here)) < 1e3 * share * self.overlap:
+            if end is not None and distance(here, end, self.supported_grains(here)) < 1e3 * share * self.overlap:
                 return end, True
         return here, True
 
@@ -152,7 +152,7 @@ class Point:
         return displaced(self.state, response.free, size * moved)
 
 
-def committed(state: State, law: Law) -> State:
+def commit(state: State, law: Law) -> State:
     """State with the memory of its contacts committed, each in its mode under a given law.
 
     Contacts of packings made without friction slide without slip, which has no meaning under a law with friction.
@@ -194,14 +194,14 @@ def continuous(a: Point, b: Point, bend: float = BEND) -> bool:
     if not both.any():
         return False
     moved, first, last = displacement(a.state, b.state, strain), strain * a.response.rate, strain * b.response.rate
-    moved, first, last = (_centred(x[both]) for x in (moved, first, last))
+    moved, first, last = (_subtract_mean(x[both]) for x in (moved, first, last))
     line = last - first
     share = np.clip(((moved - first) * line).sum() / max((line * line).sum(), np.finfo(float).tiny), 0.0, 1.0)
     beside, size = (np.sqrt((x * x).sum() / both.sum()) for x in (moved - first - share * line, _larger(first, last)))
     return bool(beside <= bend * size + STILL * a.judge.overlap)
 
 
-def jumped(a: Point, b: Point) -> bool:
+def is_jump(a: Point, b: Point) -> bool:
     """Return True if grains moved too far over a short step for any continuous motion, not only for the linear one.
 
     Where contacts switch between stick and slide, dynamics need not follow the linear response at either end.
@@ -211,7 +211,7 @@ def jumped(a: Point, b: Point) -> bool:
     return not both.any() or moved > JUMP * strain * min(a.response.speed, b.response.speed)
 
 
-def _centred(motion: np.ndarray) -> np.ndarray:
+def _subtract_mean(motion: np.ndarray) -> np.ndarray:
     return np.hstack([motion[:, :3] - motion[:, :3].mean(axis=0), motion[:, 3:]])
 
 
@@ -247,7 +247,7 @@ def fall(point: Point, strain: float) -> Point | None:
     if rested:
         return settle(Point(strain, end, point.judge))
     centre = point.judge.newton(end, thorough=True)
-    if centre is None or distance(end, centre, point.judge.supported(centre)) > AROUND * point.judge.overlap:
+    if centre is None or distance(end, centre, point.judge.supported_grains(centre)) > AROUND * point.judge.overlap:
         return None
     return Point(strain, centre, point.judge, tolerated=True)
 

@@ -16,13 +16,13 @@ from .event_path import (
     BALANCED,
     Judge,
     Point,
-    committed,
+    commit,
     continuous,
     depart,
     displacement,
     distance,
     fall,
-    jumped,
+    is_jump,
     settle,
 )
 from .event_types import Event, Events, StrainStep
@@ -118,7 +118,7 @@ def _check(state: State, law: Law, step: float, resolution: float, most: int | N
 
 def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
-    here = committed(state, law)
+    here = commit(state, law)
     if not len(touching(here)):
         raise ValueError("a packing without contacts was given: it bears no load; compress it first")
     judge = Judge(here, law, drag, prune)
@@ -201,7 +201,7 @@ class Search:
             after = fall(before, goal)
             if after is None:
                 return False
-            jumps = self._is_far(before, after) and jumped(before, after) and not continuous(before, after)
+            jumps = self._is_far(before, after) and is_jump(before, after) and not continuous(before, after)
         lost = before.stable and not after.stable
         if not (jumps or lost):
             self._accept(after)

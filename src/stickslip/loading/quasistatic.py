@@ -14,7 +14,7 @@ from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
 from ..solve.stability import contacts_at_limit
-from .event_path import Judge, Point, committed, continuous, displacement, distance, fall
+from .event_path import Judge, Point, commit, continuous, displacement, distance, fall
 from .protocols import Equilibrium, Protocol
 from .shear import shear_strain, sheared
 
@@ -126,7 +126,7 @@ class Watch:
             change = root_mean_square(moved - before, everything)
             if change <= STEADY * root_mean_square(before, everything):
                 return ""
-        start = committed(start, self.law)
+        start = commit(start, self.law)
         judge = self._judge(start)
         begin, end = (Point(x, s, judge) for x, s in ((point.load - strain, start), (point.load, point.state)))
         if (off := branch_distance(begin, end)) == 0.0:
@@ -140,7 +140,7 @@ class Watch:
 
     def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
         """Equilibrium to which damped dynamics leads, and whether it is another one."""
-        start, begin = committed(start, self.law), shear_strain(start)
+        start, begin = commit(start, self.law), shear_strain(start)
         judge = self._judge(start)
         if not left and Point(point.load, point.state, judge).stable:
             return point, False  # stable under the drag

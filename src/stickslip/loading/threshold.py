@@ -394,10 +394,10 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    return tuple(_moved(one, change, shift) for one in earlier), back
+    return tuple(_shift(one, change, shift) for one in earlier), back
 
 
-def _moved(state: State, change: np.ndarray, shift: np.ndarray) -> State:
+def _shift(state: State, change: np.ndarray, shift: np.ndarray) -> State:
     """Positions and cell of a state, of which `travel` needs no more, in another cell of the lattice and shifted."""
     cell = state.cell._replace(vectors=change @ state.cell.vectors)
     return state._replace(cell=cell, grains=state.grains._replace(position=state.grains.position + shift))

@@ -175,13 +175,13 @@ def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
 def _trunk_task(text: str, kept: Checkpoint | None, tell: Tell) -> Trunk:
     """Run one trunk, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return run_trunk(one, one.seed, find_engine(one, kept and kept.run), tell, kept and kept.seen())
+    return run_trunk(one, one.seed, find_engine(one, kept and kept.run), tell, kept and kept.if_visible())
 
 
 def _branch_task(text: str, start: Branch, kept: Checkpoint | None, tell: Tell) -> tuple[Test, ...]:
     """Run one branch, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return run_branch(one, start, find_engine(one, kept and kept.run), tell, kept and kept.seen())
+    return run_branch(one, start, find_engine(one, kept and kept.run), tell, kept and kept.if_visible())
 
 
 def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:

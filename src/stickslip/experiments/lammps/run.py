@@ -174,7 +174,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     elapsed = step * leg.dt
     low, high, (xy, xz, yz) = box[0:6:2], box[1:6:2], box[6:9]
     vectors = np.array([[high[0] - low[0], 0, 0], [xy, high[1] - low[1], 0], [xz, yz, high[2] - low[2]]])
-    cell, position, velocity = _moved(leg, folder, step, found, vectors, box[9:])
+    cell, position, velocity = _read_motion(leg, folder, step, found, vectors, box[9:])
     grains = state.grains._replace(position=position, velocity=velocity, spin=found.spin)
     if not (np.isfinite(grains.position).all() and np.isfinite(grains.velocity).all()):
         raise RuntimeError("the grains became unstable in LAMMPS: use a shorter dt")
@@ -184,7 +184,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     return restored(moved._replace(grains=grains), leg.law, found)
 
 
-def _moved(leg: Leg, folder: Path, step: int, found: Restart, following: np.ndarray, rates: np.ndarray):
+def _read_motion(leg: Leg, folder: Path, step: int, found: Restart, following: np.ndarray, rates: np.ndarray):
     """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
     state, rate = leg.state, leg.state.control.cell_rate
     dumped = folder / PLACES.replace("*", str(step + leg.warm_up))

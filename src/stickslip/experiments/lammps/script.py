@@ -152,10 +152,10 @@ def pair_commands(law: Law, leg: Leg) -> str:
     if rescales(law.kind):
         return f"pair_style granular\npair_coeff * * {_granular(law, *numbers)}"
     style = "hooke" if law.kind == LINEAR else "hertz"
-    return f"pair_style gran/{style}/history {digits(*numbers)} 1{_clipped(law)}\npair_coeff * *"
+    return f"pair_style gran/{style}/history {digits(*numbers)} 1{_tension_option(law)}\npair_coeff * *"
 
 
-def _clipped(law: Law) -> str:
+def _tension_option(law: Law) -> str:
     return " limit_damping" if law.damping & NO_TENSION else ""
 
 
@@ -181,7 +181,7 @@ def _granular(law: Law, kn: float, kt: float, damping_n: float, damping_t: float
     share = damping_t / damping_n if damping_n > 0 else 0.0
     return (
         f"{normal} {digits(kn, damping_n)} tangential {tangential} {digits(kt, share, mu)} damping {damping}"
-        f"{_clipped(law)}"
+        f"{_tension_option(law)}"
     )
 
 

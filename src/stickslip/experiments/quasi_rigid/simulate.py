@@ -152,7 +152,7 @@ def simulate_sample(
 ) -> SampleResult:
     """Load one sample by path and by slow dynamics; each of these is saved as soon as it finishes."""
     load, slow = scenario.loading, scenario.dynamics
-    kept = kept and kept.seen()
+    kept = kept and kept.if_visible()
     tell(0.0, f"sample {seed}: equilibrating")
     state, law, end = load_or_compute(kept, "prepared", lambda: prepare(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}

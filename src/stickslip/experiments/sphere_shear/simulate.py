@@ -122,7 +122,7 @@ def shear_packing(
     kept : storage for the packing and the points of the path
     report : called as report(share done, words)
     """
-    law, kept = make_law(scenario.law), kept and kept.seen()
+    law, kept = make_law(scenario.law), kept and kept.if_visible()
     report(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
     shear = scenario.shear
     state, packed = load_or_compute(kept, "packing", lambda: make_packing(scenario.packing, law, seed, shear.tolerance))

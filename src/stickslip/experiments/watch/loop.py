@@ -16,7 +16,7 @@ OF_EACH = ("slip of ", NO_CONTACTS)  # how notes begin that every frame has
 
 
 class Progress(NamedTuple):
-    """What is known at a moment."""
+    """State of a watch: the table so far, and how much is left to compute."""
 
     rows: dict[int, Row]
     notes: tuple[str, ...]
@@ -56,7 +56,7 @@ def watch(
         if not (once and found):
             before, found = found, look(source, found)
             last = time.monotonic() if before is None or before.sizes != found.sizes else last
-        left = _left(found, rows)
+        left = _frames_to_compute(found, rows)
         notes = (*said, *found.notes)
         if left:
             pair = left[0 if once else -1]
@@ -83,7 +83,7 @@ def watch(
     yield Progress(rows, notes, 0, live=False)
 
 
-def _left(found: Look, rows: dict[int, Row]) -> list[Pair]:
+def _frames_to_compute(found: Look, rows: dict[int, Row]) -> list[Pair]:
     """Frames to compute: those that are not in the table, or have changed since."""
     return [pair for pair in found.ready if key_of(pair) != getattr(rows.get(pair.grains.step), "digest", None)]
 
