@@ -1,5 +1,7 @@
 """Faults: stress transfer, rates, energy balance, time stepper, restart and refusals."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -7,6 +9,7 @@ from scipy.linalg import expm
 
 from stickslip import friction
 from stickslip.friction import fault_kernel as kernel
+from stickslip.friction import laws
 from stickslip.friction.fault import check_fault
 from stickslip.friction.fault_cycles import join_histories
 from stickslip.friction.fault_record import YEAR, Moment, hermite, points
@@ -143,8 +146,8 @@ def test_cut_off_velocities():
 @pytest.mark.parametrize("form", ["regularized", "logarithmic"])
 def test_the_derivative_of_friction(form):
     for w, s in ((-20.0, 10.0), (3.0, -2.0), (-100.0, -1.0)):
-        both = [kernel.friction(FORMS[form], w + d, s, 0.02, 0.01, 0.6, 0.0, 0.0)[0] for d in (-1e-5, 1e-5)]
-        exact = kernel.friction(FORMS[form], w, s, 0.02, 0.01, 0.6, 0.0, 0.0)[1]
+        at = [laws.friction(FORMS[form], w + d, s, 0.5 * s, 0.02, 0.01, 0.02, 0.6, 0.0, 0.0) for d in (-1e-5, 0, 1e-5)]
+        both, exact = (at[0][0], at[2][0]), at[1][1]
         assert (both[1] - both[0]) / 2e-5 == pytest.approx(exact, rel=1e-5, abs=1e-12)
 
 
@@ -167,30 +170,76 @@ def test_steady_sliding_stays_steady():
     assert h.slip.shape == (len(h.time), 0)
 
 
-# ---- stability
+@pytest.mark.parametrize(("form", "cuts"), [("regularized", {}), ("logarithmic", {"v1": 1e-3, "v2": 1e-5})])
+def test_the_initial_state_slips_as_asked(form, cuts):
+    fault = small(form=form, b=0.012, b2=0.004, dc2=5e-3, **cuts)
+    for velocity in (1e-9, 1e-4):
+        assert np.allclose(initial_state(fault, velocity=velocity).velocity(fault), velocity, rtol=1e-9)
+
+
+def test_a_stress_below_the_cut_off_is_refused():
+    with pytest.raises(ValueError, match="above the cut-off velocity v2"):
+        initial_state(small(form="logarithmic", v2=1e-8), stress=5.3e6)
 
 
 @pytest.mark.parametrize("law", ["aging", "slip"])
-def test_a_sinusoid_grows_as_the_slider_with_its_stiffness(law):
+def test_two_equal_states_are_one(law):
+    """With D_c2 = D_c, the second state equals the first, so that b + b2 acts as one evolution effect."""
+    recording = friction.Recording(stations=(500.0,))
+    one = friction.simulate_fault(small(law=law), 12.0, recording=recording, tolerance=1e-7)
+    other = small(law=law, b=0.010, b2=0.005, dc2=1.5e-3)
+    two = friction.simulate_fault(other, 12.0, recording=recording, tolerance=1e-7)
+    assert len(one.events.start) > 0
+    assert np.allclose(two.events.start, one.events.start, rtol=1e-5)
+    assert np.allclose(two.events.max_slip, one.events.max_slip, atol=1e-3)
+    assert np.array_equal(two.theta2, two.theta)
+    assert one.theta2 is None
+    nucleations = [friction.nucleation(h.fault) for h in (one, two)]
+    assert np.allclose(nucleations[1][1:4], nucleations[0][1:4], rtol=1e-12)
+
+
+def test_a_second_state_that_hardly_evolves_strengthens():
+    """With a very long D_c2, θ2 stays as it is, and only b counts: the fault slips as one with b alone."""
+    b_alone = friction.simulate_fault(small(), 12.0, tolerance=1e-6)
+    long = small(b2=0.01, dc2=1e6)
+    start = initial_state(small())
+    start = with_rates(long, start._replace(log_state2=np.zeros(50), rates=np.zeros((3, 50))))
+    frozen = friction.simulate_fault(long, 12.0, start=start, tolerance=1e-6)
+    assert len(b_alone.events.start) > 0
+    assert np.allclose(frozen.events.start, b_alone.events.start, rtol=1e-3)
+    assert np.allclose(frozen.events.moment, b_alone.events.moment, rtol=1e-2)
+
+
+# ---- stability
+
+
+@pytest.mark.parametrize("second", [{}, {"b2": 0.006, "dc2": 4e-3}])
+@pytest.mark.parametrize("law", ["aging", "slip"])
+def test_a_sinusoid_grows_as_the_slider_with_its_stiffness(law, second):
     """Linear theory: a mode of a uniform fault is a slider on the spring G k/2, also with radiation damping."""
-    surface = RateState(0.010, 0.015, 1e-3, 0.6, 1e-6, law)
+    surface = RateState(0.010, 0.015, 1e-3, 0.6, 1e-6, law, **second)
     fault = friction.line_fault(
         6400.0, 50.0, a=0.010, b=0.015, dc=1e-3, normal=10e6, law=law, form="logarithmic", boundary="periodic",
-        thickness=1e3, plate_rate=1e-6,
+        thickness=1e3, plate_rate=1e-6, **second,
     )  # fmt: skip
     for waves, grows in ((2, True), (12, False)):
         k = 2 * np.pi * waves / 6400.0
         spring = Spring(0.5 * fault.modulus * k / np.tanh(k * 1e3) / 10e6, fault.damping / 10e6)
         assert steady_sliding(surface, spring, 1e-6).stable == (not grows)
-        ww, ws, _, sw, ss, *_ = rate_derivatives(0.0, 0.0, 0.0, kernel_parameters(surface, spring), 1e-6, 1.0)
+        ww, ws, wg, sw, ss, gw, gg = rate_derivatives(0.0, 0.0, 0.0, kernel_parameters(surface, spring), 1e-6, 1.0)
+        matrix = np.array([[ww, ws, wg], [sw, ss, 0], [gw, 0, gg]])
+        size = 1 + fault.states
         mode = np.cos(k * fault.depth)
         state = perturbed_state(fault, initial_state(fault, stress=steady_stress(fault, 1e-6)), 1e-6 * mode)
-        first = np.array([mode @ state.log_velocity, mode @ state.log_state])
+
+        def amplitudes(state, mode=mode):
+            return np.array([state.log_velocity, *state.unknowns[1:]]) @ mode
+
+        first = amplitudes(state)
         for time in (500.0, 2000.0, 4000.0):
             state = friction.simulate_fault(fault, time / YEAR, start=state, tolerance=1e-13).state
-            expected = expm(np.array([[ww, ws], [sw, ss]]) * state.time) @ first
-            found = np.array([mode @ state.log_velocity, mode @ state.log_state])
-            assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
+            expected = expm(matrix[:size, :size] * state.time) @ first
+            assert np.abs(amplitudes(state) - expected).max() < 1e-4 * np.abs(expected).max()
 
 
 def test_critical_wavelength_is_that_of_the_critical_stiffness():
@@ -268,16 +317,18 @@ def test_slip_of_samples_profiles_and_events_agree(cycles):
     )  # fmt: skip
 
 
-def test_a_continued_run_is_the_same_run():
+@pytest.mark.parametrize("second", [{}, {"b": 0.012, "b2": 0.004, "dc2": 5e-3}])
+def test_a_continued_run_is_the_same_run(second):
     rare = friction.Recording(stations=(0.0, 1500.0), quiet_sampling=2 * YEAR)  # most steps are not sampled
-    single = friction.simulate_fault(small(), 25.0, recording=rare)
+    fault = small(**second)
+    single = friction.simulate_fault(fault, 25.0, recording=rare)
     parts, state = [], None
     for years in (6.0, 13.0, 25.0):
-        parts.append(friction.simulate_fault(small(), years, start=state, recording=rare))
+        parts.append(friction.simulate_fault(fault, years, start=state, recording=rare))
         state = parts[-1].state
     whole = join_histories(parts)
     assert len(whole.events.start) > 0
-    for name in ("time", "max_velocity", "slip", "stress", "theta", "profile_time", "profile_slip"):
+    for name in ("time", "max_velocity", "slip", "stress", "theta", "theta2", "profile_time", "profile_slip"):
         assert np.array_equal(getattr(whole, name), getattr(single, name)), name
     for one, other in zip((*whole.events, *whole.state), (*single.events, *single.state), strict=True):
         assert np.array_equal(one, other)
@@ -309,12 +360,15 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"boundary": "periodic"}, "thickness = inf"),
         ({"shear": "in-plane"}, "use 'infinite'"),
         ({"dc": 1e-3}, "a third of it, 71.2 m"),
+        ({"b2": 0.02, "dc2": 1e-3}, "b2/D_c2) σ] is 106.8 m"),
+        ({"b2": -0.01}, "b2 = -0.01 was given"),
+        ({"dc2": 0.0}, "dc2 = 0 was given"),
         ({"plate_rate": 0.0}, "plate_rate = 0.0 was given"),
         ({"poisson": 0.5}, "poisson = 0.5 was given"),
     ],
 )
 def test_bad_faults_are_refused_with_one_sentence(change, words):
-    with pytest.raises(ValueError, match=words.replace("(", r"\(")):
+    with pytest.raises(ValueError, match=re.escape(words)):
         small(**change)
 
 

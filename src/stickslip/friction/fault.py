@@ -40,6 +40,8 @@ class Fault(NamedTuple):
     thickness: float = np.inf  # of each plate, for a periodic fault [m]
     v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
     v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
+    b2: np.ndarray | float = 0.0  # evolution effect of a second state, (N,) or a number
+    dc2: np.ndarray | float = 1.0  # its characteristic slip, (N,) or a number; has no effect if b2 = 0 [m]
 
     @property
     def modulus(self) -> float:
@@ -62,6 +64,21 @@ class Fault(NamedTuple):
         return form_code(self.form, *self.cuts)
 
     @property
+    def states(self) -> int:
+        """Number of state variables of a cell: 2 with `b2`, else 1."""
+        return 2 if np.any(np.asarray(self.b2) > 0) else 1
+
+    @property
+    def evolution(self) -> np.ndarray:
+        """Evolution effect of all states, b + b2 (N,)."""
+        return self.b + self.b2
+
+    @property
+    def weakening(self) -> np.ndarray:
+        """Rate at which friction falls with slip behind the tip of a rupture, b/D_c + b2/D_c2 (N,) [1/m]."""
+        return self.b / self.dc + self.b2 / np.asarray(self.dc2)
+
+    @property
     def width(self) -> float:
         """Length of all cells [m]."""
         return self.cell * len(self.depth)
@@ -73,15 +90,16 @@ class Fault(NamedTuple):
 
 
 @checked
-def line_fault(width: float, cell: float, *, a, b, dc, normal, **more) -> Fault:
+def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=1.0, **more) -> Fault:
     """Fault whose properties vary piecewise linearly with depth.
 
     Parameters
     ----------
     width : length of the part with rate-and-state friction; the rest of its plane slips at the plate rate [m]
     cell : length of a cell; the width must be a whole number of them [m]
-    a, b, dc, normal : a number, or pairs (depth, value) in order of depth, between which values are interpolated
-        linearly; beyond the first and last depth they are constant. `dc` in m and `normal` in Pa
+    a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
+        interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
+        `b2` and `dc2` belong to a second state variable, see `RateState`
     more : the other fields of `Fault`
 
     Raises
@@ -102,8 +120,8 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, **more) -> Fault:
     if number < 3 or abs(number * cell - width) > 1e-6 * width:
         raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use a width of at least three whole cells")
     depth = (np.arange(number) + 0.5) * cell
-    profiles = {name: profile(name, value, depth) for name, value in (("a", a), ("b", b), ("dc", dc))}
-    fault = Fault(depth, **profiles, normal=profile("normal", normal, depth), cell=cell, **more)
+    given = {"a": a, "b": b, "dc": dc, "normal": normal, "b2": b2, "dc2": dc2}
+    fault = Fault(depth, cell=cell, **{name: profile(name, value, depth) for name, value in given.items()}, **more)
     check_fault(fault)
     return fault
 
@@ -131,9 +149,10 @@ def check_fault(fault: Fault) -> None:
     for name, allowed in choices.items():
         if getattr(fault, name) not in allowed:
             raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use {' or '.join(map(repr, allowed))}")
-    for name in ("a", "dc", "normal"):
+    for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
-    _check_values("b", fault.b, positive=False)
+    for name in ("b", "b2"):
+        _check_values(name, getattr(fault, name), positive=False)
     require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus, plate_rate=fault.plate_rate)
     if not fault.wave_speed > 0:
         raise ValueError(f"wave_speed = {fault.wave_speed} was given: it must be positive")
@@ -152,7 +171,8 @@ def check_fault(fault: Fault) -> None:
     _check_cells(fault)
 
 
-def _check_values(name: str, values: np.ndarray, *, positive: bool) -> None:
+def _check_values(name: str, values, *, positive: bool) -> None:
+    values = np.atleast_1d(np.asarray(values, float))
     bad = ~np.isfinite(values) | ((values <= 0) if positive else (values < 0))
     if bad.any():
         allowed = "positive, finite values" if positive else "finite values that are not negative"
@@ -174,12 +194,13 @@ def _check_geometry(fault: Fault) -> None:
 
 def _check_cells(fault: Fault) -> None:
     """Reject cells that do not resolve the tip of a rupture in a velocity-weakening part."""
-    weak = fault.a < fault.b
+    weak = fault.a < fault.evolution
     if not weak.any():
         return
-    length = fault.modulus * fault.dc[weak] / (fault.b[weak] * fault.normal[weak])
+    length = fault.modulus / (fault.weakening * fault.normal)[weak]
+    name = "G D_c/(b σ)" if fault.states == 1 else "G/[(b/D_c + b2/D_c2) σ]"
     if fault.cell > LONGEST_CELL * length.min() * (1 + 1e-9):
         raise ValueError(
-            f"cell = {fault.cell:g} m was given, but the cohesive length G D_c/(b σ) is {length.min():.4g} m: use "
+            f"cell = {fault.cell:g} m was given, but the cohesive length {name} is {length.min():.4g} m: use "
             f"cells of at most a third of it, {LONGEST_CELL * length.min():.4g} m"
         )

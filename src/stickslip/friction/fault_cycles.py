@@ -19,6 +19,7 @@ from .fault_state import FaultState, Machine, initial_state
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
 TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
 REPORTED = 2000  # steps between two reports
+ALONE = ("fault", "station", "profile_depth", "events", "energy", "state", "steps", "rejected")  # fields without M or P
 
 
 @readable
@@ -49,6 +50,7 @@ class FaultHistory(NamedTuple):
     velocity: np.ndarray  # (M, S) [m/s]
     stress: np.ndarray  # (M, S) frictional shear stress [Pa]
     theta: np.ndarray  # (M, S) [s]
+    theta2: np.ndarray | None  # (M, S) second state, if the fault has one [s]
     profile_time: np.ndarray  # (P,) [s]
     profile_seismic: np.ndarray  # (P,) True within events
     profile_max_velocity: np.ndarray  # (P,) [m/s]
@@ -130,7 +132,7 @@ def check_recording(fault: Fault, recording: Recording) -> None:
 def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):
     """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
     machine = Machine(fault, state.prestress)
-    y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
+    y, w = state.unknowns, state.log_velocity.copy()
     stages, powers = np.empty((kernel.NUMBER + 1, *y.shape)), np.zeros((kernel.NUMBER + 1, 3))
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
@@ -155,7 +157,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         before, now = (
             now,
             Moment(
-                time, y[0].copy(), stages[0, 0].copy(), y[1], w, fault.v0 * float(np.exp(w.max())), float(energy[2])
+                time, y[0].copy(), stages[0, 0].copy(), y[1:], w, fault.v0 * float(np.exp(w.max())), float(energy[2])
             ),
         )
         recorder.step(before, now)
@@ -164,7 +166,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
             report(min(1.0, time / until), words)
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
-        recorder.sampled.copy(),
+        recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,
     )  # fmt: skip
     return end, steps, rejected
 
@@ -180,23 +182,25 @@ def _try_step(machine: Machine, y, w, stages, powers, h: float, trial) -> float:
 
 def _moment(fault: Fault, state: FaultState) -> Moment:
     fastest = fault.v0 * float(np.exp(state.log_velocity.max()))
-    return Moment(
-        state.time, state.excess_slip, state.rates[0], state.log_state, state.log_velocity, fastest, state.energy[2]
-    )
+    u, *states = state.unknowns
+    return Moment(state.time, u, state.rates[0], np.array(states), state.log_velocity, fastest, state.energy[2])
 
 
 def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):
     stations, points = recorder.stations.depth, recorder.profile.depth
     columns = list(zip(*recorder.samples, strict=True)) or [()] * 7
     series = [np.array(column, float) for column in columns[:3]]
-    tables = [np.array(column, float).reshape(len(series[0]), len(stations)) for column in columns[3:]]
+    shape = len(series[0]), len(stations)
+    tables = [np.array(column, float).reshape(shape) for column in columns[3:6]]
+    theta, *more = np.array(columns[6], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1)
+    theta2 = more[0] if more else None
     times, seismic, fastest, slips = list(zip(*recorder.profiles, strict=True)) or [()] * 4
     width = len(FaultEvents._fields)
     events = FaultEvents(*np.array(recorder.events, float).reshape(-1, width).T)
     work = end.energy - start.energy
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(
-        fault, *series, stations, *tables, np.array(times, float), np.array(seismic, bool), np.array(fastest, float),
+        fault, *series, stations, *tables, theta, theta2, np.array(times, float), np.array(seismic, bool), np.array(fastest, float),
         points, np.array(slips, float).reshape(len(times), len(points)), events, energy, end, steps, rejected,
     )  # fmt: skip
 
@@ -207,7 +211,7 @@ def join_histories(parts: list[FaultHistory]) -> FaultHistory:
     along = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in FaultHistory._fields
-        if name not in ("fault", "station", "profile_depth", "events", "energy", "state", "steps", "rejected")
+        if name not in ALONE and getattr(first, name) is not None
     }
     events = FaultEvents(*(np.concatenate(column) for column in zip(*(part.events for part in parts), strict=True)))
     energy = Energy(*(sum(terms) for terms in zip(*(part.energy for part in parts), strict=True)))

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.readable import pluralize, readable
-from . import fault_kernel as kernel
 from .fault import Fault
+from .fault_state import frictional_stress
 
 YEAR = 365.25 * 86400.0  # [s]
 CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
@@ -83,7 +83,7 @@ class Moment(NamedTuple):
     time: float
     excess_slip: np.ndarray
     rate: np.ndarray  # of the excess slip
-    log_state: np.ndarray
+    log_states: np.ndarray  # (S, N) of its one or two states
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
     radiated: float
@@ -126,13 +126,13 @@ class Recorder:
 
     def _sample(self, now: Moment) -> None:
         fault, at = self.fault, self.stations
-        w, s = at(now.log_velocity), at(now.log_state)
+        w = at(now.log_velocity)
         stress = self._strength(now)
         rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
         slip = at(now.excess_slip) + fault.plate_rate * now.time
-        dc = at(fault.dc)
-        theta = dc / fault.v0 * np.exp(s)
-        self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, theta))
+        slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
+        thetas = [at(dc) / fault.v0 * np.exp(at(s)) for dc, s in zip(slips, now.log_states, strict=False)]
+        self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, thetas))
         self.sampled[:] = now.time, np.log10(now.fastest)
 
     def _strength(self, now: Moment) -> np.ndarray:
@@ -140,7 +140,7 @@ class Recorder:
         at = self.stations
         if not len(at.depth):
             return np.zeros(0)
-        values = frictional_stress(self.fault, now.log_velocity, now.log_state, np.unique(at.cells))
+        values = frictional_stress(self.fault, now.log_velocity, now.log_states, np.unique(at.cells))
         return at(values)
 
     def _slip(self, excess: np.ndarray, time: float) -> np.ndarray:
@@ -194,14 +194,6 @@ class Recorder:
             )
         )  # fmt: skip
         self.event = None
-
-
-def frictional_stress(fault: Fault, log_velocity, log_state, cells) -> np.ndarray:
-    """Frictional stress σ f in some cells, zero elsewhere (N,) [Pa]."""
-    out, more = np.zeros(len(fault.depth)), (fault.mu0, *fault.cuts)
-    for i in cells:
-        out[i] = kernel.friction(fault.form_code, log_velocity[i], log_state[i], fault.a[i], fault.b[i], *more)[0]
-    return out * fault.normal
 
 
 def hermite(before: Moment, now: Moment, x: float) -> np.ndarray:

@@ -7,8 +7,8 @@ import numpy as np
 from ..core.arguments import checked, require_positive
 from ..core.readable import readable
 from . import fault_kernel as kernel
+from . import laws
 from .fault import Fault, check_fault
-from .laws import EVOLUTIONS
 
 
 @readable(head=lambda state: f"{len(state.excess_slip)} cells at {state.time:.6g} s")
@@ -20,12 +20,19 @@ class FaultState(NamedTuple):
     log_state: np.ndarray  # (N,) ln(V0 θ/D_c)
     log_velocity: np.ndarray  # (N,) ln(V/V0)
     prestress: np.ndarray  # (N,) shear stress at the start [Pa]
-    rates: np.ndarray  # (2, N) time derivatives of excess_slip and log_state
+    rates: np.ndarray  # (1 + S, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
     power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
     energy: np.ndarray  # (3,) their integrals since the start [J/m]
     step: float  # proposed for the next step [s]
     error: float  # of the last step, over the tolerance
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
+    log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
+
+    @property
+    def unknowns(self) -> np.ndarray:
+        """What is integrated: excess slip, and the logarithm of each state (1 + S, N)."""
+        second = [] if self.log_state2 is None else [self.log_state2]
+        return np.array([self.excess_slip, self.log_state, *second])
 
     def slip(self, fault: Fault) -> np.ndarray:
         """Slip since the start (N,) [m]."""
@@ -39,6 +46,10 @@ class FaultState(NamedTuple):
         """State variable θ (N,) [s]."""
         return fault.dc / fault.v0 * np.exp(self.log_state)
 
+    def theta2(self, fault: Fault) -> np.ndarray | None:
+        """Second state variable (N,) [s]; None if there is none."""
+        return None if self.log_state2 is None else fault.dc2 / fault.v0 * np.exp(self.log_state2)
+
     def stress(self, fault: Fault) -> np.ndarray:
         """Shear stress that friction balances, τ₀ + τ(δ − V_p t) − η V (N,) [Pa]."""
         return self.prestress + fault.transfer(self.excess_slip) - fault.damping * self.velocity(fault)
@@ -51,15 +62,34 @@ class FaultState(NamedTuple):
 
 def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
     """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
-    w = np.log(velocity / fault.v0)
-    cells, more = zip(fault.a, fault.b, strict=True), (fault.mu0, *fault.cuts)
-    f = [kernel.friction(fault.form_code, w, -w, a, b, *more)[0] for a, b in cells]
-    return fault.normal * np.array(f) + fault.damping * velocity
+    w = np.full(len(fault.depth), np.log(velocity / fault.v0))
+    return frictional_stress(fault, w, np.array([-w, -w])) + fault.damping * velocity
+
+
+def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.ndarray:
+    """Frictional stress σ f, from ln(V/V0) (N,) and the logarithms of the states (S, N).
+
+    Parameters
+    ----------
+    cells : those in which it is computed, it is zero elsewhere; default: all
+
+    Returns
+    -------
+    (N,) [Pa]
+    """
+    first, second = log_states[0], log_states[-1]
+    out, b2 = np.zeros(len(fault.depth)), np.broadcast_to(fault.b2, fault.b.shape)
+    for i in range(len(out)) if cells is None else cells:
+        cell = log_velocity[i], first[i], second[i], fault.a[i], fault.b[i], b2[i]
+        out[i] = laws.friction(fault.form_code, *cell, fault.mu0, *fault.cuts)[0]
+    return fault.normal * out
 
 
 @checked
 def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -> FaultState:
     """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
+
+    A second state is in the same ratio to its steady state as the first one.
 
     Parameters
     ----------
@@ -70,7 +100,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -
     Raises
     ------
     ValueError
-        if the velocity or the stress is not positive.
+        if the velocity or the stress is not positive, or if no θ balances the stress.
 
     Examples
     --------
@@ -87,21 +117,36 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -
     strength = tau - fault.damping * velocity
     if not (np.isfinite(strength).all() and (strength > 0).all()):
         raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
-    w, x = np.log(velocity / fault.v0), strength / (fault.normal * fault.a)
-    if fault.form == "regularized":
-        x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
-    s = np.where(fault.b > 0, (fault.a * (x - w) - fault.mu0) / np.where(fault.b > 0, fault.b, 1.0), -w)
-    n = len(fault.depth)
+    w, n = np.log(velocity / fault.v0), len(fault.depth)
+    s = _balanced_state(fault, w, strength / fault.normal)
     state = FaultState(
-        0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((2, n)), np.zeros(3), np.zeros(3),
+        0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
         1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
+        s.copy() if fault.states > 1 else None,
     )  # fmt: skip
     return with_rates(fault, state)
 
 
+def _balanced_state(fault: Fault, w: float, friction: np.ndarray) -> np.ndarray:
+    """Logarithm of the states at which friction has a given value (N,)."""
+    x, (cut, cut2) = friction / fault.a, fault.cuts
+    if fault.form == "regularized":
+        x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
+    direct = -np.log(np.exp(-w) + cut) if cut else w
+    evolves = fault.evolution > 0
+    s = (fault.a * (x - direct) - fault.mu0) / np.where(evolves, fault.evolution, 1.0)
+    if cut2:
+        with np.errstate(invalid="ignore"):
+            s = np.log(np.exp(s) - cut2)
+    s = np.where(evolves, s, -w)
+    if not np.isfinite(s).all():
+        raise ValueError("stress is less than what slip far above the cut-off velocity v2 bears: use a larger stress")
+    return s
+
+
 @checked
 def perturbed_state(fault: Fault, state: FaultState, log_velocity) -> FaultState:
-    """Change slip velocities at constant stress, by a change of θ; for studies of nucleation.
+    """Change slip velocities at constant stress, by a change of θ of the first state; for studies of nucleation.
 
     Parameters
     ----------
@@ -117,8 +162,9 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity) -> FaultState
 def with_rates(fault: Fault, state: FaultState) -> FaultState:
     """Return the state with velocities and rates that follow from slip, θ and stress."""
     machine, w = Machine(fault, state.prestress), state.log_velocity.copy()
-    out, power = np.zeros((2, len(w))), np.zeros(3)
-    if not machine.rates(np.array([state.excess_slip, state.log_state]), w, out, power):
+    y, power = state.unknowns, np.zeros(3)
+    out = np.zeros_like(y)
+    if not machine.rates(y, w, out, power):
         raise ValueError("no slip velocity balances the stress: check the initial stress and the parameters")
     return state._replace(log_velocity=w, rates=out, power=power)
 
@@ -128,9 +174,10 @@ class Machine:
 
     def __init__(self, fault: Fault, prestress: np.ndarray):
         self.transfer = fault.transfer
-        self.codes = fault.form_code, EVOLUTIONS[fault.law]
+        self.codes = fault.form_code, laws.EVOLUTIONS[fault.law]
         self.constants = (fault.mu0, fault.v0, fault.damping, fault.plate_rate, fault.cell, *fault.cuts)
-        self.cells = np.array([fault.a, fault.b, fault.dc, fault.normal, prestress], float)
+        rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2
+        self.cells = np.array(np.broadcast_arrays(*rows), float)
 
     def rates(self, y, w, out, power) -> bool:
         """Rates of the unknowns; see `fault_kernel.rates`."""

@@ -57,10 +57,23 @@ def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal
     >>> print(round(nucleation_half_length(32.04e9, 0.010, 0.015, 8e-3, 50e6), 1))
     979.0
     """
-    length, ratio = cohesive_length(modulus, b, dc, normal), a / b
+    require_positive(a=a)
+    return _half_length(modulus, a, b, dc, dc, normal)
+
+
+def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, normal: float) -> float:
+    """Half-length of the nucleation zone. With two states, b is the sum of both effects.
+
+    The characteristic slip is `fast` = b/(b1/D_1 + b2/D_2) at the tip of a rupture, where friction falls at the rate of
+    both states, and `mean` = (b1 D_1 + b2 D_2)/b in the fracture energy, from which the long zones follow.
+    """
+    ratio = a / b
     if ratio >= 1:
         return np.inf
-    return FIXED * length if ratio < LOCALIZED else max(FIXED * length, length / (np.pi * (1 - ratio) ** 2))
+    short = FIXED * cohesive_length(modulus, b, fast, normal)
+    if ratio < LOCALIZED:
+        return short
+    return max(short, cohesive_length(modulus, b, mean, normal) / (np.pi * (1 - ratio) ** 2))
 
 
 @readable
@@ -79,7 +92,7 @@ def nucleation(fault: Fault) -> Nucleation:
     """Compare the velocity-weakening part of a fault with the length that an earthquake needs to nucleate.
 
     The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
-    surface as half of one.
+    surface as half of one. With two states, for which no theory was published, it is a rough one.
 
     Examples
     --------
@@ -89,16 +102,15 @@ def nucleation(fault: Fault) -> Nucleation:
     no earthquake can nucleate: the fault is velocity-strengthening (a ≥ b) everywhere
     """
     check_fault(fault)
-    weak = fault.a < fault.b
+    weak = fault.a < fault.evolution
     if not weak.any():
-        words = "no earthquake can nucleate: the fault is velocity-strengthening (a ≥ b) everywhere"
+        effects = "b" if fault.states == 1 else "b + b2"
+        words = f"no earthquake can nucleate: the fault is velocity-strengthening (a ≥ {effects}) everywhere"
         return Nucleation(False, 0.0, np.inf, np.inf, words)
-    rows = zip(fault.a[weak], fault.b[weak], fault.dc[weak], fault.normal[weak], strict=True)
-    lengths = [
-        (nucleation_half_length(fault.modulus, *row), cohesive_length(fault.modulus, *row[1:]))
-        for row in {tuple(map(float, row)) for row in rows}
-    ]
-    half, cohesive = min(lengths)[0], min(one for _, one in lengths)
+    b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
+    rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
+    half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
+    cohesive = float((fault.modulus / (fault.weakening * fault.normal)[weak]).min())
     edges = np.flatnonzero(np.diff(np.r_[0, weak.astype(int), 0]))
     spans = (edges[1::2] - edges[::2]) * fault.cell
     if fault.boundary == "surface" and weak[0]:

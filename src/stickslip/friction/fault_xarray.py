@@ -8,6 +8,7 @@ from .fault_cycles import FaultHistory
 
 UNITS = {
     "max_velocity": "m/s", "moment_rate": "N/s", "slip": "m", "velocity": "m/s", "stress": "Pa", "theta": "s",
+    "theta2": "s",
     "profile_max_velocity": "m/s", "profile_slip": "m", "start": "s", "end": "s", "depth": "m",
     "nucleation_length": "m",
     "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m", "surface_slip": "m", "moment": "N",
@@ -19,8 +20,8 @@ UNITS = {
 def fault_dataset(history: FaultHistory) -> xr.Dataset:
     """Convert a history to a dataset with units.
 
-    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station); profile_slip
-    (profile_time, profile_depth); and the columns of the events, with the prefix `event_` (event).
+    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), and theta2 with
+    two states; profile_slip (profile_time, profile_depth); and the columns of the events, with the prefix `event_` (event).
 
     Examples
     --------
@@ -34,7 +35,8 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     def units(name: str) -> dict[str, str]:
         return {"units": UNITS[name]} if name in UNITS else {}
 
-    series, tables = ("max_velocity", "moment_rate"), ("slip", "velocity", "stress", "theta")
+    series, tables = ("max_velocity", "moment_rate"), ["slip", "velocity", "stress", "theta"]
+    tables += ["theta2"] if history.theta2 is not None else []
     variables = {name: ("time", getattr(history, name), units(name)) for name in series}
     variables |= {name: (("time", "station"), getattr(history, name), units(name)) for name in tables}
     variables["profile_slip"] = (("profile_time", "profile_depth"), history.profile_slip, units("profile_slip"))

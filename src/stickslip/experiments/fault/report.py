@@ -38,14 +38,17 @@ def numbers(result: FaultResult) -> dict:
         name: getattr(h, name)
         for name in ("time", "max_velocity", "moment_rate", "station", "slip", "velocity", "stress", "theta")
     }
+    state = {"stress": h.state.stress(h.fault), "theta": h.state.theta(h.fault)}
+    if h.fault.states > 1:
+        series["theta2"], state["theta2"] = h.theta2, h.state.theta2(h.fault)
     profiles = {
         "time": h.profile_time, "seismic": h.profile_seismic, "max_velocity": h.profile_max_velocity,
         "depth": h.profile_depth, "slip": h.profile_slip,
     }  # fmt: skip
-    fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal")}
+    fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal", "b2", "dc2")}
     return {
         "series": series, "profiles": profiles, "events": h.events, "energy": h.energy,
-        "fault": fault | {"stress": h.state.stress(h.fault), "theta": h.state.theta(h.fault)}, "units": "SI",
+        "fault": fault | state, "units": "SI",
     }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ class Medium(ScenarioTable):
 
 
 class FaultFriction(ScenarioTable):
-    """Friction; a, b, dc and normal are numbers, or pairs [depth, value] between which they vary linearly."""
+    """Friction; a, b, dc, b2, dc2 and normal are numbers, or pairs [depth, value] between which they vary linearly."""
 
     law: Literal["aging", "slip"] = Field("aging", description="evolution law of the state θ")
     form: Literal["regularized", "logarithmic"] = Field(
@@ -46,6 +46,8 @@ class FaultFriction(ScenarioTable):
     normal: Profile = Field(50e6, description="effective normal stress [Pa]")
     mu0: NotNegative = Field(0.6, description="steady-state friction at v0")
     v0: Positive = Field(1e-6, description="[m/s]")
+    b2: Profile = Field(0.0, description="evolution effect of a second state; 0: one state")
+    dc2: Profile = Field(1.0, description="characteristic slip of the second state [m]")
     v1: Positive | None = Field(
         None, description="cut-off velocity of the direct effect, for the logarithmic form; default: none [m/s]"
     )
@@ -105,7 +107,7 @@ class FaultScenario(ScenarioBase):
     def fault(self) -> Fault:
         """The fault."""
         surface = {name: value for name, value in self.friction.model_dump().items() if value is not None}
-        profiles = {name: surface.pop(name) for name in ("a", "b", "dc", "normal")}
+        profiles = {name: surface.pop(name) for name in ("a", "b", "dc", "normal", "b2", "dc2")}
         return line_fault(
             self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear,
             boundary=self.line.boundary, thickness=self.line.thickness or float("inf"),
