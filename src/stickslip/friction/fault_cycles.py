@@ -192,16 +192,15 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
     series = [np.array(column, float) for column in columns[:3]]
     shape = len(series[0]), len(stations)
     tables = [np.array(column, float).reshape(shape) for column in columns[3:6]]
-    theta, *more = np.array(columns[6], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1)
-    theta2 = more[0] if more else None
+    thetas = [*np.array(columns[6], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1), None][:2]
     times, seismic, fastest, slips = list(zip(*recorder.profiles, strict=True)) or [()] * 4
     width = len(FaultEvents._fields)
     events = FaultEvents(*np.array(recorder.events, float).reshape(-1, width).T)
     work = end.energy - start.energy
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(
-        fault, *series, stations, *tables, theta, theta2, np.array(times, float), np.array(seismic, bool), np.array(fastest, float),
-        points, np.array(slips, float).reshape(len(times), len(points)), events, energy, end, steps, rejected,
+        fault, *series, stations, *tables, *thetas, np.array(times, float), np.array(seismic, bool),
+        np.array(fastest, float), points, np.array(slips, float).reshape(len(times), len(points)), events, energy, end, steps, rejected,
     )  # fmt: skip
 
 

@@ -8,10 +8,8 @@ from .fault_cycles import FaultHistory
 
 UNITS = {
     "max_velocity": "m/s", "moment_rate": "N/s", "slip": "m", "velocity": "m/s", "stress": "Pa", "theta": "s",
-    "theta2": "s",
-    "profile_max_velocity": "m/s", "profile_slip": "m", "start": "s", "end": "s", "depth": "m",
-    "nucleation_length": "m",
-    "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m", "surface_slip": "m", "moment": "N",
+    "theta2": "s", "profile_max_velocity": "m/s", "profile_slip": "m", "start": "s", "end": "s", "depth": "m",
+    "nucleation_length": "m", "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m", "surface_slip": "m", "moment": "N",
     "radiated": "J/m", "time": "s", "station": "m", "profile_time": "s", "profile_depth": "m",
 }  # fmt: skip
 
@@ -21,7 +19,7 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     """Convert a history to a dataset with units.
 
     Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), and theta2 with
-    two states; profile_slip (profile_time, profile_depth); and the columns of the events, with the prefix `event_` (event).
+    two states; profile_slip (profile_time, profile_depth); columns of the events, with the prefix `event_` (event).
 
     Examples
     --------
