@@ -40,8 +40,8 @@ from .friction.fault_theory import Nucleation
 from .friction.fitting import Fit
 from .friction.measure import Healing, HoldResponse, Mean
 from .friction.model_comparison import LawComparison
-from .friction.posterior import Posterior
 from .friction.ratestate import SlipHistory
+from .friction.sampling import Posterior
 from .friction.stability import Sliding
 from .lazy import unknown
 from .loading.event_types import Event, EventKind, Events, StrainStep

@@ -9,8 +9,8 @@ from scipy.stats import t as student
 
 from stickslip.experiments.sweep.definition import members, sweep
 from stickslip.friction.model import Data, model_friction, prepare
-from stickslip.friction.posterior import PERCENTS, posterior
 from stickslip.friction.ratestate import RateState, prescribed
+from stickslip.friction.sampling import PERCENTS, posterior
 from tests.conftest import stickslip_here
 
 pytest.importorskip("emcee")

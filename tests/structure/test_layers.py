@@ -1,5 +1,6 @@
 """The architecture, executed: who may import whom, no cycles, and a light front door."""
 
+import re
 import runpy
 import subprocess
 import sys
@@ -44,6 +45,13 @@ def test_import_stays_light(code, heavy):
     code = f"import sys; {code}; print([m for m in {heavy!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+def test_no_public_name_is_that_of_a_module_beside_it():
+    """Once such a module is imported, from wherever, the attribute of the package is the module."""
+    for stub in (ROOT / "src/stickslip").rglob("__init__.pyi"):
+        for line in re.findall(r"^from \.\w[\w.]* import (\w+) as \w+$", stub.read_text(), re.MULTILINE):
+            assert not stub.with_name(f"{line}.py").exists(), f"{stub.parent.name}.{line}"
 
 
 def test_the_diagram_of_rooms_is_that_of_the_code():

@@ -25,10 +25,10 @@ from .measure import steady_mean as steady_mean
 from .measure import steady_start as steady_start
 from .model import Data as Data
 from .model_comparison import compare_laws as compare_laws
-from .posterior import posterior as posterior
 from .ratestate import RateState as RateState
 from .ratestate import Spring as Spring
 from .ratestate import prescribed as prescribed
 from .ratestate import spring_slider as spring_slider
+from .sampling import posterior as posterior
 from .stability import critical_stiffness as critical_stiffness
 from .stability import steady_sliding as steady_sliding

@@ -200,7 +200,8 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(
         fault, *series, stations, *tables, *thetas, np.array(times, float), np.array(seismic, bool),
-        np.array(fastest, float), points, np.array(slips, float).reshape(len(times), len(points)), events, energy, end, steps, rejected,
+        np.array(fastest, float), points, np.array(slips, float).reshape(len(times), len(points)), events, energy,
+        end, steps, rejected,
     )  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal
     Examples
     --------
     >>> print(round(nucleation_half_length(32.04e9, 0.010, 0.015, 8e-3, 50e6), 1))
-    979.0
+    979.1
     """
     require_positive(a=a)
     return _half_length(modulus, a, b, dc, dc, normal)

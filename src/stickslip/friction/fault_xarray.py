@@ -9,8 +9,9 @@ from .fault_cycles import FaultHistory
 UNITS = {
     "max_velocity": "m/s", "moment_rate": "N/s", "slip": "m", "velocity": "m/s", "stress": "Pa", "theta": "s",
     "theta2": "s", "profile_max_velocity": "m/s", "profile_slip": "m", "start": "s", "end": "s", "depth": "m",
-    "nucleation_length": "m", "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m", "surface_slip": "m", "moment": "N",
-    "radiated": "J/m", "time": "s", "station": "m", "profile_time": "s", "profile_depth": "m",
+    "nucleation_length": "m", "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m",
+    "surface_slip": "m", "moment": "N", "radiated": "J/m", "time": "s", "station": "m", "profile_time": "s",
+    "profile_depth": "m",
 }  # fmt: skip
 
 

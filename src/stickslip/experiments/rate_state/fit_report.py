@@ -15,7 +15,7 @@ from ...friction.fitting import Fit, fit
 from ...friction.laboratory import read_csv, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
-from ...friction.posterior import PERCENTS, Posterior, posterior
+from ...friction.sampling import PERCENTS, Posterior, posterior
 from ..run_folder import foreign_files_message
 from ..terminal import STYLE, console, progress, show_table
 
