@@ -86,6 +86,7 @@ class Response:
         self.support = support(state, law, prune=prune)
         self.blocks = contact_blocks(state, law)[0]
         self.branch = branch_vectors(state)
+        self._switched: dict[tuple[int, int], np.ndarray] = {}
 
     @cached_property
     def free(self) -> Freedom:
@@ -183,6 +184,11 @@ class Response:
 
     def switched(self, row: int, mode: int = SLIDE) -> np.ndarray:
         """Eigenvalues if one contact slides, or is open, while all others stay as they are [1/time²]."""
+        if (int(row), mode) not in self._switched:
+            self._switched[int(row), mode] = self._if_switched(row, mode)
+        return self._switched[int(row), mode]
+
+    def _if_switched(self, row: int, mode: int) -> np.ndarray:
         blocks = self._held()
         if mode == OPEN:
             blocks[row] = 0.0
