@@ -5,6 +5,7 @@ A test file belongs to a room if it imports from it, or uses a public name that 
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -17,10 +18,15 @@ def rooms() -> list[str]:
     return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
 
 
+@cache
+def _tree(path: Path) -> ast.AST:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def _imports(path: Path) -> dict[str, str]:
     """Rooms of the names that a file imports."""
     found = {}
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             module = node.module.removeprefix("stickslip.") if not node.level else node.module
             if node.level or node.module.startswith("stickslip."):
@@ -30,6 +36,7 @@ def _imports(path: Path) -> dict[str, str]:
     return found
 
 
+@cache
 def public() -> dict[str, str]:
     """Room of each public name, with its namespace if it has one."""
     names = _imports(PACKAGE / "__init__.pyi")
@@ -38,27 +45,27 @@ def public() -> dict[str, str]:
     return names
 
 
-def used(path: Path, names: dict[str, str]) -> set[str]:
+@cache
+def used(path: Path) -> frozenset[str]:
     """Rooms that a test file uses."""
-    found = set()
+    found, names = set(), public()
     for name, room in _imports(path).items():
         found.add(names.get(name, room) if room in SPACES or room == name else room)
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Attribute):
             dotted = ast.unparse(node)
             if dotted.startswith("ss."):
                 parts = dotted.split(".")[1:3]
                 found |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
-    return found
+    return frozenset(found)
 
 
 def files(room: str) -> list[Path]:
     """Test files of a room: those that use it, and all in the folder of its name."""
-    names = public()
     return [
         path
         for path in sorted((ROOT / "tests").rglob("test_*.py"))
-        if room in used(path, names) or room in path.relative_to(ROOT / "tests").parts
+        if room in used(path) or room in path.relative_to(ROOT / "tests").parts
     ]
 
 

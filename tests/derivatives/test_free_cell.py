@@ -61,6 +61,7 @@ def test_newton_and_dynamics_find_the_wanted_stress():
     assert ss.measure.packing_fraction(end) > ss.measure.packing_fraction(solved)
 
 
+@pytest.mark.slow
 def test_the_spectrum_says_how_a_pressed_packing_rings():
     """q(t) = exp(t [[0, 1], [M⁻¹J, M⁻¹C]]) q(0), the cell's strain among the coordinates, dashpots included."""
     law = make_law("hertz_mindlin_reff", "smooth", mu=5.0, damping="viscoelastic", damping_n=0.4, damping_t=0.3)

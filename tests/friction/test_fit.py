@@ -77,7 +77,7 @@ def coverage(law, legs, rho, free, count, seed=0):
     ("law", "legs", "rho", "free", "count"),
     [
         pytest.param("slip", STEPS, 0.0, (), 80, marks=pytest.mark.slow),
-        ("aging", STEPS, 0.7, ("stiffness",), 60),
+        pytest.param("aging", STEPS, 0.7, ("stiffness",), 60, marks=pytest.mark.slow),
         pytest.param("slip", HOLDS, 0.7, (), 60, marks=pytest.mark.slow),
     ],
     ids=["white", "correlated", "holds"],

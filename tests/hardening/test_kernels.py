@@ -38,7 +38,9 @@ def compiled(tmp_path_factory):
 
 
 @pytest.mark.parametrize("ending", [".nbi", ".nbc"])
-@pytest.mark.parametrize("how", ["cut", "garbage", "empty", "one byte"])
+@pytest.mark.parametrize(
+    "how", ["one byte", *(pytest.param(how, marks=pytest.mark.slow) for how in ("cut", "garbage", "empty"))]
+)
 def test_a_damaged_kernel_is_compiled_again_with_one_warning(compiled, tmp_path, ending, how):
     shutil.copytree(compiled / "cache", tmp_path / "cache")
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}

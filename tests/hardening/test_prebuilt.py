@@ -60,15 +60,18 @@ def built(tmp_path_factory):
     return packages
 
 
+@pytest.mark.slow
 def test_kernels_are_loaded_from_the_package(built, tmp_path):
     assert warm(tmp_path, built) == 0
     assert warm(tmp_path, built, **{prebuilt.OFF: "1"}) > 0
 
 
+@pytest.mark.slow
 def test_kernels_for_other_settings_are_compiled(built, tmp_path):
     assert warm(tmp_path, built, NUMBA_OPT="2") > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [{"NUMBA_OPT": "2"}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_ENABLE_AVX": "0"}, {"NUMBA_LOOP_VECTORIZE": "0"}],
@@ -112,10 +115,25 @@ def damage_access(paths):
             index.mkdir()  # reading it is an OSError, whoever does it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [damage_halves, damage_bits, damage_order, damage_access])
 def test_a_damaged_kernel_is_compiled_again(copied, tmp_path, damage):
     damage(sorted((copied / prebuilt.PACKAGE).rglob("*.nbc")))
     assert warm(tmp_path / "cache", copied) > 0
+
+
+@pytest.fixture
+def stamped(tmp_path):
+    """A package without kernels, whose stamp fits."""
+    (tmp_path / prebuilt.PACKAGE / LEVELS[-1]).mkdir(parents=True)
+    (tmp_path / prebuilt.PACKAGE / "__init__.py").touch()
+    stamp(tmp_path, levels=LEVELS[-1:])
+    return tmp_path
+
+
+def test_a_stamp_fits_this_processor_only(stamped):
+    assert reason(stamped) == f"for {LEVELS[-1]}"
+    assert reason(stamped, NUMBA_CPU_NAME="generic").startswith("not used: NUMBA_CPU_NAME")
 
 
 @pytest.mark.parametrize(
@@ -129,14 +147,9 @@ def test_a_damaged_kernel_is_compiled_again(copied, tmp_path, damage):
         ({"levels": ["x86-64-v9"]}, "not used: built for x86-64-v9, which this processor is not"),
     ],
 )
-def test_a_stamp_that_does_not_fit_is_named(tmp_path, changes, words):
-    (tmp_path / prebuilt.PACKAGE / LEVELS[-1]).mkdir(parents=True)
-    (tmp_path / prebuilt.PACKAGE / "__init__.py").touch()
-    stamp(tmp_path, levels=LEVELS[-1:])
-    assert reason(tmp_path) == f"for {LEVELS[-1]}"
-    assert reason(tmp_path, NUMBA_CPU_NAME="generic").startswith("not used: NUMBA_CPU_NAME")
-    stamp(tmp_path, **changes)
-    assert reason(tmp_path).startswith(words)
+def test_a_stamp_that_does_not_fit_is_named(stamped, changes, words):
+    stamp(stamped, **changes)
+    assert reason(stamped).startswith(words)
 
 
 @pytest.mark.parametrize("text", [None, "", "[]", "{}", '{"levels": null}', "\0"])

@@ -458,7 +458,6 @@ FAST_JACOBIANS = [
     ("rolling-damped", 2, pressed_cell, "held"),
     ("rolling-damped", 2, springs, "free"),
     ("rolling-damped", 2, free_plate, "held"),
-    ("wet", 2, sheared_at_pressure, "free"),
     ("cohesive-damped", 2, springs_in_a_cell, "free"),
     ("hertz_mindlin_rescaled-sharp", 2, springs, "free"),
 ]

@@ -91,7 +91,7 @@ def test_oblique_impact_that_slides_throughout(memory):
     assert radius * spin[1] == pytest.approx(2.5 * (v_t - v[0]), rel=1e-9)
 
 
-@pytest.mark.parametrize("memory", MEMORY)
+@pytest.mark.parametrize("memory", [MEMORY[0], pytest.param(MEMORY[1], marks=pytest.mark.slow)])
 def test_a_sliding_ball_ends_up_rolling_with_five_sevenths_of_its_speed(memory):
     """It slides for 2 v₀/(7 μ g) and then rolls: the ball on a billiard table."""
     speed, mu, g, radius = 0.05, 0.2, 1e-3, 0.5

@@ -92,23 +92,23 @@ def test_a_frictional_packing_is_the_same_for_the_same_seed():
 
 
 def test_without_friction_the_packing_is_like_a_jammed_one():
-    _, info = compressed(60, mu=0.0, pressure=1e-3, dim=2, seed=0)
-    held = 60 - info.rattlers
+    _, info = compressed(45, mu=0.0, pressure=1e-3, dim=2, seed=0)
+    held = 45 - info.rattlers
     assert info.contacts >= 2 * (held - 1) + 1
     assert info.sliding == 0
-    _, other = jammed(60, pressure=1e-3, dim=2)
-    assert info.packing_fraction == pytest.approx(other.packing_fraction, abs=0.02)  # samples of 60 disks
+    _, other = jammed(45, pressure=1e-3, dim=2)
+    assert info.packing_fraction == pytest.approx(other.packing_fraction, abs=0.02)  # samples of 45 disks
 
 
 def test_friction_lowers_contact_number_and_packing_fraction():
-    found = [compressed(100, mu=mu, pressure=1e-4, dim=2, seed=1)[1] for mu in (0.0, 0.3, 10.0)]
+    found = [compressed(45, mu=mu, pressure=1e-4, dim=2, seed=1)[1] for mu in (0.0, 0.3, 10.0)]
     assert found[0].coordination > found[1].coordination > found[2].coordination
     assert found[0].packing_fraction > found[1].packing_fraction > found[2].packing_fraction
 
 
 def test_a_law_and_progress():
     told = []
-    law = ss.laws.linear(kn=2.0, kt=1.0, mu=0.5, damping_n=0.1)
+    law = ss.laws.linear(kn=2.0, kt=1.0, mu=0.5)
     state, info = compressed(30, law=law, pressure=2e-3, dim=2, report=lambda share, words: told.append((share, words)))
     assert ss.measure.residual(state, law)[0] <= 5e-14
     assert info.pressure == pytest.approx(2e-3, rel=1e-8)
