@@ -21,6 +21,7 @@ from stickslip.friction.stability import critical_stiffness, steady_sliding
 from stickslip.friction.stress_transfer import stress_matrix, stress_transfer
 
 G = 32.04e9
+SECOND = {"b": 0.012, "b2": 0.004, "dc2": 5e-3}  # two states
 SHORT = {"a": [(2000, 0.010), (3000, 0.025)], "b": 0.015, "dc": 1.5e-3, "normal": 10e6}
 
 
@@ -172,14 +173,82 @@ def test_steady_sliding_stays_steady():
 
 @pytest.mark.parametrize(("form", "cuts"), [("regularized", {}), ("logarithmic", {"v1": 1e-3, "v2": 1e-5})])
 def test_the_initial_state_slips_as_asked(form, cuts):
-    fault = small(form=form, b=0.012, b2=0.004, dc2=5e-3, **cuts)
+    fault = small(form=form, **SECOND, **cuts)
     for velocity in (1e-9, 1e-4):
         assert np.allclose(initial_state(fault, velocity=velocity).velocity(fault), velocity, rtol=1e-9)
 
 
 def test_a_stress_below_the_cut_off_is_refused():
-    with pytest.raises(ValueError, match="above the cut-off velocity v2"):
+    with pytest.raises(ValueError, match=r"no state balances .* use a larger stress, or v2 far above"):
         initial_state(small(form="logarithmic", v2=1e-8), stress=5.3e6)
+
+
+@pytest.mark.parametrize("law", ["aging", "slip"])
+def test_records_of_a_second_state_are_those_of_the_state(law):
+    fault = small(law=law, **SECOND)
+    history = friction.simulate_fault(fault, 12.0, recording=friction.Recording(stations=(550.0, 1450.0)))
+    state, cells = history.state, [5, 14]
+    assert len(history.events.start) > 0
+    history = friction.simulate_fault(fault, 12.5, start=state, recording=friction.Recording(stations=(550.0, 1450.0)))
+    state = friction.simulate_fault(fault, history.time[-1] / YEAR - 1e-6, start=state).state
+    for name, values in (
+        ("stress", state.stress(fault)),
+        ("theta", state.theta(fault)),
+        ("theta2", state.theta2(fault)),
+    ):
+        assert np.allclose(getattr(history, name)[-1], values[cells], rtol=1e-4), name
+
+
+def test_steady_states_of_two_states():
+    """V θ = D_c and V θ2 = D_c2."""
+    fault = small(a=0.02, **SECOND)
+    state = initial_state(fault, stress=steady_stress(fault, 1e-9))
+    assert np.allclose(state.theta(fault) * 1e-9, fault.dc, rtol=1e-9)
+    assert np.allclose(state.theta2(fault) * 1e-9, fault.dc2, rtol=1e-9)
+
+
+def test_nucleation_with_two_states():
+    """Zones of both states, from 1.3774 L_b or the fracture energy, or of one alone, the shortest of them."""
+
+    def half(**more):
+        return friction.nucleation(small(50.0, a=0.010, **more)).half_length
+
+    alone = friction.nucleation_half_length(G, 0.010, 0.015, 1.5e-3, 10e6)
+    assert half(b=0.015, b2=0.002, dc2=1e3) == pytest.approx(alone)  # the second never evolves
+    both = G / 10e6 * (0.012 * 1.5e-3 + 0.004 * 5e-3) / (np.pi * (0.016 - 0.010) ** 2)
+    assert half(**SECOND) == pytest.approx(both)
+    short = 1.3774 * G / 10e6 / (0.02 / 1.5e-3 + 0.01 / 1.6e-3)
+    assert half(b=0.020, b2=0.010, dc2=1.6e-3) == pytest.approx(short)
+
+
+@pytest.mark.parametrize("v1", [1e-8, 1e-6])
+def test_slip_far_above_the_cut_off_of_the_direct_effect(v1):
+    """Friction hardly depends on velocity there: Newton's method ends at the round-off of the stress."""
+    history = friction.simulate_fault(small(form="logarithmic", v1=v1, **SECOND), 10.0)
+    assert history.state.time >= 10 * YEAR
+    assert abs(history.energy.residual) < 1e-4
+
+
+def test_a_state_of_another_fault_is_refused():
+    one, two = small(), small(b2=0.0, dc2=1.0)._replace(b2=np.full(50, 0.001), dc2=np.full(50, 5e-3))
+    for fault, other in ((one, two), (two, one)):
+        with pytest.raises(ValueError, match=r"state variable.*, and the fault [12]: use one of this fault"):
+            friction.simulate_fault(fault, 1.0, start=initial_state(other))
+        with pytest.raises(ValueError, match=r"state variable.*, and the fault [12]: use one of this fault"):
+            perturbed_state(fault, initial_state(other), 0.1)
+    broken = initial_state(two)._replace(log_state2=np.full(50, np.nan))
+    with pytest.raises(ValueError, match="log_state2 of the state is not an array of 50 finite numbers"):
+        friction.simulate_fault(two, 1.0, start=broken)
+
+
+@pytest.mark.parametrize("change", [{"v1": 1e-8}, {"v2": 1e-7}, {"form": "regularized"}])
+def test_a_perturbation_changes_velocities_as_asked(change):
+    fault = small(
+        **{"form": "logarithmic", "b": [(0, 0.012), (2000, 0.012), (2000, 0.0)], **change, "b2": 0.004, "dc2": 5e-3}
+    )
+    state = initial_state(fault, stress=steady_stress(fault, 1e-9))
+    moved = perturbed_state(fault, state, 0.3)
+    assert np.allclose(moved.log_velocity - state.log_velocity, 0.3, atol=1e-9)
 
 
 @pytest.mark.parametrize("law", ["aging", "slip"])
@@ -317,7 +386,7 @@ def test_slip_of_samples_profiles_and_events_agree(cycles):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("second", [{}, {"b": 0.012, "b2": 0.004, "dc2": 5e-3}])
+@pytest.mark.parametrize("second", [{}, SECOND])
 def test_a_continued_run_is_the_same_run(second):
     rare = friction.Recording(stations=(0.0, 1500.0), quiet_sampling=2 * YEAR)  # most steps are not sampled
     fault = small(**second)
@@ -362,7 +431,10 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"dc": 1e-3}, "a third of it, 71.2 m"),
         ({"b2": 0.02, "dc2": 1e-3}, "b2/D_c2) σ] is 106.8 m"),
         ({"b2": -0.01}, "b2 = -0.01 was given"),
-        ({"dc2": 0.0}, "dc2 = 0 was given"),
+        ({"b2": 0.001, "dc2": 0.0}, "dc2 = 0 was given"),
+        ({"b2": 0.001}, "b2 was given without dc2"),
+        ({"b2": [(0, "x")]}, "b2 = [(0, 'x')] was given: use a number, or pairs"),
+        ({"v2": "1"}, "v2 = '1' was given: use a number"),
         ({"plate_rate": 0.0}, "plate_rate = 0.0 was given"),
         ({"poisson": 0.5}, "poisson = 0.5 was given"),
     ],
@@ -379,10 +451,14 @@ def test_bad_lengths_and_recordings():
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(stations=(6e3,)))
     with pytest.raises(ValueError, match="larger threshold"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(threshold=1e-9))
-    with pytest.raises(ValueError, match="start has 50 cells"):
+    with pytest.raises(ValueError, match="the state has 50 cells, and the fault 100"):
         friction.simulate_fault(small(50.0), 1.0, start=initial_state(small()))
     with pytest.raises(ValueError, match="stress = -1 Pa"):
         initial_state(small(), stress=-1.0)
+    with pytest.raises(ValueError, match="one for each of the 50 cells"):
+        initial_state(small(), stress=[1e6, 2e6])
+    with pytest.raises(ValueError, match="use a smaller stress"):
+        initial_state(small(), stress=1e9)
 
 
 def test_a_fault_that_cannot_nucleate_says_so():

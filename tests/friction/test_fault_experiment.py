@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.cli import main
 from stickslip.experiments.fault import simulate as room
 from stickslip.experiments.fault.claims import evaluate_claims
 from stickslip.experiments.fault.paper import paper_scenario
-from stickslip.experiments.registry import ScenarioError, papers, read_scenario, scenario
+from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
+from stickslip.experiments.writer import write_result
 from stickslip.friction import fault_dataset
 from stickslip.friction.fault_record import YEAR
 from tests.published.test_disk_array import stickslip
@@ -106,6 +108,43 @@ def test_a_stopped_run_continues_bit_for_bit(result, tmp_path, monkeypatch):
     assert np.array_equal(again.history.events.start, result.history.events.start)
 
 
+def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
+    two = 'law = "slip"\nb = 0.012\nb2 = 0.004\ndc2 = 5e-3'
+    (tmp_path / "s.toml").write_text(SMALL.replace("[friction]", f"[friction]\n{two}").replace("60.0", "8.0"))
+    monkeypatch.setattr(room, "PART", 3.0)
+    out, chosen = tmp_path / "out", read_scenario(tmp_path / "s.toml")
+    assert ss.simulate(chosen, folder=out).history.fault.states == 2
+    history = ss.simulate(chosen).history
+    write_result(out, EXPERIMENTS["fault"], ss.simulate(chosen, folder=out))
+    data = ss.io.open_dataset(out)
+    assert np.array_equal(data["series"].theta2, history.theta2)
+    assert data["series"].theta2.attrs["units"] == "s"
+    assert data["fault"].dc2.attrs["units"] == "m"
+    assert np.array_equal(data["fault"].theta2, history.state.theta2(history.fault))
+    assert np.array_equal(fault_dataset(history).theta2, history.theta2)
+    assert "Gu1984" in EXPERIMENTS["fault"].references(chosen)["rate-and-state friction"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("[loading]\nstress = 1e9", "loading: no state balances the initial stress of 1e+09 Pa at 50 m"),
+        ('[friction]\nform = "logarithmic"\nv2 = 1e-10', "use a larger stress, or v2 far above this velocity"),
+    ],
+)
+def test_a_start_without_balance_leaves_nothing(change, words, tmp_path, monkeypatch, capsys):
+    table = change.partition("\n")[0]
+    text = SMALL.replace(table, change) if table in SMALL else f"{SMALL}{change}\n"
+    (tmp_path / "s.toml").write_text(text)
+    monkeypatch.setattr("sys.argv", ["stickslip", "run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert words in " ".join(told.split()) and told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_measures_are_averages_over_settled_events(result):
     events = result.history.events
     assert len(events.start) > room.SETTLING + 2
@@ -118,6 +157,7 @@ def test_measures_are_averages_over_settled_events(result):
         ({"friction": {"dc": 1e-3}}, "cell = 50 m was given, but the cohesive length G D_c/(b σ) is 42.72 m"),
         ({"friction": {"a": ((3e3, 0.01), (1e3, 0.02))}}, "the depths of a are not in order at 1000"),
         ({"friction": {"b": -0.1}}, "friction.b"),
+        ({"friction": {"b2": 0.001}}, "b2 was given without dc2"),
         ({"friction": {"law": "ageing"}}, "friction.law"),
         ({"run": {"stations": (50e3,)}}, "run.stations contains 50000 m"),
         ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),

@@ -11,9 +11,9 @@ from stickslip.figures.quantities import quantities
 LENGTH, TIME, VELOCITY, ANGLE = (0, 1, 0), (0, 0, 1), (0, 1, -1), "rad"
 FORCE, ENERGY, STRESS, NUMBER = (1, 1, -2), (1, 2, -2), "stress", (0, 0, 0)
 MEANT = {
-    LENGTH: "anchor bottom center dc depth edges high load_point low max_slip nucleation_length overlap pair "
+    LENGTH: "anchor bottom center dc dc2 depth edges high load_point low max_slip nucleation_length overlap pair "
     "plate_position point position radius roll slip station surface_slip thickness top turns vectors wall_point",
-    TIME: "breach close_time dt end hold knots slide snapshot_time start theta time turn_time",
+    TIME: "breach close_time dt end hold knots slide snapshot_time start theta theta2 time turn_time",
     VELOCITY: "after before max_velocity profile_velocity speed surface_velocity velocity",
     ANGLE: "angle",
     "rad/T": "spin",

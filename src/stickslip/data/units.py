@@ -2,8 +2,8 @@
 
 _NAMES = {
     "length": "position point vectors slip pair roll radius center low high edges wall_point plate_position load_point "
-    "thickness overlap anchor turns depth station top bottom nucleation_length max_slip surface_slip dc",
-    "time": "time dt breach slide start end hold theta snapshot_time close_time turn_time knots",
+    "thickness overlap anchor turns depth station top bottom nucleation_length max_slip surface_slip dc dc2",
+    "time": "time dt breach slide start end hold theta theta2 snapshot_time close_time turn_time knots",
     "length/time": "velocity speed profile_velocity before after max_velocity surface_velocity",
     "rad": "angle",
     "rad/time": "spin",

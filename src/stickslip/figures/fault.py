@@ -56,7 +56,8 @@ def max_slip_velocity(history, threshold: float = 1e-3):
     axes.text(0, threshold, " events", va="bottom", fontsize=6.5)
     axes.text(0, history.fault.plate_rate, " plates", va="top", fontsize=6.5)
     axes.set_xlim(0, history.time[-1] / YEAR)
-    axes.set_ylim(0.05 * min(history.fault.plate_rate, history.max_velocity.min()), 10 * history.max_velocity.max())
+    low, high = min(history.fault.plate_rate, history.max_velocity.min()), max(threshold, history.max_velocity.max())
+    axes.set_ylim(0.05 * low, 10 * high)
     axes.set_xlabel("time [years]")
     axes.set_ylabel("maximum slip velocity [m/s]")
     return figure

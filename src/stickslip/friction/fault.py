@@ -14,6 +14,7 @@ from .laws import EVOLUTIONS, FORMS, form_code
 from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
 
 SHEARS = ("antiplane", "in-plane")
+NUMBERS = ("mu0", "v0", "shear_modulus", "wave_speed", "poisson", "plate_rate", "thickness", "v1", "v2")
 LONGEST_CELL = 1 / 3  # over the cohesive length
 
 
@@ -90,7 +91,7 @@ class Fault(NamedTuple):
 
 
 @checked
-def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=1.0, **more) -> Fault:
+def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
     """Fault whose properties vary piecewise linearly with depth.
 
     Parameters
@@ -99,7 +100,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=1.0, 
     cell : length of a cell; the width must be a whole number of them [m]
     a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
         interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
-        `b2` and `dc2` belong to a second state variable, see `RateState`
+        `b2` and `dc2`, for which both must be given, belong to a second state variable, see `RateState`
     more : the other fields of `Fault`
 
     Raises
@@ -120,15 +121,23 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=1.0, 
     if number < 3 or abs(number * cell - width) > 1e-6 * width:
         raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use a width of at least three whole cells")
     depth = (np.arange(number) + 0.5) * cell
-    given = {"a": a, "b": b, "dc": dc, "normal": normal, "b2": b2, "dc2": dc2}
-    fault = Fault(depth, cell=cell, **{name: profile(name, value, depth) for name, value in given.items()}, **more)
+    given = {"a": a, "b": b, "dc": dc, "normal": normal, "b2": b2, "dc2": 1.0 if dc2 is None else dc2}
+    profiles = {name: profile(name, value, depth) for name, value in given.items()}
+    if dc2 is None and (profiles["b2"] > 0).any():
+        raise ValueError("b2 was given without dc2: a second state needs its characteristic slip")
+    fault = Fault(depth, cell=cell, **profiles, **more)
     check_fault(fault)
     return fault
 
 
 def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
     """Values of a property at depths, from a number or from pairs (depth, value)."""
-    points = np.asarray(value, float)
+    try:
+        points = np.asarray(value, float)
+    except (TypeError, ValueError):
+        points = None
+    if points is None or value is None or isinstance(value, str):
+        raise ValueError(f"{name} = {value!r} was given: use a number, or pairs of depth and value")
     if points.ndim == 0:
         points = np.array([[0.0, float(points)]])
     if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
@@ -149,6 +158,9 @@ def check_fault(fault: Fault) -> None:
     for name, allowed in choices.items():
         if getattr(fault, name) not in allowed:
             raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+    for name in NUMBERS:
+        if isinstance(getattr(fault, name), str | None):
+            raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use a number")
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
     for name in ("b", "b2"):

@@ -14,7 +14,7 @@ from ..core.readable import readable
 from . import fault_kernel as kernel
 from .fault import Fault, check_fault
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
-from .fault_state import FaultState, Machine, initial_state
+from .fault_state import FaultState, Machine, check_state, initial_state
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
 TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
@@ -105,8 +105,7 @@ def simulate_fault(
     recording = recording or Recording()
     check_recording(fault, recording)
     state = initial_state(fault) if start is None else start
-    if len(state.excess_slip) != len(fault.depth):
-        raise ValueError(f"start has {len(state.excess_slip)} cells, and the fault {len(fault.depth)}: use its own")
+    check_state(fault, state)
     recorder = Recorder(fault, recording, state.sampled)
     if start is None or not np.isfinite(state.sampled[0]):
         recorder.begin(_moment(fault, state))

@@ -17,6 +17,7 @@ from . import laws
 kernel_cache.install()
 
 MOST_ITERATIONS = 60
+ROUND_OFF = 1e-15  # of a stress: where friction hardly depends on w, steps do not become smaller than what it makes
 
 # Order 8 with error estimates of order 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I,
 # section II.5, with the coefficients of SciPy
@@ -37,13 +38,14 @@ def log_velocity(form, w, s, s2, stress, a, b, b2, mu0, cut, cut2, normal, dampi
     for _ in range(MOST_ITERATIONS):
         f, df = laws.friction(form, w, s, s2, a, b, b2, mu0, cut, cut2)
         push = damping * np.exp(w)
-        step = (normal * f + push - stress) / (normal * df + push)
+        missing = normal * f + push - stress
+        step = missing / (normal * df + push)
         if step > 5.0:
             step = 5.0
         elif step < -5.0:
             step = -5.0
         w -= step
-        if abs(step) < 1e-12:
+        if abs(step) < 1e-12 or abs(missing) < ROUND_OFF * abs(stress):
             return w
     return np.nan
 

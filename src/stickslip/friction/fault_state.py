@@ -10,6 +10,8 @@ from . import fault_kernel as kernel
 from . import laws
 from .fault import Fault, check_fault
 
+LONGEST = 300.0  # greatest logarithm of a state
+
 
 @readable(head=lambda state: f"{len(state.excess_slip)} cells at {state.time:.6g} s")
 class FaultState(NamedTuple):
@@ -112,13 +114,16 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -
     check_fault(fault)
     velocity = fault.plate_rate if velocity is None else velocity
     require_positive(velocity=velocity)
-    tau = np.broadcast_to(steady_stress(fault, velocity)[-1] if stress is None else stress, fault.depth.shape)
-    tau = np.array(tau, float)
+    tau = np.asarray(steady_stress(fault, velocity)[-1] if stress is None else stress, float)
+    if tau.shape not in ((), fault.depth.shape):
+        raise ValueError(f"stress has shape {tau.shape}: use a number, or one for each of the {len(fault.depth)} cells")
+    tau = np.array(np.broadcast_to(tau, fault.depth.shape))
     strength = tau - fault.damping * velocity
     if not (np.isfinite(strength).all() and (strength > 0).all()):
         raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
     w, n = np.log(velocity / fault.v0), len(fault.depth)
-    s = _balanced_state(fault, w, strength / fault.normal)
+    s = _log_state(fault, _state_terms(fault, w, strength / fault.normal), fault.evolution, -w)
+    _check_balance(fault, s, tau, velocity)
     state = FaultState(
         0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
         1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
@@ -127,40 +132,85 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -
     return with_rates(fault, state)
 
 
-def _balanced_state(fault: Fault, w: float, friction: np.ndarray) -> np.ndarray:
-    """Logarithm of the states at which friction has a given value (N,)."""
-    x, (cut, cut2) = friction / fault.a, fault.cuts
+def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
+    """What the states must add to friction for it to have a given value at a slip velocity (N,)."""
+    x, cut = friction / fault.a, fault.cuts[0]
     if fault.form == "regularized":
         x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
-    direct = -np.log(np.exp(-w) + cut) if cut else w
-    evolves = fault.evolution > 0
-    s = (fault.a * (x - direct) - fault.mu0) / np.where(evolves, fault.evolution, 1.0)
+    return fault.a * (x - (-np.log(np.exp(-w) + cut) if cut else w)) - fault.mu0
+
+
+def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) -> np.ndarray:
+    """Logarithm of a state that adds `term` to friction (N,); NaN if none does, `otherwise` where it has no effect."""
+    cut2, acts = fault.cuts[1], effect > 0
+    s = term / np.where(acts, effect, 1.0)
     if cut2:
-        with np.errstate(invalid="ignore"):
-            s = np.log(np.exp(s) - cut2)
-    s = np.where(evolves, s, -w)
-    if not np.isfinite(s).all():
-        raise ValueError("stress is less than what slip far above the cut-off velocity v2 bears: use a larger stress")
-    return s
+        with np.errstate(invalid="ignore", divide="ignore"):
+            s = s + np.log1p(-cut2 * np.exp(-np.maximum(s, -LONGEST)))
+    return np.where(acts, s, otherwise)
+
+
+def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float) -> None:
+    wrong = ~(np.abs(s) < LONGEST)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        change = "smaller" if s[k] > 0 else "larger"
+        more = f", or v2 far above this velocity instead of {fault.v2:g} m/s" if fault.cuts[1] else ""
+        raise ValueError(
+            f"no state balances the initial stress of {stress[k]:.4g} Pa at {fault.depth[k]:g} m with a slip velocity "
+            f"of {velocity:g} m/s: use a {change} stress{more}"
+        )
 
 
 @checked
 def perturbed_state(fault: Fault, state: FaultState, log_velocity) -> FaultState:
-    """Change slip velocities at constant stress, by a change of θ of the first state; for studies of nucleation.
+    """Change slip velocities at constant stress, by a change of θ; for studies of nucleation.
+
+    The first state changes, and the second one where the first has no effect (b = 0).
 
     Parameters
     ----------
     log_velocity : change of ln V, a number or (N,)
+
+    Raises
+    ------
+    ValueError
+        if the state is not one of this fault, or if no θ balances the stress.
     """
-    change = np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
-    w = state.log_velocity + change
-    damped = fault.damping * fault.v0 * (np.exp(w) - np.exp(state.log_velocity))
-    s = state.log_state - (fault.a * change + damped / fault.normal) / fault.b
-    return with_rates(fault, state._replace(log_state=s, log_velocity=w))
+    check_state(fault, state)
+    w = state.log_velocity + np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
+    stress = state.prestress + fault.transfer(state.excess_slip)
+    terms = _state_terms(fault, w, (stress - fault.damping * fault.v0 * np.exp(w)) / fault.normal)
+    effects = [fault.b, np.broadcast_to(fault.b2, fault.b.shape)][: fault.states]
+    cut2, states = fault.cuts[1], state.unknowns[1:]
+    added = [effect * (np.log(np.exp(s) + cut2) if cut2 else s) for effect, s in zip(effects, states, strict=True)]
+    first = _log_state(fault, terms - sum(added[1:]), fault.b, state.log_state)
+    _check_balance(fault, first, stress, fault.v0 * float(np.exp(w.max())))
+    second = state.log_state2
+    if second is not None:
+        second = np.where(fault.b > 0, second, _log_state(fault, terms, effects[1], second))
+    return with_rates(fault, state._replace(log_state=first, log_state2=second, log_velocity=w))
+
+
+def check_state(fault: Fault, state: FaultState) -> None:
+    """Raise ValueError with one sentence if a state is not one of this fault."""
+    cells, states = len(fault.depth), 1 if state.log_state2 is None else 2
+    if len(state.excess_slip) != cells:
+        raise ValueError(f"the state has {len(state.excess_slip)} cells, and the fault {cells}: use one of this fault")
+    if states != fault.states:
+        raise ValueError(
+            f"the state has {states} state variable{'s' * (states > 1)}, and the fault {fault.states}: use one of this "
+            f"fault"
+        )
+    for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
+        values = getattr(state, name)
+        if values is not None and not (np.shape(values) == (cells,) and np.isfinite(values).all()):
+            raise ValueError(f"{name} of the state is not an array of {cells} finite numbers: use a state as returned")
 
 
 def with_rates(fault: Fault, state: FaultState) -> FaultState:
     """Return the state with velocities and rates that follow from slip, θ and stress."""
+    check_state(fault, state)
     machine, w = Machine(fault, state.prestress), state.log_velocity.copy()
     y, power = state.unknowns, np.zeros(3)
     out = np.zeros_like(y)

@@ -92,7 +92,8 @@ def nucleation(fault: Fault) -> Nucleation:
     """Compare the velocity-weakening part of a fault with the length that an earthquake needs to nucleate.
 
     The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
-    surface as half of one. With two states, for which no theory was published, it is a rough one.
+    surface as half of one. With two states, for which no theory was published, it is a rough one: the shortest zone
+    counts of those with both states and with each alone. Cut-off velocities are left out.
 
     Examples
     --------
@@ -110,6 +111,12 @@ def nucleation(fault: Fault) -> Nucleation:
     b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
+    if fault.states > 1:  # at slips shorter than its characteristic one, a state stays as it is
+        one = fault.a, fault.b, fault.dc, fault.normal
+        two = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
+        for rows in (np.stack(one), np.stack(two)):
+            alone = np.unique(rows[:, rows[0] < rows[1]].T, axis=0).tolist()
+            half = min([half, *(nucleation_half_length(fault.modulus, *row) for row in alone)])
     cohesive = float((fault.modulus / (fault.weakening * fault.normal)[weak]).min())
     edges = np.flatnonzero(np.diff(np.r_[0, weak.astype(int), 0]))
     spans = (edges[1::2] - edges[::2]) * fault.cell
@@ -120,5 +127,6 @@ def nucleation(fault: Fault) -> Nucleation:
         f"its longest velocity-weakening part is {longest / (2 * half):.3g} times a nucleation zone of {2 * half:.4g} m"
     )
     possible = longest > 2 * half
+    ratio += " (without the effect of the cut-off velocities)" if any(fault.cuts) else ""
     words = f"earthquakes can nucleate: {ratio}" if possible else f"no earthquake is expected: {ratio}"
     return Nucleation(possible, longest, cohesive, half, words)

@@ -14,6 +14,7 @@ def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
     cut = scenario.friction.v1 or scenario.friction.v2
     form = ("Okubo1989",) if cut else ("Rice2001",) if scenario.friction.form == "regularized" else ()
+    form += ("Gu1984",) if scenario.fault.states > 1 else ()
     return {
         "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
         "rate-and-state friction": STATE[scenario.friction.law] + form,

@@ -16,7 +16,9 @@ class Line(ScenarioTable):
     """The fault: a straight line of cells from depth 0 downwards."""
 
     width: Positive = Field(40e3, description="length of the part with rate-and-state friction [m]")
-    cell: Positive = Field(50.0, description="length of a cell, at most a third of G dc/(b normal) [m]")
+    cell: Positive = Field(
+        50.0, description="length of a cell, at most a third of the cohesive length, G dc/(b normal) [m]"
+    )
     shear: Literal["antiplane", "in-plane"] = Field("antiplane", description="direction of slip")
     boundary: Literal["surface", "infinite", "periodic"] = Field(
         "surface",
@@ -47,7 +49,7 @@ class FaultFriction(ScenarioTable):
     mu0: NotNegative = Field(0.6, description="steady-state friction at v0")
     v0: Positive = Field(1e-6, description="[m/s]")
     b2: Profile = Field(0.0, description="evolution effect of a second state; 0: one state")
-    dc2: Profile = Field(1.0, description="characteristic slip of the second state [m]")
+    dc2: Profile | None = Field(None, description="characteristic slip of the second state; needed with b2 [m]")
     v1: Positive | None = Field(
         None, description="cut-off velocity of the direct effect, for the logarithmic form; default: none [m/s]"
     )
@@ -107,7 +109,7 @@ class FaultScenario(ScenarioBase):
     def fault(self) -> Fault:
         """The fault."""
         surface = {name: value for name, value in self.friction.model_dump().items() if value is not None}
-        profiles = {name: surface.pop(name) for name in ("a", "b", "dc", "normal", "b2", "dc2")}
+        profiles = {name: surface.pop(name, None) for name in ("a", "b", "dc", "normal", "b2", "dc2")}
         return line_fault(
             self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear,
             boundary=self.line.boundary, thickness=self.line.thickness or float("inf"),

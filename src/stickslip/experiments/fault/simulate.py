@@ -7,6 +7,7 @@ import numpy as np
 
 from ...core.readable import readable
 from ...data.checkpoint import checkpoint_in
+from ...data.schema import ScenarioError
 from ...friction.fault import Fault
 from ...friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ...friction.fault_record import YEAR, FaultEvents, Recording
@@ -59,7 +60,11 @@ def simulate_cycles(
     >>> simulate_cycles(short).history.slip.shape[1]
     12
     """
-    fault = scenario.fault
+    fault, loading = scenario.fault, scenario.loading
+    try:
+        state = initial_state(fault, velocity=loading.velocity, stress=loading.stress)
+    except ValueError as problem:
+        raise ScenarioError(f"loading: {problem}") from problem
     found = nucleation(fault)
     report("fault", 0.0, found.sentence)
     kept = checkpoint_in(folder, scenario, FaultHistory, FaultEvents, Energy, FaultState, Fault)
@@ -68,7 +73,6 @@ def simulate_cycles(
         kept.check()
         kept.announce()
     parts: list[FaultHistory] = []
-    state = initial_state(fault, velocity=scenario.loading.velocity, stress=scenario.loading.stress)
     for number in range(1, int(np.ceil(scenario.run.years / PART)) + 1):
         name, until = f"part-{number:05d}", min(number * PART, scenario.run.years)
         if kept is None or not kept.has(name):
