@@ -53,6 +53,16 @@ def test_a_report_without_a_verdict_says_so_and_still_checks_the_balance(without
     assert SENTENCE in json.loads(done.stdout)["notes"]
 
 
+def test_a_report_on_a_large_packing_says_how_to_get_a_verdict(tmp_path, monkeypatch):
+    monkeypatch.setattr("stickslip.experiments.packing.page.SEARCHED", 100)
+    found = json.loads(run("report", EXAMPLE, "--out", tmp_path / "r.html", "--json").stdout)
+    assert found["verdict"] is None
+    assert found["notes"] == ["no verdict was sought, which takes minutes for 50 grains: add --verdict."]
+    assert "which takes minutes for 50 grains" in " ".join(page(tmp_path / "r.html").words)
+    found = json.loads(run("report", EXAMPLE, "--verdict", "--out", tmp_path / "s.html", "--json").stdout)
+    assert found["verdict"].startswith("oscillatory")
+
+
 def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
     done = run("stability", without(*MEMORY), cwd=tmp_path)
     words = words_of(done.stdout)

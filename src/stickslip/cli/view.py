@@ -34,9 +34,12 @@ def report(
     modes: Modes = None,
     settle: Settle = False,
     colour: Annotated[str | None, typer.Option("--colour", help="Quantity that initially colours the grains.")] = None,
-    no_verdict: Annotated[
-        bool, typer.Option("--no-verdict", help="Leave out verdict and modes, which take long for 10,000 grains.")
-    ] = False,
+    verdict: Annotated[
+        bool | None,
+        typer.Option(
+            "--verdict/--no-verdict", help="With verdict and modes; default: up to about 5000 spheres or 10,000 disks."
+        ),
+    ] = None,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -50,7 +53,7 @@ def report(
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, report=tell, search=not no_verdict
+            place, modes=modes, options=options, settle=settle, report=tell, search=verdict
         )  # fmt: skip
         path, words = look.write_page(found, path, colour=colour)
 

@@ -44,6 +44,7 @@ from .report import (
 )
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
+SEARCHED = 30_000  # coordinates up to which the verdict takes about a minute, and is sought without being asked for
 DRAWN = 2000  # grains up to which a packing is also drawn as a figure
 MODES = 6  # modes that a page animates
 REMEDY = "Give the missing data, or settle the packing with --settle"
@@ -76,7 +77,7 @@ class PageContent(NamedTuple):
 
 
 def load_content(
-    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool = True
+    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool | None = True
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder."""
     if not place.is_dir() and (place.is_file() or place.suffix):
@@ -85,7 +86,7 @@ def load_content(
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
         raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: it is only for packing files")
-    return folder_content(place, frame=options.get("frame"), search=search, report=report)
+    return folder_content(place, frame=options.get("frame"), search=search is not False, report=report)
 
 
 def folder_content(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> PageContent:
@@ -320,7 +321,7 @@ def _sweep_content(folder: Path) -> PageContent:
 
 def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
-    search: bool = True, report=None,
+    search: bool | None = True, report=None,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -329,7 +330,7 @@ def packing_content(
     modes : file written by `stickslip stability`; without it, the verdict is computed
     options : options of `read_packing`
     settle : if True, the packing is settled first
-    search : if False and no file of modes is given, no verdict and no modes are computed
+    search : if False and no file of modes is given, no verdict and no modes are computed; None: if that takes minutes
     """
     (state, law, words), warnings = capture_warnings(read_packing, file, **options)
     words, calm = [*words, *warnings], None
@@ -338,7 +339,8 @@ def packing_content(
         words.append(f"settled: {calm.how}")
     n, facts = len(state.grains.radius), []
     why, warning, sentence = "", str(calm) if calm else "", ""
-    if modes is None and search:
+    large = search is None and n * (3 if state.cell.dim == 2 else 6) > SEARCHED
+    if modes is None and search is not False and not large:
         try:
             found = analyse_stability(state, law, method=method, report=report)
         except ArithmeticError as problem:
@@ -356,6 +358,8 @@ def packing_content(
     else:
         mine = _read_modes(modes, n) if modes else []
         words += [] if modes else ["the spectrum was not computed, so there is no verdict"]
+        if large and not modes:
+            warning = f"no verdict was sought, which takes minutes for {n} grains: add --verdict. {warning}".strip()
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = no_equilibrium_message(rest)
     frame = frame_of(state, law)
