@@ -10,7 +10,7 @@ from . import fault_kernel as kernel
 from . import laws
 from .fault import Fault, check_fault
 
-LONGEST = 300.0  # greatest logarithm of a state
+LARGEST = 300.0  # greatest logarithm of a state
 
 
 @readable(head=lambda state: f"{len(state.excess_slip)} cells at {state.time:.6g} s")
@@ -146,12 +146,12 @@ def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) ->
     s = term / np.where(acts, effect, 1.0)
     if cut2:
         with np.errstate(invalid="ignore", divide="ignore"):
-            s = s + np.log1p(-cut2 * np.exp(-np.maximum(s, -LONGEST)))
+            s = s + np.log1p(-cut2 * np.exp(-np.maximum(s, -LARGEST)))
     return np.where(acts, s, otherwise)
 
 
 def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float) -> None:
-    wrong = ~(np.abs(s) < LONGEST)
+    wrong = ~(np.abs(s) < LARGEST)
     if wrong.any():
         k = int(np.argmax(wrong))
         change = "smaller" if s[k] > 0 else "larger"
