@@ -58,7 +58,7 @@ class Run(NamedTuple):
 
 
 RUNS = {  # with moderate friction the first events come late
-    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 20),
+    "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 30),
     "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 16),
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24, strain=0.02),  # many events of a packing are alike
     "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 4, strain=0.4),
