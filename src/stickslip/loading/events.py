@@ -30,6 +30,7 @@ from .shear import reduced_cell
 
 SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+TRIALS = 200  # most steps that are tried to find the finer bracket
 THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
 SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
 SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
@@ -233,9 +234,14 @@ class Search:
         self.point, self.history, self.loss = found.after, [found.after], None
 
     def _finer(self, start: Point, goal: float) -> tuple[list[Point], float]:
-        """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks."""
+        """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks.
+
+        Where the path is too rough for long steps, what is left to the goal is the bracket.
+        """
         waiting, path = [goal], [start]
-        while waiting:
+        for _ in range(TRIALS):
+            if not waiting:
+                break
             trial = path[-1].newton(waiting[-1], thorough=True)
             if trial is not None and continuous(path[-1], trial) and trial.stable:
                 path.append(trial)
