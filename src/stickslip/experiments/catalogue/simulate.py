@@ -109,9 +109,11 @@ def _count(results) -> int:
 
 
 def _batch_size(scenario: CatalogueScenario, done: int, found: int, slots: int) -> int:
-    """Return the number of packings to run next: not more than are expected to be needed, but at least the slots."""
+    """Return the number of packings to run next: the slots, or a multiple of them up to half of what is expected."""
+    if slots == 1:
+        return 1
     needed = ceil((scenario.events - found) * done / found) if found else done
-    return min(max(slots, needed // slots * slots), scenario.packings - done)
+    return min(max(slots, needed // 2 // slots * slots), scenario.packings - done)
 
 
 def _sufficient(results, wanted: int) -> int:
