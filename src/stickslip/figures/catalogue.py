@@ -132,6 +132,8 @@ def classes(counts):
 def drops(tables):
     """Distributions of the stress drop over the pressure and of the size of the jump, by law.
 
+    The shares are those of all events, also of those in which the stress rises, which are not drawn.
+
     Parameters
     ----------
     tables : {label of the law: table of events}
@@ -141,7 +143,7 @@ def drops(tables):
     for axes, (column, label) in zip(panels, words.items(), strict=True):
         for color, (law, events) in zip(COLORS, tables.items(), strict=False):
             values = np.sort(events[column][np.isfinite(events[column]) & (events[column] > 0)])
-            share = 1 - np.arange(len(values)) / max(1, len(events[column]))
+            share = np.arange(len(values), 0, -1) / max(1, len(events[column]))
             axes.step(values, share, where="post", color=color, label=law)
         axes.set(xlabel=label, ylabel="share of events that are larger", xscale="log", yscale="log")
     panels[0].legend(loc="lower left")
