@@ -221,7 +221,10 @@ def test_figures_show_the_events():
     assert shares[0] == 1 and (np.diff(shares) < 0).all()
     rising = table | {"stress_drop": np.where(np.arange(len(table["stress_drop"])) < 3, -1.0, table["stress_drop"])}
     shares = figures.drops({"law": rising}).axes[0].lines[0].get_ydata()
-    assert (shares[0], shares[-1]) == (pytest.approx(1 - 3 / len(rising["stress_drop"])), 1 / len(rising["stress_drop"]))
+    assert (shares[0], shares[-1]) == (
+        pytest.approx(1 - 3 / len(rising["stress_drop"])),
+        1 / len(rising["stress_drop"]),
+    )
 
 
 def test_a_run_without_events_is_still_reported(monkeypatch, capsys):
