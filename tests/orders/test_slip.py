@@ -215,7 +215,7 @@ def test_grains_that_hit_a_floor_and_leave_it(law_name, dim, speed, duration, co
     [
         pytest.param("velocity", 1.0, marks=pytest.mark.slow),
         pytest.param("mass_velocity", 1.0, marks=pytest.mark.slow),
-        ("viscoelastic", 2.0),
+        pytest.param("viscoelastic", 2.0, marks=pytest.mark.slow),
     ],
 )
 def test_dashpots_that_act_from_the_first_touch_leave_first_order(damping, expected):

@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how_do_i.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_recipes_run_as_printed(tmp_path, monkeypatch, capsys):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")

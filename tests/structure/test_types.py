@@ -26,6 +26,7 @@ rate: str = found.residual
 """
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_mypy_sees_names_and_types(tmp_path):
     (tmp_path / "user.py").write_text(PROGRAM)

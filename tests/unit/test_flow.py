@@ -104,6 +104,7 @@ def test_a_plate_feels_what_presses_it_and_shears_the_grains():
     assert profile[known[-1]] > 0.5 > profile[known[0]]
 
 
+@pytest.mark.slow
 def test_a_velocity_follows_its_course():
     table = [[0.0, 0.0], [1.0, 2.0], [3.0, 2.0]]
     stages = [

@@ -50,7 +50,7 @@ def test_one_contact_has_the_stiffness_of_its_closed_form(dim, coulomb):
     assert (np.abs(slippery) > 1e-6).sum() == 1
 
 
-@pytest.mark.parametrize("rolls", [False, True])
+@pytest.mark.parametrize("rolls", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_nothing_depends_on_whether_contacts_slid_without_friction(rolls):
     """Runs, equilibria and spectra of the same packing whose contacts were committed under either law."""
     law = ss.laws.from_file("examples/rolling_law.py") if rolls else SMOOTH
