@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
 from stickslip import friction
@@ -277,6 +277,62 @@ def test_a_second_state_that_hardly_evolves_strengthens():
     assert len(b_alone.events.start) > 0
     assert np.allclose(frozen.events.start, b_alone.events.start, rtol=1e-3)
     assert np.allclose(frozen.events.moment, b_alone.events.moment, rtol=1e-2)
+
+
+def integrated(fault, start, time):
+    """Slip and logarithms of both states, by SciPy from the equations of the theory page; no code of the package."""
+    n, place = len(fault.depth), fault.depth
+    tip = 0.5 * fault.cell * np.array([1, -1])[:, None, None]
+    ends = [sign * place[None, :] + tip for sign in (1, -1)]  # of each cell and of its image
+    stiffness = -G / (2 * np.pi) * sum(np.diff(1 / (place[:, None] - e), axis=0)[0] for e in ends)
+    cut, cut2, w = fault.v0 / fault.v1, fault.v0 / fault.v2, [start.log_velocity]
+
+    def friction_of(w, s, s2):
+        if fault.form == "regularized":
+            y = 0.5 * np.exp(w + (fault.mu0 + fault.b * s + fault.b2 * s2) / fault.a)
+            return fault.a * np.arcsinh(y), fault.a * y / np.sqrt(1 + y * y)
+        evolved = fault.b * np.log(np.exp(s) + cut2) + fault.b2 * np.log(np.exp(s2) + cut2)
+        return fault.mu0 - fault.a * np.log(np.exp(-w) + cut) + evolved, fault.a / (1 + cut * np.exp(w))
+
+    def rates(_, y):
+        u, s, s2 = y.reshape(3, n)
+        eta, stress = fault.shear_modulus / (2 * fault.wave_speed), start.prestress + stiffness @ u
+        for _ in range(60):
+            f, slope = friction_of(w[0], s, s2)
+            push = eta * fault.v0 * np.exp(w[0])
+            step = (fault.normal * f + push - stress) / (fault.normal * slope + push)
+            w[0] = w[0] - np.clip(step, -2, 2)
+            if np.abs(step).max() < 1e-12:
+                break
+        v = fault.v0 * np.exp(w[0])
+        evolution = [
+            fault.v0 / dc * np.exp(-one) - v / dc if fault.law == "aging" else -v / dc * (w[0] + one)
+            for one, dc in ((s, fault.dc), (s2, fault.dc2))
+        ]
+        return np.concatenate([v - fault.plate_rate, *evolution])
+
+    found = solve_ivp(rates, (0, time), start.unknowns.ravel(), "DOP853", rtol=1e-9, atol=1e-10)
+    return found.y[:, -1].reshape(3, n)
+
+
+@pytest.mark.parametrize(
+    ("law", "form", "cuts"),
+    [
+        ("aging", "regularized", {}),
+        ("slip", "regularized", {}),
+        ("aging", "logarithmic", {"v1": 1.0, "v2": 1e-2}),
+        ("slip", "logarithmic", {"v1": 1.0, "v2": 1e-2}),
+    ],
+)
+def test_another_integration_of_two_states(law, form, cuts):
+    """Through an earthquake, with a second state in the upper half only."""
+    fault = small(law=law, form=form, **SECOND | {"b2": [(0, 0.004), (2400, 0.004), (2600, 0.0)]}, **cuts)
+    state = friction.simulate_fault(fault, 12.0, tolerance=1e-8)
+    assert len(state.events.start) > 0
+    state = state.state
+    slip, *logs = integrated(fault, initial_state(fault), state.time) - state.unknowns
+    assert np.abs(slip).max() < 1e-8  # errors of both integrations; it slips by more than 0.1 m
+    assert np.abs(logs).max() < 1e-6
 
 
 # ---- stability

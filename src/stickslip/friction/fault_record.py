@@ -15,7 +15,7 @@ ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
 
 @readable
 class Recording(NamedTuple):
-    """What is recorded, and when."""
+    """Choice of stations, intervals and thresholds of a recording."""
 
     stations: tuple[float, ...] = ()  # depths of the time series [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]

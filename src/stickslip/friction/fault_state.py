@@ -32,7 +32,7 @@ class FaultState(NamedTuple):
 
     @property
     def unknowns(self) -> np.ndarray:
-        """What is integrated: excess slip, and the logarithm of each state (1 + S, N)."""
+        """Excess slip, and the logarithm of each state: the variables that are integrated (1 + S, N)."""
         second = [] if self.log_state2 is None else [self.log_state2]
         return np.array([self.excess_slip, self.log_state, *second])
 
@@ -133,7 +133,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -
 
 
 def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
-    """What the states must add to friction for it to have a given value at a slip velocity (N,)."""
+    """Sum of the terms of the states with which friction has a given value at a slip velocity (N,)."""
     x, cut = friction / fault.a, fault.cuts[0]
     if fault.form == "regularized":
         x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)

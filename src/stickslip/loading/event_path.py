@@ -96,7 +96,11 @@ class Point:
     def eigenvalues(self) -> np.ndarray:
         """Eigenvalues of the supported grains; of all, if only these are stable, because a contact is about to open."""
         pruned = self.response.eigenvalues
-        return self.response.unpruned if self._grows(pruned) and not self._grows(self.response.unpruned) else pruned
+        return (
+            self.response.with_all_contacts
+            if self._grows(pruned) and not self._grows(self.response.with_all_contacts)
+            else pruned
+        )
 
     def _grows(self, eigenvalues: np.ndarray) -> bool:
         highest = np.sqrt(np.abs(eigenvalues).max(initial=0.0))
@@ -139,7 +143,7 @@ class Point:
         end, outcome = equilibrate(state, judge.law, tolerance=BALANCED * judge.force, keep=judge.keep, check="nothing")
         return Point(strain, end, judge) if outcome.ok else None
 
-    def kicked(self) -> State:
+    def with_kick(self) -> State:
         """State displaced along its fastest growing mode, in the direction in which the path moves."""
         response = self.response
         with suitable_threads(len(response.matrix)):
@@ -229,7 +233,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
     bool
         whether it came to rest at all
     """
-    start, grains = point.kicked(), point.response.support.grains
+    start, grains = point.with_kick(), point.response.support.grains
     time = E_FOLDS / point.exponents.max() + DECAYS / point.judge.drag
     steps = time / (TIME_STEP * stable_time_step(start, point.judge.law))
     end, rested = point.judge.rest(start, int(min(steps, MOST_KICKED)))

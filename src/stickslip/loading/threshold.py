@@ -117,7 +117,7 @@ def _describe_arrest(found: KineticThreshold) -> list[str]:
 
 
 class _Dynamics(NamedTuple):
-    """How samples are run."""
+    """Law, time step and drag with which samples are run."""
 
     law: Law
     leg: int  # steps
@@ -182,7 +182,7 @@ def kinetic_threshold(
     _require_count(0, seed=seed)
     if duration < LEGS * dt:
         raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
-    kicks, tried = _velocities(kicks), _tried(path, loads)
+    kicks, tried = _velocities(kicks), _points_at(path, loads)
     for point in tried:
         check_time_step(point.state, protocol.law, driven_bodies(point.state), dt)
         _require_rest(point, protocol)
@@ -234,7 +234,7 @@ def _require_count(least: int, **values) -> None:
             raise ValueError(f"{name} = {value} was given: use a whole number from {least} to 1e18")
 
 
-def _tried(path: list[Equilibrium], loads) -> list[Equilibrium]:
+def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
     """Points of a path at the given loads, or all."""
     known = np.array([point.load for point in path])
     if not len(known) or (np.diff(known) <= 0).any():

@@ -92,15 +92,15 @@ class Response:
     def free(self) -> Freedom:
         """Coordinates of the supported grains, without rotations that nothing resists."""
         free = freedom(self.state).without(~self.support.grains)
-        return _resisted(assembled(self.state, self._held(), free), free)
+        return _without_floating(assembled(self.state, self._supported_blocks(), free), free)
 
-    def _held(self) -> np.ndarray:
+    def _supported_blocks(self) -> np.ndarray:
         return self.blocks * self.support.contacts[:, None, None]
 
     @cached_property
     def matrix(self) -> np.ndarray:
         """(n, n) −M^(−1/2) J M^(−1/2) of the supported grains; common translations are lifted to its largest entry."""
-        return self._dynamical(self._held(), self.free)
+        return self._dynamical(self._supported_blocks(), self.free)
 
     def _dynamical(self, blocks, free: Freedom) -> np.ndarray:
         root = 1 / np.sqrt(free.mass)
@@ -114,17 +114,17 @@ class Response:
         return _eigenvalues(self.matrix)
 
     @cached_property
-    def unpruned(self) -> np.ndarray:
+    def with_all_contacts(self) -> np.ndarray:
         """Complex eigenvalues with all contacts, for all grains that are not rattlers [1/time²]."""
         free = backbone(self.state, self.law)
-        free = _resisted(assembled(self.state, self.blocks, free), free)
+        free = _without_floating(assembled(self.state, self.blocks, free), free)
         return _eigenvalues(self._dynamical(self.blocks, free))
 
     @cached_property
     def _motion(self) -> tuple[np.ndarray, Freedom]:
         free = backbone(self.state, self.law)
         matrix = assembled(self.state, self.blocks, free)
-        free = _resisted(matrix, free)
+        free = _without_floating(matrix, free)
         matrix = assembled(self.state, self.blocks, free)
         if len(free) >= DENSE_BELOW:  # a small shift holds translations and what floats
             shift = SHIFT * np.abs(matrix.data).max() * sparse.eye_array(len(free), format="csr")
@@ -189,7 +189,7 @@ class Response:
         return self._switched[int(row), mode]
 
     def _if_switched(self, row: int, mode: int) -> np.ndarray:
-        blocks = self._held()
+        blocks = self._supported_blocks()
         if mode == OPEN:
             blocks[row] = 0.0
         else:
@@ -251,7 +251,7 @@ def _translations(free: Freedom, weight: np.ndarray) -> np.ndarray:
     return moves / np.maximum(np.linalg.norm(moves, axis=0), np.finfo(float).tiny)
 
 
-def _resisted(matrix, free: Freedom) -> Freedom:
+def _without_floating(matrix, free: Freedom) -> Freedom:
     """Freedom without coordinates that nothing resists, such as rotations without friction."""
     size = np.abs(matrix).sum(axis=1)
     kept = size > HELD_ABOVE * size.max(initial=0.0)

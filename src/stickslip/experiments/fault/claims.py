@@ -59,7 +59,7 @@ def _recurrence_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> l
     def fourth(result: FaultResult) -> float:
         return float(result.history.events.start[SETTLING]) / YEAR
 
-    intervals = main.settled.recurrence / YEAR
+    intervals = main.late_events.recurrence / YEAR
     runs = (main, *coarser)
     cells = ", ".join(f"{recurrence(one):.3f} with {one.history.fault.cell:g} m" for one in runs)
     error = _error(recurrence, main, coarser)
@@ -87,7 +87,7 @@ def _recurrence_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> l
 
 def _event_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[Claim]:
     def of(name: str, size: float = 1.0):
-        return lambda result: float(getattr(result.settled, name).mean()) / size
+        return lambda result: float(getattr(result.late_events, name).mean()) / size
 
     def compare(id: str, source: str, paper: float, measure, unit: str, tolerance: str, note: str = "") -> Claim:
         error = _error(measure, main, coarser)

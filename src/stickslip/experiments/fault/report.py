@@ -83,7 +83,7 @@ def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def measures(result: FaultResult) -> dict[str, tuple[float, str]]:
     """Return {name: (value, unit)} for sweeps; averages are over settled events, and NaN without any."""
-    events, energy = result.settled, result.history.energy
+    events, energy = result.late_events, result.history.energy
 
     def mean(values) -> float:
         return float(np.mean(values)) if len(values) else np.nan

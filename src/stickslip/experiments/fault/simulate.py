@@ -29,7 +29,7 @@ class FaultResult(NamedTuple):
     nucleation: Nucleation
 
     @property
-    def settled(self) -> FaultEvents:
+    def late_events(self) -> FaultEvents:
         """Events after the first three, or all if there are fewer than five."""
         events = self.history.events
         skipped = SETTLING if len(events.start) >= SETTLING + 2 else 0
@@ -38,7 +38,7 @@ class FaultResult(NamedTuple):
     @property
     def recurrence(self) -> float:
         """Mean time between the starts of settled events; NaN with fewer than two [s]."""
-        times = self.settled.start
+        times = self.late_events.start
         return float((times[-1] - times[0]) / (len(times) - 1)) if len(times) > 1 else np.nan
 
 

@@ -304,7 +304,7 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
     outer = np.random.default_rng(seed)
     v = outer.normal(size=len(m.free)) * size
     moved = displaced(state, m.free, v)
-    inner = residual_vector(state._replace(control=_unloaded(state.control)), loads, m.free)
+    inner = residual_vector(state._replace(control=_without_loads(state.control)), loads, m.free)
     trial = forces(moved, law, memory=HELD)[1]
     before, after = force_components(state, law, m.rows), force_components(moved._replace(contacts=trial), law, m.rows)
     relative = (m.c.T @ v).reshape(-1, 2)
@@ -325,7 +325,7 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
     }
 
 
-def _unloaded(control: Control) -> Control:
+def _without_loads(control: Control) -> Control:
     return control._replace(
         force=np.zeros_like(control.force), torque=np.zeros_like(control.torque), gravity=np.zeros(3),
         stress=np.zeros((3, 3)),
