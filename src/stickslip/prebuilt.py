@@ -7,7 +7,7 @@ and kernels are compiled as usual. The package holds only data: `stamp.json` and
 """
 
 import functools
-import importlib.util
+import importlib.metadata
 import json
 import os
 import platform
@@ -63,8 +63,10 @@ def usable_levels() -> list[str]:
 @functools.cache
 def find() -> Prebuilt:
     """Find prebuilt kernels for this process."""
-    spec = importlib.util.find_spec(PACKAGE)
-    if spec is None or not spec.submodule_search_locations:
+    here = os.getcwd()  # kernels are unpickled: a folder that merely lies in the working directory is not used
+    paths = [path for path in sys.path if path and os.path.abspath(path) != here]
+    installed = next(iter(importlib.metadata.distributions(name=PACKAGE, path=paths)), None)
+    if installed is None:
         return Prebuilt(None, None, "not installed")
     if os.environ.get(OFF, "0") not in ("", "0"):
         return Prebuilt(None, None, f"not used: {OFF} is set")
@@ -72,7 +74,7 @@ def find() -> Prebuilt:
         return Prebuilt(None, None, "not used: NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set")
     from . import __version__
 
-    base = Path(next(iter(spec.submodule_search_locations)))
+    base = Path(str(installed.locate_file(PACKAGE)))
     try:
         stamp = json.loads((base / STAMP).read_bytes())
         levels = [str(level) for level in stamp.pop("levels")]

@@ -1,5 +1,6 @@
 """Runs replace and remove their own files only, and old results go when new ones are complete."""
 
+import hashlib
 import json
 import os
 import sys
@@ -319,3 +320,49 @@ def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
     assert f"holds {name}, which stickslip did not write: move it away" in done.err
     assert target.read_text() == "mine"
     assert list((tmp_path / "out").iterdir()) == [path]
+
+
+@pytest.mark.parametrize("named", [{"../victim": None}, {"thesis.tex": None}, {"fig1_mine.png": None}, {}, None])
+@pytest.mark.parametrize("words", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
+def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, words):
+    """Names that no run writes, results that are not there, and digests of nothing."""
+    assert call("run", "0.toml", "--out", "out").code == 0
+    (tmp_path / "victim").write_text("precious")
+    staging = tmp_path / "out" / ".writing"
+    staging.mkdir()
+    for name in named or ():
+        (staging.parent / name).write_text("evil") if name.startswith("..") else (staging / name).write_text("evil")
+    (tmp_path / "victim").write_text("precious")
+    (tmp_path / "out" / "victim").write_text("evil")
+    whole = {"results.h5": "neither", "scenario.json": "neither"} if named is None else named
+    files = {name: [made or "0", hashlib.sha256(b"evil").hexdigest()] for name, made in whole.items()}
+    (staging / "manifest.json").write_text(json.dumps({"files": files}))
+    before = contents(tmp_path)
+    call(*words)
+    after = contents(tmp_path)
+    assert after["victim"] == b"precious"
+    kept = {name for name in before if ".writing" not in name and name != "out/manifest.json"}
+    assert kept <= set(after) and all(after[name] == before[name] for name in kept if words[0] == "resume")
+
+
+@pytest.mark.parametrize("name", ["members", "lammps", "members/one", "lammps/leg-01"])
+def test_no_run_writes_through_a_link(call, tmp_path, name):
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "out" / name).parent.mkdir(parents=True)
+    (tmp_path / "out" / name).symlink_to(tmp_path / "outside")
+    for scenario in ("0.toml", "many.toml"):
+        done = call("run", scenario, "--out", "out", "--overwrite", "--yes")
+        assert done.code == 2 and "is a link, through which a run would write outside its folder" in done.err
+    assert not any((tmp_path / "outside").iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"experiment": "../x"}, {"experiment": "gouge", "quick": 1, "seed": 0}, {"folder": "/"}, [], {"seed": [0]}],
+)
+def test_arguments_that_no_run_saved_are_refused(call, tmp_path, arguments):
+    (tmp_path / "out" / "unfinished").mkdir(parents=True)
+    (tmp_path / "out" / "unfinished" / "scenario-0123.json").write_text(ss.scenario().text)
+    (tmp_path / "out" / "unfinished" / "reproduce.json").write_text(json.dumps(arguments))
+    done = call("resume", "out")
+    assert done.code == 2 and done.err.count("\n") == 1 and "reproduce.json is damaged" in done.err

@@ -38,9 +38,17 @@ def reason(packages: Path, **more: str) -> str:
     return process(["-c", code], packages, packages, **more).stdout.strip()
 
 
+def install(packages: Path) -> None:
+    """Leave what pip leaves of an installed distribution."""
+    about = packages / f"{prebuilt.PACKAGE}-{ss.__version__}.dist-info"
+    about.mkdir(exist_ok=True)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {prebuilt.PACKAGE}\nVersion: {ss.__version__}\n")
+
+
 def stamp(packages: Path, **changes) -> None:
     path = packages / prebuilt.PACKAGE / prebuilt.STAMP
     whole = json.loads(path.read_text()) if path.exists() else prebuilt.environment(ss.__version__)
+    install(packages)
     path.write_text(json.dumps(whole | changes))
 
 
@@ -136,6 +144,19 @@ def test_a_stamp_fits_this_processor_only(stamped):
     assert reason(stamped, NUMBA_CPU_NAME="generic").startswith("not used: NUMBA_CPU_NAME")
 
 
+def test_kernels_that_lie_in_the_working_directory_are_not_loaded(stamped, monkeypatch):
+    """Neither a bare folder on the path, nor anything where the process happens to be."""
+    assert reason(stamped) == f"for {LEVELS[-1]}"
+    monkeypatch.chdir(stamped)
+    code = "from stickslip import prebuilt; print(prebuilt.find().reason)"
+    for words in (["-c", code], ["-m", "code", "-q"]):
+        done = subprocess.run([sys.executable, *words], input=code, capture_output=True, text=True)
+        assert "not installed" in done.stdout, done.stderr
+    monkeypatch.undo()
+    shutil.rmtree(next(stamped.glob("*.dist-info")))
+    assert reason(stamped) == "not installed"
+
+
 @pytest.mark.parametrize(
     "changes, words",
     [
@@ -156,6 +177,7 @@ def test_a_stamp_that_does_not_fit_is_named(stamped, changes, words):
 def test_a_stamp_that_cannot_be_read_is_named(tmp_path, text):
     (tmp_path / prebuilt.PACKAGE).mkdir()
     (tmp_path / prebuilt.PACKAGE / "__init__.py").touch()
+    install(tmp_path)
     if text is not None:
         (tmp_path / prebuilt.PACKAGE / prebuilt.STAMP).write_text(text)
     assert reason(tmp_path) == "not used: stickslip_kernels has no readable stamp.json"

@@ -65,7 +65,7 @@ def forget(law, monkeypatch):
 
 
 def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):
-    chosen = scenario(**read_tables(folder / "flow.toml"))
+    chosen = scenario(trust=True, **read_tables(folder / "flow.toml"))
     assert Path(chosen.law.file) == folder / "mine.py" and len(chosen.law.checksum) == 16
     again = scenario(**json.loads(chosen.text))
     assert again == chosen and again.digest == chosen.digest
@@ -96,13 +96,13 @@ def test_scenarios_without_a_file_are_what_they_were():
 )
 def test_a_wrong_table_ends_with_a_sentence_before_anything_starts(old, new, words, folder):
     (folder / "flow.toml").write_text(FLOW.replace(old, new))
-    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
+    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out", "--trust")
     assert said.returncode == 2 and words in said.stderr and not (folder / "out").exists()
 
 
 def test_a_law_that_does_not_compile_ends_with_its_line(folder):
     (folder / "mine.py").write_text("def normal_force(overlap:\n    return overlap\n")
-    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
+    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out", "--trust")
     assert said.returncode == 2 and "mine.py does not compile, line 1: 'def normal_force(overlap:'" in said.stderr
     np.savez(folder / "pair.npz", position=[[0, 0], [0.99, 0]], radius=[0.5, 0.5], dim=2)
     said = stickslip_here("stability", folder / "pair.npz", "--law", folder / "mine.py")
@@ -193,8 +193,22 @@ def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
 
 @pytest.mark.slow
 def test_a_flow_runs_with_a_law_of_ones_own(folder):
-    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
+    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out", "--trust")
     assert said.returncode == 0, said.stderr
     assert (folder / "out" / "results.h5").exists()
     cited = stickslip_here("cite", folder / "out")
     assert cited.returncode == 0 and "stickslip" in cited.stdout
+
+
+def test_report_and_export_execute_a_law_only_where_they_must_and_may(folder):
+    mine = folder / "mine.py"
+    mine.write_text(mine.read_text() + f"\n# {folder}\n")  # a text that nobody has allowed
+    toml = folder / "flow.toml"
+    said = stickslip_here("run", toml, "--export", folder / "job", "--engine", "lammps")
+    assert said.returncode == 2 and "LAMMPS has only built-in laws" in said.stderr
+    assert stickslip_here("run", toml, "--out", folder / "out", "--trust", "-q").returncode == 0
+    mine.write_text(mine.read_text() + "# changed\n")
+    said = stickslip_here("report", folder / "out")
+    assert said.returncode == 2 and "mine.py has changed since the run began" in said.stderr
+    mine.write_text(mine.read_text().removesuffix("# changed\n"))
+    assert stickslip_here("report", folder / "out", "-q").returncode == 0

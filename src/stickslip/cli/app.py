@@ -70,6 +70,9 @@ Engine = Annotated[
 Ranks = Annotated[
     int | None, typer.Option("--ranks", min=1, metavar="N", help="MPI processes of LAMMPS; instead of the scenario's.")
 ]
+Trust = Annotated[
+    bool, typer.Option("--trust", help="Allow the Python file that law.file names to run, now and later on.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 

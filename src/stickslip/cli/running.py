@@ -16,6 +16,7 @@ from .app import (
     Quiet,
     Ranks,
     Scheduler,
+    Trust,
     Workers,
     app,
     check_choice,
@@ -150,12 +151,14 @@ def run(
     workers: Workers = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
+    trust: Trust = False,
     yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False,
     figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
+    from ..data.law_file import check_law_files, trust_law_files
     from ..experiments import run_folder
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
@@ -163,6 +166,8 @@ def run(
     if (out is None) == (export is None):
         raise ValueError("give either --out, a folder for results, or --export, a folder for the input of LAMMPS")
     tables, how = read_tables(scenario), {"quiet": quiet, "as_json": as_json}
+    if trust:
+        trust_law_files(tables)
     if "sweep" in tables:
         if export:
             raise ValueError("--export was given with a sweep: export its members one by one")
@@ -172,6 +177,7 @@ def run(
     chosen = _with_engine(make_scenario(**tables), engine, ranks)
     if export:
         return _export_to(export, chosen, how, overwrite=overwrite)
+    check_law_files(chosen.model_dump())
     spread = _choose_workers(workers, scheduler, chosen)
     with _working_in(out, how):
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
@@ -222,10 +228,12 @@ def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
     workers: Workers = None,
     scheduler: Scheduler = None,
+    trust: Trust = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
+    from ..data.law_file import check_law_files, trust_law_files
     from ..experiments import terminal
     from ..experiments.resume import find_unfinished
 
@@ -237,6 +245,10 @@ def resume(
             found = find_unfinished(folder)  # again, because another process may have finished in between
             if found is None:
                 return _report_finished(folder, how)
+            tables = found.sweep or found.scenario.model_dump()
+            if trust:
+                trust_law_files(tables)
+            check_law_files(tables)
             spread = _choose_workers(workers, scheduler, found.scenario)
             if found.reproduction:
                 return _reproduce_in("resume", folder, spread, how, **found.reproduction)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, app, examples, finish
+from .app import AsJson, OverwriteFile, Quiet, Trust, app, examples, finish
 from .packings import with_packing_options
 
 REPORT = examples(
@@ -40,6 +40,7 @@ def report(
             "--verdict/--no-verdict", help="With verdict and modes; default: up to about 5000 spheres or 10,000 disks."
         ),
     ] = None,
+    trust: Trust = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -53,7 +54,7 @@ def report(
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, report=tell, search=verdict
+            place, modes=modes, options=options, settle=settle, report=tell, search=verdict, trust=trust
         )  # fmt: skip
         path, words = look.write_page(found, path, colour=colour)
 
@@ -107,6 +108,7 @@ def movie(
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    trust: Trust = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -122,7 +124,7 @@ def movie(
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
             place, modes=modes, options=options, settle=settle, report=tell,
-            search=mode is not None or not place.is_dir(),
+            search=mode is not None or not place.is_dir(), trust=trust,
         )  # fmt: skip
         look.write_movie(
             found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, report=tell

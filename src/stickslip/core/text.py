@@ -19,10 +19,11 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
     Raises
     ------
     ValueError
-        with a one-sentence message, if the file is not UTF-8 text.
+        with a one-sentence message, if it is not a regular file of UTF-8 text.
     OSError
         if the file cannot be read.
     """
+    check_regular_file(path, remedy)
     content = Path(path).read_bytes()
     if _has_wide_letters(content):
         raise ValueError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
@@ -35,6 +36,13 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
             return content.decode(fallback, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
         raise ValueError(f"{path} is not a UTF-8 text file: {remedy}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def check_regular_file(path: str | Path, remedy: str) -> None:
+    """Raise ValueError for a device or a pipe, which could be read forever."""
+    path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError(f"{path} is a device or a pipe, which may never end: {remedy}")
 
 
 def _has_wide_letters(content: bytes) -> bool:

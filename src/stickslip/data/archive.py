@@ -29,6 +29,7 @@ import numpy as np
 from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, describe_law, restore_kind
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
+from ..core.text import check_regular_file
 from .atomic import write_atomically
 from .sound import restore_contacts, validate_law, validate_state
 from .units import unit_of
@@ -138,6 +139,7 @@ def _open(path):
 
 
 def _check_checksum(path) -> None:
+    check_regular_file(path, "give the results.h5 of a run")
     with open(path, "rb") as file:
         block = file.read(_BLOCK)
         if not block.startswith(_HEADER):

@@ -14,8 +14,8 @@ from .. import __version__
 from . import archive
 from .atomic import write_atomically
 
-# a folder and two files in the folder of the results, and the folder of a sweep's members
-UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
+# a folder and two files in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
+UNFINISHED, SCENARIO, SWEEP, MEMBERS, LEGS = "unfinished", "scenario.json", "sweep.json", "members", "lammps"
 # temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
 _NOTE, _PART = "scenario-", "part-"  # followed by a digest: scenario of the run, and of its parts

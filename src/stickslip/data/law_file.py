@@ -1,8 +1,9 @@
-"""Contact laws from a user's Python file, which is executed only if a scenario or the command line names it.
+"""Contact laws from Python files that scenarios name.
 
-When a scenario written by hand is read, the checksum of the file's text is added to it, and the law is built and
-validated immediately. A scenario that has a checksum was written by this package: reading it executes nothing, and a
-run, new or resumed, uses the file only if its text is unchanged.
+A law file is a program, and scenarios come from anywhere. Reading a scenario therefore executes nothing: it stores the
+checksum of the file's text, so that a resumed run notices a change. The file is executed when a run builds its law, and
+only if this user has allowed this text. Digests of allowed texts are in the user's cache folder, where the author of a
+scenario cannot write.
 """
 
 import hashlib
@@ -11,16 +12,22 @@ from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
 
+from .. import kernel_cache
 from ..core.laws.builtin import Law
-from ..core.laws.user import from_file
-from .schema import Finite, ScenarioError, ScenarioTable
+from ..core.laws.user import from_text
+from ..core.text import read_text
+from .schema import Finite, ScenarioError, ScenarioTable, validate_scenario
+
+TRUSTED = "trusted_laws.txt"  # in the user's cache folder: the SHA-256 of every text that may be executed
 
 
 class LawFile(ScenarioTable):
     """A law in a user's Python file, instead of a kind and its parameters."""
 
     file: str | None = Field(
-        None, description="Python file with a contact law; the path is relative to the scenario, and the file is run"
+        None,
+        description="Python file with a contact law; the path is relative to the scenario, and a run executes the file "
+        "if `--trust` has allowed it",
     )
     parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
     checksum: str | None = Field(None, description="of the file's text; added automatically")
@@ -37,13 +44,7 @@ class LawFile(ScenarioTable):
             raise ValueError(
                 f"law.file and law.{others[0]} were both given: set parameters of the file in law.parameters"
             )
-        if "checksum" in given or not isinstance(given["file"], str):
-            return given
-        path, parameters = Path(given["file"]).absolute(), given.get("parameters", {})
-        if not isinstance(parameters, dict):
-            raise ValueError("law.parameters is not a table: give numbers by name")
-        from_file(path, **parameters)
-        return given | {"file": str(path), "checksum": _checksum(path)}
+        return _with_checksum(given)
 
     @model_serializer(mode="wrap")
     def _serialise_given_fields(self, handler):
@@ -54,8 +55,26 @@ class LawFile(ScenarioTable):
         return {k: v for k, v in out.items() if k in (*LawFile.model_fields, "wall")}
 
 
-def _checksum(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+def _read(path: Path) -> str:
+    if not path.is_file():
+        raise ScenarioError(f"law.file = {path} is not a file: give a Python file with a function normal_force")
+    return read_text(path, remedy="give a Python file")
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _checksum(text: str) -> str:
+    return _digest(text)[:16]
+
+
+def _with_checksum(law: dict) -> dict:
+    """Table of a law with the checksum of its file, if there is a file and the checksum is missing."""
+    if not isinstance(law.get("file"), str) or "checksum" in law:
+        return law
+    path = Path(law["file"]).absolute()
+    return law | {"file": str(path), "checksum": _checksum(_read(path))}
 
 
 def with_laws(tables: dict, change: Callable[[dict], dict]) -> dict:
@@ -68,38 +87,62 @@ def with_laws(tables: dict, change: Callable[[dict], dict]) -> dict:
     return out
 
 
-def with_checksum(tables: dict) -> dict:
-    """Add the checksum of a law's file to tables written by hand; the law is built and validated immediately."""
-
-    def add(law: dict) -> dict:
-        if not isinstance(law.get("file"), str) or "checksum" in law:
-            return law
-        path = Path(law["file"]).absolute()
-        from_file(path)
-        return law | {"file": str(path), "checksum": _checksum(path)}
-
-    return with_laws(tables, add)
+def with_checksums(tables: dict) -> dict:
+    """Add the checksums of law files to the tables of a scenario; nothing is executed."""
+    return with_laws(tables, _with_checksum)
 
 
-def require_checksum(tables: dict, path: Path) -> None:
-    """Raise ScenarioError if the scenario of an earlier run names a law's file without its checksum."""
+def trust_law_files(tables: dict) -> None:
+    """Allow this user's runs to execute the present texts of the law files that a scenario names."""
+
+    def trust(law: dict) -> dict:
+        if isinstance(law.get("file"), str) and not _is_trusted(text := _read(Path(law["file"]))):
+            with (kernel_cache.folder() / TRUSTED).open("a", encoding="ascii") as file:
+                file.write(f"{_digest(text)}\n")
+        return law
+
+    with_laws(with_checksums(tables), trust)
+
+
+def _is_trusted(text: str) -> bool:
+    path = kernel_cache.folder() / TRUSTED
+    return path.is_file() and _digest(text) in path.read_text(encoding="ascii", errors="replace").split()
+
+
+def check_law_files(tables: dict) -> None:
+    """Build the laws that a scenario names, before anything is written.
+
+    Raises
+    ------
+    ScenarioError
+        as `load_law`; ValueError as `laws.from_file`.
+    """
 
     def check(law: dict) -> dict:
-        if law.get("file") is not None and "checksum" not in law:
-            raise ScenarioError(
-                f"{path} names law.file = {law['file']} without the checksum that every run writes, so the file is "
-                f"not run: name it in a scenario in TOML"
-            )
+        if law.get("file") is not None:
+            load_law(validate_scenario(LawFile, **{k: v for k, v in law.items() if k in LawFile.model_fields}))
         return law
 
     with_laws(tables, check)
 
 
 def load_law(choice: LawFile) -> Law:
-    """Load the law from the file that a scenario names; ScenarioError if the file is missing or has changed."""
+    """Load the law from the file that a scenario names.
+
+    Raises
+    ------
+    ScenarioError
+        if the file is missing, has changed since the scenario was read, or may not be executed.
+    """
     path = Path(choice.file)
     if not path.is_file():
         raise ScenarioError(f"law.file = {choice.file} no longer exists: restore it, or name another file")
-    if _checksum(path) != choice.checksum:
+    text = _read(path)
+    if _checksum(text) != choice.checksum:
         raise ScenarioError(f"law.file = {choice.file} has changed since the run began: restore it, or start a new run")
-    return from_file(path, **choice.parameters)
+    if not _is_trusted(text):
+        raise ScenarioError(
+            f"law.file = {choice.file} is a Python program that you have not allowed to run: read it, then add --trust "
+            f"(in Python, trust=True)"
+        )
+    return from_text(text, path, choice.parameters)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from . import atomic
-from .checkpoint import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, unfinished_scenario
+from .checkpoint import ANEW, GONE, LEGS, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, unfinished_scenario
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
@@ -92,7 +92,7 @@ def _is_empty_run_folder(path: Path) -> bool:
 
 
 def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
-    """Check that the temporary folders of runs contain nothing else.
+    """Check that the folders of runs are where they seem to be, and that the temporary ones contain nothing else.
 
     Parameters
     ----------
@@ -101,8 +101,14 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
     Raises
     ------
     ValueError
-        with a one-sentence message that names the foreign file.
+        with a one-sentence message that names the foreign file or link.
     """
+    for path in (folder / MEMBERS, folder / LEGS):
+        if link := next((inner for inner in (path, *path.rglob("*")) if inner.is_symlink()), None):
+            raise ValueError(
+                f"{link} is a link, through which a run would write outside its folder: move it away or choose another "
+                f"--out"
+            )
     for name in (WRITING, ANEW, GONE, UNFINISHED):
         path, piece = folder / name, name in (GONE, UNFINISHED)
         if not os.path.lexists(path):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..core.arguments import checked
 from ..core.text import read_text, shortened
-from ..data.law_file import require_checksum, with_laws
+from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
 from .experiment import Experiment
@@ -61,6 +61,7 @@ def simulate(
     >>> [len(point.spectrum.pairs) for point in simulate(short).path]
     [0, 1, 1]
     """
+    check_law_files(scenario.model_dump())
     run = experiment_of(scenario).simulate
     return run(scenario, folder=None if folder is None else Path(folder), workers=workers, report=report, **more)
 
@@ -77,8 +78,12 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
     return EXPERIMENTS[name].scenario
 
 
-def scenario(**tables) -> ScenarioBase:
+def scenario(*, trust: bool = False, **tables) -> ScenarioBase:
     """Create a scenario from nested dictionaries, as in the TOML file; `experiment` names the experiment.
+
+    Parameters
+    ----------
+    trust : True if runs may execute the present text of the Python file `law.file`
 
     Raises
     ------
@@ -90,15 +95,17 @@ def scenario(**tables) -> ScenarioBase:
     >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
     5
     """
+    if trust:
+        trust_law_files(tables)
     return validate_scenario(scenario_class(tables), **tables)
 
 
-def read_scenario(path: str | Path) -> ScenarioBase:
-    """Read a scenario from a TOML file, or from the canonical text in the folder of a run."""
+def read_scenario(path: str | Path, *, trust: bool = False) -> ScenarioBase:
+    """Read a scenario from a TOML file, or from the canonical text in the folder of a run; `trust` as in `scenario`."""
     tables = read_tables(path)
     if "sweep" in tables:
         raise ScenarioError(f"{path} has a table [sweep] for many scenarios: use read_sweep, or remove the table")
-    return scenario(**tables)
+    return scenario(trust=trust, **tables)
 
 
 def read_tables(path: str | Path) -> dict:
@@ -123,9 +130,6 @@ def read_tables(path: str | Path) -> dict:
         found = _JSON_TYPES.get(type(tables), "a number")
         raise ScenarioError(f"the scenario {path} contains {found}, not an object: give the scenario.json of a run")
     _check_whole_numbers(tables, path)
-    if path.suffix == ".json":
-        require_checksum(tables, path)
-        return tables
     return _resolve_files(tables, path.parent)
 
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from ..data.atomic import write_atomically
 from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, checkpoint_in, unfinished_scenario
-from ..data.law_file import require_checksum
 from ..data.manifest import check_hidden, find_foreign
 from ..data.schema import ScenarioBase
+from .registry import papers, read_tables
 from .registry import read_scenario as read_scenario
 from .run_folder import NUMBERS, OPTIONS, REPRODUCTION, install_results, is_run_file, join_names
 
@@ -42,9 +42,7 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS
         figures = read_json(options).get("figures", False) if options.is_file() else False
-        tables = read_json(folder / SWEEP)
-        require_checksum(tables, folder / SWEEP)
-        return UnfinishedRun(None, sweep=tables, figures=figures)
+        return UnfinishedRun(None, sweep=read_tables(folder / SWEEP), figures=figures)
     install_results(folder)
     known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
@@ -56,9 +54,21 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
             f"{folder} contains files that stickslip did not write or that have changed since ({join_names(others)}): "
             f"move them away, then resume again"
         )
-    return UnfinishedRun(
-        read_scenario(known or folder / SCENARIO), read_json(arguments) if arguments.is_file() else None
-    )
+    reproduction = _read_arguments(arguments) if arguments.is_file() else None
+    return UnfinishedRun(read_scenario(known or folder / SCENARIO), reproduction)
+
+
+def _read_arguments(path: Path) -> dict:
+    """Read the arguments of `reproduce` that `mark_reproduction` saved; ValueError if they are others."""
+    found = read_json(path)
+    kinds = {"experiment": str, "quick": bool, "seed": int} | ({"full": bool} if "full" in found else {})
+    if {name: type(value) for name, value in found.items()} != kinds or found["experiment"] not in papers():
+        raise ValueError(_damaged(path))
+    return found
+
+
+def _damaged(path: Path) -> str:
+    return f"{path} is damaged: start again with --overwrite"
 
 
 def read_json(path: Path) -> dict:
@@ -68,4 +78,4 @@ def read_json(path: Path) -> dict:
             return found
     except (ValueError, RecursionError):
         pass
-    raise ValueError(f"{path} is damaged: start again with --overwrite")
+    raise ValueError(_damaged(path))

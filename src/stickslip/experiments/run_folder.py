@@ -154,7 +154,9 @@ def install_results(folder: Path) -> None:
     """Move complete results into their folder; if the process is killed midway, the next call finishes the move."""
     staging = folder / WRITING
     new = read_manifest(staging)
-    if not new:
+    if not all(is_run_file(name) and _is_complete(folder, name, digests) for name, digests in new.items()):
+        new = {}
+    if NUMBERS not in new or SCENARIO not in new:  # not complete, or not written by a run: it replaces nothing
         return
     old = read_manifest(folder)
     write_manifest(folder, {name: old.get(name, []) + new.get(name, []) for name in old | new})
@@ -168,9 +170,14 @@ def install_results(folder: Path) -> None:
     shutil.rmtree(staging, ignore_errors=True)
 
 
+def _is_complete(folder: Path, name: str, digests: list[str]) -> bool:
+    """Return True if a new file is in the staging folder, or has been moved from there."""
+    return any((place / name).is_file() and digest(place / name) in digests for place in (folder / WRITING, folder))
+
+
 def list_files(folder: Path) -> list[Path]:
     """Return the sorted paths of the run files in a folder."""
-    return sorted(path for path in folder.iterdir() if is_run_file(path.name))
+    return sorted(path for path in folder.iterdir() if is_run_file(path.name) and path.is_file())
 
 
 def save(staging: Path, scenario, numbers: dict) -> None:

@@ -360,10 +360,11 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"{path} is not a file: give a Python file with a function normal_force")
-    return _law_from_text(read_text(path, remedy="give a Python file"), path, parameters)
+    return from_text(read_text(path, remedy="give a Python file"), path, parameters)
 
 
-def _law_from_text(text: str, path: Path, parameters: dict) -> Law:
+def from_text(text: str, path: Path, parameters: dict) -> Law:
+    """Contact law from the text of a Python file, which is executed; as `from_file`."""
     scope = {"__name__": path.stem, "__file__": str(path)}
     try:
         exec(compile(text, str(path), "exec"), scope)
@@ -401,7 +402,7 @@ def _reduce_kind(kind: Kind):
 def _restore_kind(number: int, text: str, file: str) -> Kind:
     """Unpickle a kind, and create its law if this process does not know it."""
     if text and number not in USER_LAWS:
-        _law_from_text(text, Path(file), {})
+        from_text(text, Path(file), {})
     return Kind(number)
 
 

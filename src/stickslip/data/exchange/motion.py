@@ -21,11 +21,11 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     PackingError
         if the file is of another kind, or belongs to another packing.
     """
+    if not Path(path).is_file():
+        raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote")
     try:
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in REQUIRED}
-    except FileNotFoundError:
-        raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote") from None
     except Exception:  # numpy and zipfile raise various errors for a damaged file
         raise PackingError(f"{path} contains no modes: give the .npz that `stickslip stability` wrote") from None
     translation, rotation, exponent = (found[name] for name in REQUIRED)

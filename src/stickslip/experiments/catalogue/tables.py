@@ -6,11 +6,13 @@ eigenvalue at several distances, are arrays with two dimensions; in a file they 
 
 import re
 from collections.abc import Iterable
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from ...core.text import read_text
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
 
@@ -92,7 +94,7 @@ def read_table(path: str | Path) -> Table:
     >>> import stickslip as ss
     >>> events = ss.experiments.catalogue.read_table("results/catalogue/events.csv")  # doctest: +SKIP
     """
-    found = pd.read_csv(path)
+    found = pd.read_csv(StringIO(read_text(path, remedy="give events.csv or steps.csv in the folder of a run")))
     out: dict[str, list] = {}
     for label in found.columns:
         name = label.split(" [")[0]

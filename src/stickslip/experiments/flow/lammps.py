@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 
 from ...core.contacts.neighbors import without_walls
 from ...core.state import State
+from ...data.schema import ScenarioError
 from ..lammps.job import leg_folder, write_job
 from ..lammps.leg import Leg, Wave
 from ..lammps.process import require_lammps
@@ -40,7 +41,16 @@ def export(scenario: FlowScenario, folder: Path) -> list[Path]:
     """Write a folder that LAMMPS runs without this package, and from which `stickslip resume` reads the result.
 
     A stage with `until = "rest"` lasts its whole duration there.
+
+    Raises
+    ------
+    ScenarioError
+        If the law is a Python file, which LAMMPS cannot use and which is not executed.
     """
+    if scenario.law.file is not None:
+        raise ScenarioError(
+            f"--export was given with law.file = {scenario.law.file}: LAMMPS has only built-in laws; set law.kind"
+        )
     legs = stage_legs(scenario, poured(scenario))
     for leg in legs:
         check_leg(leg)

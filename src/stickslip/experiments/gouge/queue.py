@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...data.checkpoint import checkpoint_in
+from ...data.checkpoint import LEGS, checkpoint_in
 from ...data.schema import ScenarioError
-from ..lammps.job import LEGS, clear_legs, leg_folder, write_scripts
+from ..lammps.job import clear_legs, leg_folder, write_scripts
 from ..lammps.memory import is_complete
 from ..lammps.process import require_lammps
 from ..lammps.run import sample_path, write_start
@@ -71,14 +71,19 @@ def engine(folder: Path) -> Engine:
     ScenarioError
         If a leg has not finished.
     """
-    table = json.loads((folder / LEGS / TABLE).read_text(encoding="utf-8"))
-    for number, (*_, end) in table.items():
-        place = leg_folder(folder, int(number) - 1)
-        if not is_complete(place / end):
+    path = folder / LEGS / TABLE
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        numbers = {tuple(key): int(number) for number, (*key, _) in table.items()}
+        ends = [leg_folder(folder, int(number) - 1) / Path(end).name for number, (*_, end) in table.items()]
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        raise ScenarioError(f"{path} is damaged: write it again with --export") from None
+    for end in ends:
+        if not is_complete(end):
             raise ScenarioError(
-                f"LAMMPS has not finished in {place}: let it finish there first, for example with sh run.sh"
+                f"LAMMPS has not finished in {end.parent}: let it finish there first, for example with sh run.sh"
             )
-    return engine_of(partial(_read, folder, {tuple(key): int(number) for number, (*key, _) in table.items()}))
+    return engine_of(partial(_read, folder, numbers))
 
 
 def _silent(share: float, words: str) -> None:

@@ -3,12 +3,14 @@
 from pathlib import Path
 from shutil import rmtree
 
+from ...data.atomic import write_atomically
+from ...data.checkpoint import LEGS
 from ...data.schema import ScenarioError
 from .leg import Leg
 from .run import sample_path
 from .script import DATA, INPUT, SAMPLE, write_input
 
-LEGS, SCRIPT, JOB = "lammps", "run.sh", "job.slurm"
+SCRIPT, JOB = "run.sh", "job.slurm"
 RUN = """#!/bin/sh
 # runs the legs that have not finished; the argument is the command of LAMMPS
 LAMMPS=${{1:-mpirun -np {ranks} lmp}}
@@ -73,5 +75,5 @@ def write_scripts(folder: Path, ends: list[Path], ranks: int) -> list[Path]:
     runs = [ONE.format(leg=end.parent.name, last=end.name, input=INPUT) for end in ends]
     texts = {SCRIPT: RUN.format(ranks=ranks, legs=LEGS, runs="\n".join(runs)), JOB: SLURM.format(ranks=ranks)}
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_atomically(folder / name, text.encode())
     return [folder / name for name in texts]

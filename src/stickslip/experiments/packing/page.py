@@ -15,6 +15,7 @@ from ...data.exchange.arrays import read_archive
 from ...data.exchange.files import capture_warnings, read_packing
 from ...data.exchange.frame import Frame, frame_of
 from ...data.exchange.motion import mode_frames, read_mode
+from ...data.law_file import check_law_files, trust_law_files
 from ...data.sample import PackingError
 from ...extras import MissingExtraError
 from ...figures import animation as film
@@ -77,19 +78,27 @@ class PageContent(NamedTuple):
 
 
 def load_content(
-    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool | None = True
+    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool | None = True,
+    trust: bool = False,
 ) -> PageContent:  # fmt: skip
-    """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder."""
+    """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
+
+    With `trust`, the law file of a run may be executed.
+    """
     if not place.is_dir() and (place.is_file() or place.suffix):
         return packing_content(place, modes=modes, options=options, settle=settle, search=search, report=report)
     own = (*options.items(), ("modes", modes), ("settle", settle or None))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
         raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: it is only for packing files")
-    return folder_content(place, frame=options.get("frame"), search=search is not False, report=report)
+    return folder_content(
+        place, frame=options.get("frame"), search=search is not False, trust=trust, report=report
+    )  # fmt: skip
 
 
-def folder_content(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> PageContent:
+def folder_content(
+    folder: Path, *, frame: str | None = None, search: bool = True, trust: bool = False, report=None
+) -> PageContent:
     """Load the content for the folder of a finished run or sweep.
 
     Parameters
@@ -97,6 +106,7 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
     frame : name of the state whose modes are shown. Without it, the state with the fastest-growing mode is selected if
         there are at most `SMALL` grains
     search : if False, no modes are computed
+    trust : True if the law file of the run may be executed
     report : called as report(stage, fraction done, text)
 
     Raises
@@ -114,6 +124,7 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
         raise ValueError(f"{folder} contains no results: give a folder written by stickslip run or reproduce")
     about = archive.attributes(folder / NUMBERS)
     experiment = _experiment_name(about["scenario"])
+    _load_law_files(about["scenario"], trust)
     states = _read_states(folder / NUMBERS, frame)
     tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
     labels = _labels(states, tree, si=_uses_si(experiment))
@@ -144,6 +155,17 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
 
 def _caption(path: Path) -> str:
     return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
+
+
+def _load_law_files(text: str, trust: bool) -> None:
+    """Load the law file that a run used, because states in the archive can be read only with their law."""
+    try:
+        tables = dict(json.loads(text))
+    except (ValueError, TypeError, RecursionError):
+        return
+    if trust:
+        trust_law_files(tables)
+    check_law_files(tables)
 
 
 def _experiment_name(text: str) -> str:

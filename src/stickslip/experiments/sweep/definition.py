@@ -19,7 +19,7 @@ import numpy as np
 
 from ...core.readable import readable
 from ...data.dotted_keys import field_at, with_value
-from ...data.law_file import with_checksum
+from ...data.law_file import trust_law_files, with_checksums
 from ...data.schema import ScenarioBase, ScenarioError
 from ..registry import read_tables, scenario, scenario_class
 from .axes import MOST, Axis, check_integer, column_values, flatten_entries, parse_axis
@@ -86,13 +86,17 @@ class Member(NamedTuple):
     scenario: ScenarioBase
 
 
-def read_sweep(path: str | Path) -> Sweep:
-    """Read a sweep from a TOML file with a [sweep] table, or from the sweep.json of a run."""
-    return sweep(**read_tables(path))
+def read_sweep(path: str | Path, *, trust: bool = False) -> Sweep:
+    """Read a sweep from a TOML file with a [sweep] table, or from the sweep.json of a run; `trust` as in `scenario`."""
+    return sweep(trust=trust, **read_tables(path))
 
 
-def sweep(**tables) -> Sweep:
+def sweep(*, trust: bool = False, **tables) -> Sweep:
     """Create a sweep from nested dictionaries, as in the TOML file; only the [sweep] table is validated here.
+
+    Parameters
+    ----------
+    trust : True if runs may execute the present text of the Python file `law.file`
 
     Raises
     ------
@@ -105,7 +109,9 @@ def sweep(**tables) -> Sweep:
     >>> grid.count, [one.values for one in members(grid)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """
-    tables = with_checksum(tables)
+    if trust:
+        trust_law_files(tables)
+    tables = with_checksums(tables)
     base, table = {k: v for k, v in tables.items() if k != "sweep"}, tables.get("sweep")
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a [sweep] table whose keys have lists of values, or distributions")

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
+from ...data.law_file import check_law_files
 from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...ensemble import Workers, reach
 from ..resume import read_json
@@ -36,6 +37,7 @@ def run_with_progress(
         if it returns False, nothing is run
     """
     where = reach(workers)
+    check_law_files(chosen.base)
     _install_results(out)
     others = _check_folder(out, overwrite)
     target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
