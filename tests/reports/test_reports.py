@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import sys
 import zlib
 from html.parser import HTMLParser
 
@@ -181,20 +180,6 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         np.testing.assert_allclose(shift, moved[k].state.grains.position - state.grains.position, atol=1e-6)
     assert "".join(shown.words).count("e-folding time") == 1
     assert "period 4.833" in data["modes"][0]["words"]
-
-
-def test_a_report_without_the_viewer_says_how_to_get_it(folder, monkeypatch):
-    for name in [name for name in sys.modules if name.partition(".")[0] == "k3d"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "k3d", None)
-    out = run("report", folder)
-    assert out.returncode == 0, out.stderr
-    shown = page(folder / "report.html")
-    assert not shown.inner
-    assert "A line" in "".join(shown.words)
-    for said in ("".join(shown.words), " ".join(out.stdout.split())):
-        assert "k3d" in said
-        assert "stickslip[report]" in said
 
 
 @pytest.mark.parametrize("command", ["report", "movie"])

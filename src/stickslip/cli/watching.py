@@ -52,8 +52,8 @@ def watch(
 
     Each complete frame becomes a row of a table, in the terminal and as CSV; a page that reloads itself shows charts.
     Frames in the table are not computed again. Without --once or --until-idle, ctrl-C ends it. --contacts may be a
-    pattern of names in DIR; by default all dumps of contacts there are used. docs/lammps.md shows what LAMMPS must
-    write.
+    pattern of names in DIR; by default all dumps of contacts there are used. `stickslip docs lammps` shows
+    what LAMMPS must write.
     """
     check_choice("method", method, METHODS)
     if once and until_idle is not None:

@@ -89,7 +89,7 @@ def parts() -> list[OptionalPart]:
         _check_extra("fast", "PARDISO, a solver", _check_pardiso),
         _check_extra("cluster", "Dask clusters"),
         _check_extra("exchange", "other formats"),
-        _check_extra("report", "view, movies"),
+        _check_extra("mp4", "movies as MP4"),
         _check_extra("posterior", "posteriors"),
         _check_extra("docs", "these pages"),
         _check_extra("dev", "tests, checks"),

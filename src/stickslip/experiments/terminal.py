@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -163,6 +163,24 @@ def show_table(table: Table) -> None:
             console.print(Text.assemble(f"  {name}: " if name else "  ", cell))
         console.print()
     return None
+
+
+def show_markdown(text: str) -> None:
+    """Print a text in Markdown."""
+    from rich.markdown import Markdown
+
+    with console.pager() if can_redraw() else nullcontext():
+        console.print(Markdown(text))
+
+
+def show_pairs(title: str, pairs: dict[str, str]) -> None:
+    """Print names with their descriptions."""
+    table = Table(title=title, show_header=False, **STYLE)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for pair in pairs.items():
+        table.add_row(*pair)
+    show_table(table)
 
 
 def show_paths(paths: list[Path]) -> None:

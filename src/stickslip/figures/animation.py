@@ -143,4 +143,4 @@ def _palette_of(frames: list[Image.Image]) -> Image.Image:
 
 def _find_ffmpeg() -> str:
     """Path to ffmpeg: the system's own, or the one installed by a wheel."""
-    return which("ffmpeg") or require("imageio_ffmpeg", "report").get_ffmpeg_exe()
+    return which("ffmpeg") or require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()

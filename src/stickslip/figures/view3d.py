@@ -17,7 +17,6 @@ from ..core.arguments import checked
 from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
-from ..extras import require
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import DISPLACEMENT, Mode, quantities
 from .style import BLUE, COLORS, RED
@@ -55,8 +54,6 @@ def view(frames: list[Frame], modes: list[Mode] | None = None, *, colour: str | 
 
     Raises
     ------
-    MissingExtraError
-        if K3D is not installed.
     ValueError
         if there is no such quantity.
 
@@ -174,7 +171,9 @@ def _choose_quantity(data: dict, colour: str | None) -> int:
 
 def _plot(data: dict, shown: int, height: int):
     """K3D plot of the first frame."""
-    k3d, frame = require("k3d", "report"), data["frames"][0]
+    import k3d  # takes a third of a second, and only this function needs it
+
+    frame = data["frames"][0]
     position = _decode(frame["position"]).reshape(-1, 3)
     values, about = _decode(frame["values"][data["quantities"][shown]["name"]]), data["quantities"][shown]
     span = (about["high"] - about["low"]) or 1.0

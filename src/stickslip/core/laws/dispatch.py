@@ -21,7 +21,7 @@ from numba.extending import NativeValue, models, overload, register_model, typeo
 from ...builtin_laws import BUILTIN_LAWS
 from ..options import INNER
 
-HELP = "see docs/contact_laws.md"
+HELP = "see `stickslip docs contact_laws`"
 ROLES = {  # arguments that a function of each name may take, in addition to parameters of the law
     "normal_force": ("overlap", "r_eff"),
     "normal_energy": ("overlap", "r_eff"),

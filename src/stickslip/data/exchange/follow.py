@@ -24,7 +24,7 @@ from .lammps_series import (
 
 INTERVAL = 1.0  # time between two looks at the folder [s]
 FRESH = 3.0  # time after which a file that has not changed is not being written [s]
-NEEDS = "docs/lammps.md shows what LAMMPS must write"
+NEEDS = "`stickslip docs lammps` shows what LAMMPS must write"
 
 
 class Source(NamedTuple):

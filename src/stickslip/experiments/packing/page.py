@@ -17,7 +17,6 @@ from ...data.exchange.frame import Frame, frame_of
 from ...data.exchange.motion import mode_frames, read_mode
 from ...data.law_file import check_law_files, trust_law_files
 from ...data.sample import PackingError
-from ...extras import MissingExtraError
 from ...figures import animation as film
 from ...figures import page
 from ...figures import view3d as scene
@@ -425,22 +424,17 @@ def _mode_table(modes: list) -> str:
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
-def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> tuple[Path, list[str]]:
-    """Write the page; return its path and messages about missing parts."""
-    words = []
+def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> None:
+    """Write the page."""
     if not shown.frames:
         view = page.paragraph(shown.without, kind="absent")
     else:
-        try:
-            inside = scene.page_view(
-                shown.frames, shown.modes, at=shown.at, labels=shown.labels, si=shown.si, colour=colour
-            )  # fmt: skip
-            view = page.paragraph(_what_one_sees(shown))
-            view += page.embedded_document(inside, "the packing in three dimensions")
-            view += page.paragraph(HELP, kind="soft")
-        except MissingExtraError as problem:
-            words.append(f"the page has no three-dimensional view: {problem}")
-            view = page.paragraph(f"The three-dimensional view is missing: {problem}.", kind="absent")
+        inside = scene.page_view(
+            shown.frames, shown.modes, at=shown.at, labels=shown.labels, si=shown.si, colour=colour
+        )  # fmt: skip
+        view = page.paragraph(_what_one_sees(shown))
+        view += page.embedded_document(inside, "the packing in three dimensions")
+        view += page.paragraph(HELP, kind="soft")
     warning = shown.warning[:1].upper() + shown.warning[1:]
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
     if shown.verdict:
@@ -449,7 +443,6 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     with staged_file(path) as part:
         part.write_bytes(text.encode())
-    return path, words
 
 
 def _what_one_sees(shown: PageContent) -> str:

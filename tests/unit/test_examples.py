@@ -1,0 +1,107 @@
+"""Examples that come with the package: all are described, loaded by name, and copied whole or not at all."""
+
+import importlib.metadata as metadata
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+import stickslip as ss
+from tests.conftest import stickslip_here
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_example_has_a_description_and_every_scenario_is_valid():
+    known = ss.examples.names()
+    files = {path.name for path in (ROOT / "examples").iterdir() if not path.name.startswith("_")}
+    assert set(known) == files
+    assert all(10 < len(words) <= 140 and "examples/" not in words for words in known.values()), known
+    for name in known:
+        if name.endswith(".toml"):
+            text = ss.examples.path(name).read_text()
+            found = ss.io.read_sweep if "sweep" in tomllib.loads(text) else ss.examples.scenario
+            assert found(ss.examples.path(name) if found is ss.io.read_sweep else name)
+    assert ss.laws.from_file(ss.examples.path("cohesive_law")).kind
+
+
+def test_the_packing_is_that_of_the_quick_start():
+    state, law = ss.examples.packing()
+    found = ss.stability(state, law)
+    assert len(found.pairs) == 1 and 1 / found.growth_rate.max() == pytest.approx(4446, rel=1e-3)
+
+
+def test_examples_are_copied_whole_or_not_at_all(tmp_path):
+    made = ss.examples.copy("sheared", "rate_state", to=tmp_path / "a")
+    assert [str(path.relative_to(tmp_path)) for path in made] == [
+        "a/sheared/contacts.dump", "a/sheared/grains.dump", "a/rate_state.toml",
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match=r"rate_state\.toml exists: give another name, or add --overwrite"):
+        ss.examples.copy("gouge", "rate_state", to=tmp_path / "a")
+    assert not (tmp_path / "a" / "gouge.toml").exists()
+    assert len(ss.examples.copy(to=tmp_path / "a", overwrite=True)) >= 20
+    with pytest.raises(ValueError, match=r"no example 'sheared_spheres': use sheared_spheres.npz, sheared_spheres.py"):
+        ss.examples.path("sheared_spheres")
+
+
+def test_the_command_lists_and_copies(tmp_path):
+    done = stickslip_here("example", cwd=tmp_path)
+    assert "column_collapse.toml" in done.stdout and not any(tmp_path.iterdir())
+    found = json.loads(stickslip_here("example", "--all", "--json", cwd=tmp_path).stdout)
+    assert len(found["files"]) > len(found["examples"]) >= 20
+    assert all((tmp_path / path).is_file() for path in found["files"])
+    for words in (["nonsense"], ["gouge", "--all"], ["gouge"]):
+        done = stickslip_here("example", *words, cwd=tmp_path)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+
+
+def installed_with_core_dependencies() -> set[str]:
+    """Top-level modules of every distribution that `pip install .` installs here, without extras."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    waiting, found = [Requirement(line) for line in project["dependencies"]], {"stickslip"}
+    while waiting:
+        need = waiting.pop()
+        key = re.sub(r"[-_.]+", "-", need.name).lower()
+        if key in found or not (need.marker is None or need.marker.evaluate({"extra": ""})):
+            continue
+        found.add(key)
+        waiting += [Requirement(line) for line in metadata.requires(need.name) or ()]
+    tops = metadata.packages_distributions()
+    return {top for top, names in tops.items() if {re.sub(r"[-_.]+", "-", one).lower() for one in names} & found}
+
+
+BLOCK = """
+import sys
+from importlib.machinery import PathFinder
+class Installed(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        return None if name.partition(".")[0] in {blocked!r} else super().find_spec(name, path, target)
+sys.meta_path[:] = [Installed if finder is PathFinder else finder for finder in sys.meta_path]
+"""
+
+
+def test_commands_of_the_readme_work_with_what_they_install(tmp_path):
+    """`pip install .` and nothing else: modules of all other distributions here cannot be imported."""
+    lines = re.search(r"    pip install \.\n((?:    stickslip .*\n)+)", (ROOT / "README.md").read_text())
+    assert lines and lines[1].count("\n") >= 2
+    core = installed_with_core_dependencies()
+    blocked = set(metadata.packages_distributions()) - core
+    assert {"numba", "k3d"} <= core and {"gsd", "dask", "pytest", "imageio_ffmpeg"} <= blocked
+    (tmp_path / "sitecustomize.py").write_text(BLOCK.format(blocked=blocked))
+    paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
+    ss.examples.copy(to=tmp_path / "examples")
+    for line in lines[1].splitlines():
+        words = [sys.executable, "-m", *line.split()]
+        done = subprocess.run(
+            words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True
+        )
+        assert done.returncode == 0 and not done.stderr and "not installed" not in done.stdout, done.stderr
+    view = (tmp_path / "sheared_spheres-report.html").read_text()
+    assert "K3D" in view or "k3d" in view
