@@ -38,7 +38,7 @@ docs: $(DOCS)  ## build the documentation into docs/_build/html and run the tuto
 	@echo "docs/_build/html/index.html"
 
 release: $(STAMP)  ## build the wheel and the sdist into dist/ and check them; uploads nothing
-	$(BIN)/python release/release.py
+	$(BIN)/python release/release.py $(if $(REPOSITORY),--repository $(REPOSITORY))
 
 lock:  ## regenerate the lock files with uv
 	@PATH="$(BIN):$$PATH" command -v uv >/dev/null || { echo "make lock needs uv: $(BIN)/pip install uv"; exit 1; }

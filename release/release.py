@@ -2,9 +2,11 @@
 
 The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel
 is built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment
-with nothing but the wheel and its dependencies.
+with nothing but the wheel and its dependencies. `--repository URL` names the address of the repository, which then
+stands in the metadata, the README's links, CITATION.cff and the conda recipe of what is built; the sources have none.
 """
 
+import argparse
 import json
 import re
 import shutil
@@ -53,10 +55,37 @@ def _run(*words, cwd=ROOT) -> None:
         raise SystemExit(code)
 
 
-def build() -> list[Path]:
+def with_address(source: Path, address: str) -> None:
+    """Write the address of the repository into a copy of the sources."""
+    links = f"{address}/blob/v{package_version()}/"
+    for name, pattern, text in (
+        (
+            "pyproject.toml",
+            r"(?m)^\[project\.scripts\]$",
+            f'[project.urls]\nRepository = "{address}"\n\n[project.scripts]',
+        ),
+        ("README.md", r"\]\((?!\w+:)", f"]({links}"),
+        ("CITATION.cff", r"(?m)^type: software$", f'type: software\nrepository-code: "{address}"'),
+        ("release/conda/recipe.yaml", r"(?m)^about:$", f"about:\n  repository: {address}"),
+    ):
+        path = source / name
+        found, count = re.subn(pattern, text, path.read_text(encoding="utf-8"))
+        if not count:
+            raise SystemExit(f"{name} has no place for the address of the repository")
+        path.write_text(found, encoding="utf-8")
+
+
+def build(address: str | None = None) -> list[Path]:
     """Build the sdist, and the wheel from the unpacked sdist alone."""
     shutil.rmtree(DIST, ignore_errors=True)
-    _run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", DIST)
+    with tempfile.TemporaryDirectory() as folder:
+        files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        for name in filter(None, files.split("\0")):
+            (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, Path(folder) / name)
+        if address:
+            with_address(Path(folder), address)
+        _run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", DIST, cwd=folder)
     (sdist,) = DIST.glob("*.tar.gz")
     with tempfile.TemporaryDirectory() as folder, tarfile.open(sdist) as archive:
         archive.extractall(folder, filter="data")
@@ -79,12 +108,18 @@ def check(sdist: Path, wheel: Path) -> None:
 
 def main() -> None:
     """Build and check a release."""
+    words = argparse.ArgumentParser(description="Build and check a release; nothing is uploaded.")
+    words.add_argument("--rehearse", action="store_true", help="even if versions do not agree")
+    words.add_argument("--repository", metavar="URL", help="address of the repository")
+    given = words.parse_args()
     problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()])]
-    if problems and "--rehearse" not in sys.argv:
+    if not given.repository:
+        problems.append("no address was given: add --repository URL")
+    if problems and not given.rehearse:
         raise SystemExit("\n".join(problems))
     for sentence in problems:
         print(f"not ready: {sentence}")
-    paths = build()
+    paths = build(given.repository)
     check(*paths)
     print("Checked:", *(f"\n  {path.relative_to(ROOT)}" for path in paths))
     print(f"To publish: git tag v{package_version()}, push the tag, then twine upload dist/*")

@@ -198,6 +198,35 @@ def test_a_release_names_one_version_everywhere():
     assert release["inconsistent_versions"]() == []
 
 
+def test_the_address_of_the_repository_is_one_setting(tmp_path):
+    """The sources name none; a release writes the one that it is given everywhere."""
+    release, address = runpy.run_path(str(ROOT / "release" / "release.py")), "https://code.example/stickslip"
+    for name in ("pyproject.toml", "README.md", "CITATION.cff", "release/conda/recipe.yaml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text((ROOT / name).read_text())
+        assert "https://" not in re.sub(r"https://doi\S+", "", (ROOT / name).read_text()), name
+    release["with_address"](tmp_path, address)
+    metadata = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
+    assert metadata["urls"] == {"Repository": address} and metadata["scripts"] == PROJECT["scripts"]
+    assert yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"] == address
+    assert yaml.safe_load((tmp_path / "release/conda/recipe.yaml").read_text())["about"]["repository"] == address
+    links = re.findall(r"\]\((.*?)\)", (tmp_path / "README.md").read_text())
+    assert links and all(link.startswith(f"{address}/blob/v") for link in links)
+
+
+def test_the_four_papers_can_be_cited():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())["references"]
+    assert [one["authors"][0]["family-names"] for one in cited] == ["Charan", "Bonfanti", "McNamara", "Ferdowsi"]
+
+
+def test_the_changelog_has_a_screen_for_each_release_newest_first():
+    text = (ROOT / "CHANGELOG.md").read_text()
+    heads = re.findall(r"^## (.+)$", text, flags=re.M)
+    dates = [re.fullmatch(r"(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)", head) for head in heads if head != "Unreleased"]
+    assert all(dates) and sorted((one[2] for one in dates), reverse=True) == [one[2] for one in dates]
+    assert max(len(part.splitlines()) for part in text.split("\n## ")) <= 60
+
+
 def test_the_conda_recipe_has_the_dependencies_of_the_package():
     recipe = yaml.safe_load((ROOT / "release" / "conda" / "recipe.yaml").read_text())
     listed = {
