@@ -64,6 +64,7 @@ def with_address(source: Path, address: str) -> None:
             r"(?m)^\[project\.scripts\]$",
             f'[project.urls]\nRepository = "{address}"\n\n[project.scripts]',
         ),
+        ("README.md", r"(!\[[^]]*\])\((?!\w+:)", rf"\1({links.replace('/blob/', '/raw/')}"),
         ("README.md", r"\]\((?!\w+:)", f"]({links}"),
         ("CITATION.cff", r"(?m)^type: software$", f'type: software\nrepository-code: "{address}"'),
         ("release/conda/recipe.yaml", r"(?m)^about:$", f"about:\n  repository: {address}"),

@@ -211,7 +211,7 @@ def test_the_address_of_the_repository_is_one_setting(tmp_path):
     assert yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"] == address
     assert yaml.safe_load((tmp_path / "release/conda/recipe.yaml").read_text())["about"]["repository"] == address
     links = re.findall(r"\]\((.*?)\)", (tmp_path / "README.md").read_text())
-    assert links and all(link.startswith(f"{address}/blob/v") for link in links)
+    assert links and all(re.match(f"{address}/(raw|blob)/v", link) for link in links)
 
 
 def test_the_four_papers_can_be_cited():

@@ -49,7 +49,7 @@ def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
         (["reproduce", "disk-array", "--seed", "x"], "valid integer"),
         (["reproduce", "disk-array", "--fast"], "No such option: --fast"),
         (["run", "absent.toml", "--out", "out"], "absent.toml cannot be read"),
-        (["jump"], "No such command 'jump'"),
+        (["jump"], "command 'jump' is not known: use reproduce, run"),
     ],
 )
 def test_wrong_words(words, sentence, tmp_path):

@@ -10,6 +10,7 @@ from types import ModuleType
 import pytest
 
 import stickslip
+from stickslip.cli import app
 from stickslip.lazy import WORDS
 
 ROOT = Path(__file__).parents[2]
@@ -71,7 +72,7 @@ def test_help_is_a_table_of_contents(space):
 
 
 def test_the_top_level_is_small_and_names_differ_by_more_than_case():
-    assert len(stickslip.__all__) <= 50
+    assert len(stickslip.__all__) <= 52
     for space in (stickslip, *NAMESPACES, *EXPERIMENTS):
         low = [name.lower() for name in space.__all__ if not isinstance(getattr(space, name), ModuleType)]
         assert len(set(low)) == len(low), space.__name__
@@ -114,5 +115,16 @@ def test_a_name_in_two_namespaces_names_both():
 def test_words_of_other_programs_lead_to_names_that_exist():
     with pytest.raises(AttributeError, match=r"did you mean stickslip\.packings\.jammed\?"):
         stickslip.packings.random  # noqa: B018
-    for path in " ".join(WORDS.values()).split():
-        assert callable(attrgetter(path)(stickslip)), path
+    with pytest.raises(AttributeError, match=r"did you mean `stickslip report`\?"):
+        stickslip.report  # noqa: B018
+    for path in ", ".join(WORDS.values()).split(", "):
+        if path.startswith("`"):
+            assert path.strip("`").split()[1] in [one.callback.__name__ for one in app.registered_commands]
+        else:
+            assert attrgetter(path)(stickslip), path
+
+
+@pytest.mark.parametrize("word", ["walton", "temperature", "dilation", "lubrication", "buckling", "qwertz"])
+def test_no_name_is_better_than_a_misleading_one(word):
+    with pytest.raises(AttributeError, match=r"has no attribute '\w+': see help\(stickslip\)"):
+        getattr(stickslip, word)

@@ -11,7 +11,18 @@ from .. import __version__
 
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
 
+
+class _Commands(typer.core.TyperGroup):
+    """Commands; an unknown one is answered with the nearest, or with all."""
+
+    def resolve_command(self, ctx, args):
+        if self.get_command(ctx, args[0]) is None:
+            check_choice("command", args[0], self.list_commands(ctx))
+        return super().resolve_command(ctx, args)
+
+
 app = typer.Typer(
+    cls=_Commands,
     invoke_without_command=True,
     rich_markup_mode=None,  # plain text: the same in a terminal, a pipe and a log
     pretty_exceptions_enable=False,

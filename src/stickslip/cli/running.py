@@ -139,7 +139,7 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
 @app.command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
 def run(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
-    out: Out = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/SCENARIO.")] = None,
     engine: Engine = None,
     ranks: Ranks = None,
     export: Annotated[
@@ -163,8 +163,9 @@ def run(
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
 
-    if (out is None) == (export is None):
-        raise ValueError("give either --out, a folder for results, or --export, a folder for the input of LAMMPS")
+    if out is not None and export is not None:
+        raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
+    out = out or Path("results") / scenario.stem
     tables, how = read_tables(scenario), {"quiet": quiet, "as_json": as_json}
     if trust:
         trust_law_files(tables)
