@@ -262,3 +262,18 @@ def test_a_table_without_room_becomes_lines(capsys, monkeypatch):
     monkeypatch.setattr(terminal.console, "width", 80)
     terminal.show_table(table)
     assert "length of a column" in capsys.readouterr().out.splitlines()[2]
+
+
+def test_a_remaining_time_is_shown_only_if_the_rate_is_steady():
+    times = [0.5 * k for k in range(1, 200)]
+
+    def left(share_of, until):
+        return terminal.estimate_left([(t, share_of(t)) for t in times if t <= until])
+
+    assert left(lambda t: t / 100, 40) == pytest.approx(60)
+    assert left(lambda t: t / 100, 4) is None  # too early
+    assert left(lambda t: t / 10_000, 99) is None  # too little is done
+    assert left(lambda t: 1 - (1 - t / 100) ** 3, 80) is None  # slower and slower: 20 s would be said, and take longer
+    assert left(lambda t: (t / 100) ** 2, 50) is None
+    assert left(lambda t: min(t / 100, 0.3), 90) is None  # it hangs
+    assert terminal.estimate_left([(0.0, 0.0)]) is None

@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from bisect import bisect
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -29,6 +30,7 @@ console = Console(soft_wrap=False, markup=False, highlight=False, width=_width()
 
 NARROW = 60  # columns below which the cells of tables would be broken
 WIDE = 110  # columns from which on a stage and its text share a line
+STEADY = 5.0  # time after which the remaining time of a stage may be estimated [s]
 LINES = 30.0  # time between lines without a terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 
@@ -87,6 +89,7 @@ def progress(*, transient: bool = False):
     transient : whether the lines are removed at the end (if so, stages are not printed without a terminal)
     """
     stages: dict[str, int] = {}
+    past: dict[str, list[tuple[float, float]]] = {}
     plain_line = None if can_redraw() else _plain_progress(transient)
     console.is_interactive = can_redraw()
     with _Bars(*_columns(), console=console, disable=not can_redraw(), transient=transient, expand=True) as bar:
@@ -97,9 +100,15 @@ def progress(*, transient: bool = False):
                     bar.update(task, total=1.0, completed=1.0, left="")
                 stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
-            if left is None and 0 < share < 1 and spent > 2:
-                left = spent * (1 - share) / share
-            bar.update(task, completed=share, words=words, left="" if left is None else f"{format_duration(left)} left")
+            history = past.setdefault(stage, [])
+            if len(history) > 1000:
+                history[:] = history[::2]
+            history.append((spent, share))
+            left = estimate_left(history) if left is None else left
+            shown = f"{share:.0%}" if 0 < share < 1 else ""
+            bar.update(
+                task, completed=share, words=words, left=shown if left is None else f"{format_duration(left)} left"
+            )
             if plain_line:
                 plain_line(stage, share, words, left)
 
@@ -118,6 +127,19 @@ def progress(*, transient: bool = False):
             yield update
         for task in stages.values():
             bar.update(task, total=1.0, completed=1.0, left="")
+
+
+def estimate_left(history: list[tuple[float, float]]) -> float | None:
+    """Estimate the remaining time of a stage [s] from its elapsed times and shares; None if its rate is not steady.
+
+    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise nothing is
+    known about the rest: steps of a load path, for example, take longer the closer they are to the end.
+    """
+    (spent, share), half = history[-1], history[bisect(history, (0.5 * history[-1][0],)) - 1]
+    if not 0.05 < share < 1 or spent < STEADY or share <= half[1]:
+        return None
+    mean, recent = spent * (1 - share) / share, (spent - half[0]) * (1 - share) / (share - half[1])
+    return recent if max(mean, recent) <= 1.3 * min(mean, recent) else None
 
 
 def _plain_progress(transient: bool):
