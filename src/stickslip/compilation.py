@@ -1,6 +1,7 @@
-"""Announcements of kernel compilation, to the logger `stickslip` and to progress displays."""
+"""Announcements of kernel compilation, to progress displays, to the logger `stickslip`, and to people at a keyboard."""
 
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -38,11 +39,19 @@ def announced_to(listener: Callable[[str | None], None]) -> Iterator[None]:
 def start(name: str) -> None:
     """Announce that a kernel is being compiled."""
     if not _compiled:
-        _LOG.info("%s: each kind of computation takes a few seconds the first time", headline())
+        words = f"{headline()}: each kind of computation takes a few seconds the first time"
+        _LOG.info(words)
+        if not _listeners and _somebody_waits():
+            print(f"stickslip: {words}", file=sys.stderr)
     _LOG.debug("compiling %s", name)
     _compiled.append(name)
     for listener in _listeners:
         listener(name)
+
+
+def _somebody_waits() -> bool:
+    """Return True in a notebook, or if errors go to a terminal."""
+    return "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty())
 
 
 def end() -> None:

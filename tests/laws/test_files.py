@@ -16,6 +16,7 @@ from stickslip.core.laws.builtin import parameter_names
 from stickslip.data import archive
 from stickslip.data.sample import PackingError
 from stickslip.experiments.registry import read_tables, scenario
+from stickslip.experiments.sweep.definition import members as sweep_members
 from tests.conftest import make_packing, stickslip_here, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -212,3 +213,27 @@ def test_report_and_export_execute_a_law_only_where_they_must_and_may(folder):
     assert said.returncode == 2 and "mine.py has changed since the run began" in said.stderr
     mine.write_text(mine.read_text().removesuffix("# changed\n"))
     assert stickslip_here("report", folder / "out", "-q").returncode == 0
+
+
+def test_parameters_of_a_file_are_swept_by_name(folder):
+    toml = folder / "flow.toml"
+    toml.write_text(FLOW + '[sweep]\n"law.parameters.mu_r" = [0.0, 0.3]\n')
+    assert stickslip_here("run", toml, "--out", folder / "out", "--trust", "-q").returncode == 0
+    data = ss.io.open_dataset(folder / "out")
+    assert data["law.parameters.mu_r"].values.tolist() == [0.0, 0.3] and data["finished"].values.all()
+    toml.write_text(FLOW + '[sweep]\nmode = "sample"\nnumber = 3\n"law.parameters.mu_r" = {uniform = [0.0, 0.3]}\n')
+    found = [one.scenario.law.parameters["mu_r"] for one in sweep_members(ss.io.read_sweep(toml))]
+    assert len(set(found)) == 3 and all(0 < one < 0.3 for one in found)
+    toml.write_text(FLOW + '[sweep]\n"law.parameters.stiff" = [0.0, 0.3]\n')
+    said = stickslip_here("run", toml, "--out", folder / "other", "--trust")
+    assert said.returncode == 2 and "no parameter 'stiff': it has kn, kt, mu, mu_r" in said.stderr
+    assert not (folder / "other").exists()
+    with pytest.raises(ss.experiments.ScenarioError, match=r"as in law\.parameters\.NAME"):
+        ss.sweep(**read_tables(folder / "flow.toml") | {"sweep": {"law.parameters": [1.0]}})
+
+
+def test_a_law_prints_its_name_and_all_parameters():
+    law = ss.laws.from_file(EXAMPLES / "rolling_law.py", mu_r=0.2)
+    assert repr(law) == "Law: rolling_law, sharp Coulomb, kn = 1, kt = 0.8, mu = 0.5, mu_r = 0.2"
+    pair = ss.laws.for_pair(ss.laws.linear(1.0, 0.5, 0.1, damping_n=0.2), 0, 1, mu=0.4)
+    assert repr(pair) == "Law: linear, sharp Coulomb, 2 materials, kn = 1, kt = 0.5, mu = 0.1 to 0.4, damping_n = 0.2"

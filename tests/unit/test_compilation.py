@@ -73,3 +73,18 @@ def test_the_headline_says_how_often_kernels_are_compiled(monkeypatch):
     assert compilation.headline() == compilation.ONCE
     compilation.forget_afterwards()
     assert compilation.headline() == compilation.ALWAYS
+
+
+def test_who_waits_at_a_terminal_is_told_once(monkeypatch, capsys):
+    monkeypatch.setattr(compilation, "_compiled", [])
+    for somebody, said in ((False, 0), (True, 1)):
+        monkeypatch.setattr(compilation, "_compiled", [])
+        monkeypatch.setattr(compilation, "_somebody_waits", lambda somebody=somebody: somebody)
+        for _ in range(2):
+            compilation.start("a kernel")
+            compilation.end()
+        assert capsys.readouterr().err.count("stickslip: compiling kernels") == said
+    monkeypatch.setattr(compilation, "_compiled", [])
+    with compilation.announced_to(lambda kernel: None):  # a progress display says it
+        compilation.start("a kernel")
+    assert not capsys.readouterr().err

@@ -1,6 +1,6 @@
 """Dotted keys for the tables of a scenario, such as `law.mu`, or `legs.2.velocity` for the second entry of a list."""
 
-from typing import NamedTuple, get_args
+from typing import NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -22,17 +22,22 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
     ScenarioError
         if there is no such key; the message suggests the closest one.
     """
-    parts, tables, above = key.split("."), [kind], []
+    parts, tables, above, annotation = key.split("."), [kind], [], None
     for k, part in enumerate(parts):
         if part.isdigit() and above:
             continue
+        if get_origin(annotation) is dict and k == len(parts) - 1:  # names that a user chooses
+            return Entry(f"{part} of {'.'.join(above)}", None)
         if not tables:
             raise ScenarioError(f"sweep.{key}: {'.'.join(above)} is not a table and has no key {part!r}")
         found = next((table.model_fields[part] for table in tables if part in table.model_fields), None)
         if found is None:
             raise ScenarioError(f"sweep.{key}: {unknown_key((*above, part), kind)}")
-        above, tables = [*above, part], tables_in(found.annotation)
-        if k == len(parts) - 1 and tables and not get_args(found.annotation):
+        annotation = found.annotation
+        above, tables = [*above, part], tables_in(annotation)
+        if k == len(parts) - 1 and get_origin(annotation) is dict:
+            raise ScenarioError(f"sweep.{key} is a table: name one of its entries, as in {key}.NAME")
+        if k == len(parts) - 1 and tables and not get_args(annotation):
             raise ScenarioError(f"sweep.{key} is a table: name one of its keys, {', '.join(tables[0].model_fields)}")
     return Entry(found.description, found.default)
 

@@ -15,7 +15,7 @@ from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ..arguments import checked
 from ..options import INNER
 from ..readable import readable
-from .dispatch import Kind, by_kind, check_kind, find_user_law
+from .dispatch import USER_LAWS, Kind, by_kind, check_kind, find_user_law
 
 HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(
     len(BUILTIN_LAWS)
@@ -416,8 +416,13 @@ def parameter_names(law: Law) -> tuple[str, ...]:
 
 
 def _describe(law: Law) -> str:
-    kind = NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
-    materials = f"{len(law.table)} materials" if len(law.table) > 1 else "1 material"
-    first = law.table[0, 0]
-    numbers = f", kn = {first[KN]:.6g}, kt = {first[KT]:.6g}, mu = {first[MU]:.6g}" if len(law.table) == 1 else ""
-    return f"{kind}, {'smooth' if law.coulomb == SMOOTH else 'sharp'} Coulomb, {materials}{numbers}"
+    own = USER_LAWS.get(law.kind)
+    name = own.name if own else NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
+    words = [name, f"{'smooth' if law.coulomb == SMOOTH else 'sharp'} Coulomb"]
+    words += [f"{len(law.table)} materials"] if len(law.table) > 1 else []
+    names = own.names if own else PARAMETERS
+    for parameter, values in zip(names, np.moveaxis(law.table, -1, 0), strict=False):
+        if parameter in PARAMETERS[:3] or values.any():  # dashpots only where there are any
+            low, high = values.min(), values.max()
+            words.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
+    return ", ".join(words)

@@ -37,14 +37,13 @@ def run_with_progress(
         if it returns False, nothing is run
     """
     where = reach(workers)
-    check_law_files(chosen.base)
     _install_results(out)
     others = _check_folder(out, overwrite)
     target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
     if target != out:
         going = ", ".join(name for name in OURS if (out / name).exists())
         console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep is complete.", markup=False)
-    member(chosen, 0)
+    check_law_files(member(chosen, 0).scenario.model_dump())
     console.print(_describe_size(chosen))
     if chosen.count > MANY:
         console.print(f"On {where.words}: {estimate(chosen, target, where.slots)}.")
