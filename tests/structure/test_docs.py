@@ -11,6 +11,7 @@ from shutil import which
 import pytest
 from selenium import webdriver
 
+import stickslip as ss
 from stickslip.data.schema import tables_in
 from stickslip.experiments.registry import EXPERIMENTS
 
@@ -143,3 +144,23 @@ def test_the_cells_of_a_tutorial_run_in_an_empty_folder(page, tmp_path):
     away = os.environ | {"MPLBACKEND": "Agg", "PATH": path}
     run = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=away, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr[-2000:]
+
+
+RATIO = re.compile(r"(\d+\.\d+) (?:×|times)(?: as many[^.|]*| the rate of| that of)? (?:`?)(?:LAMMPS|YADE)")
+
+
+def test_each_speed_stands_once():
+    """Ratios to other codes are on the page of speeds; the README repeats its first one."""
+    pages = (DOCS.parent / "README.md", *PAGES)
+    found = {str(path.relative_to(DOCS.parent)): RATIO.findall(" ".join(path.read_text().split())) for path in pages}
+    found = {name: ratios for name, ratios in found.items() if ratios}
+    assert set(found) == {"README.md", "docs/performance.md"}
+    assert found["README.md"] == found["docs/performance.md"][:1]
+
+
+def test_the_comparison_denies_nothing_that_the_package_has():
+    text = (DOCS / "about" / "comparison.md").read_text()
+    denied = re.search(r"stickslip does not provide (.*?)\.\n\n", text, re.DOTALL)[1]
+    assert denied and "state variable" not in denied and "posterior" not in denied
+    assert {"b2", "dc2", "v1", "v2"} <= set(ss.friction.RateState._fields) and callable(ss.friction.posterior)
+    assert ss.control.stress_controlled and "ranks" in ss.experiments.flow.FlowScenario.model_fields
