@@ -101,7 +101,9 @@ def test_the_quick_reproduction_has_every_claim(tmp_path):
     claims = {c["id"]: c for c in json.loads((tmp_path / "out" / "claims.json").read_text())}
     assert sorted(claims) == sorted(IDS)
     assert claims["pairs-at-zero-slip"]["measured"] == 0
-    assert 4e-5 < claims["onset-strain"]["measured"] < 1e-3
+    assert 4e-5 < claims["onset-strain"]["measured"] < 5e-3
+    decided = [c["id"] for c in claims.values() if c["verdict"] not in ("undecided", "no reference")]
+    assert len(decided) >= 4, "a quick run that decides nothing is not worth its time"
     assert claims["im-lambda-at-birth-exponent"]["measured"] == pytest.approx(0.5, rel=0.05)
     assert claims["growth-rate-ratio"]["measured"] == pytest.approx(1, abs=1e-3)
     assert claims["frequency-ratio"]["measured"] == pytest.approx(1, abs=1e-4)

@@ -13,7 +13,7 @@ from .claims import CASES, evaluate_claims
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, Report, silent, simulate_quasi
 
-QUICK_CASES = 100
+QUICK_CASES = 60
 
 
 class Reproduction(NamedTuple):
@@ -29,7 +29,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
     if quick:
         return validate_scenario(
             QuasiScenario, seed=seed, samples=2, disks={"number": 60}, loading=loading,
-            dynamics={"times": (1e4, 3e4, 1e5)},
+            dynamics={"times": (1e4, 2e4, 4e4)},
         )  # fmt: skip
     return validate_scenario(
         QuasiScenario, seed=seed, samples=5, disks={"number": 100}, loading=loading,

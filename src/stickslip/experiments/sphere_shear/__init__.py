@@ -35,9 +35,9 @@ EXPERIMENT = Experiment(
     paper=Paper(
         title="Paper 001: sheared packings of spheres",
         cuts=(
-            "2 packings instead of 5; strain steps of 5e-4 beyond 1e-3 instead of 1e-4 beyond 2e-3; Newtonian runs of "
-            "25 growth times (at least 2e4 time units) instead of 45 (5e4), too short to reach failure; 12 spectra"
-            " per run instead of 40"
+            "4 packings of 40 spheres instead of 5 of 100; strain steps of 1e-3 beyond 1e-3 instead of 1e-4 beyond "
+            "2e-3; Newtonian runs of 25 growth times (at least 2e4 time units) instead of 45 (5e4); 12 spectra per run "
+            "instead of 40"
         ),
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),

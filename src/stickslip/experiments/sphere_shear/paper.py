@@ -27,9 +27,10 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
         return validate_scenario(
             ShearScenario,
             seed=seed,
-            packings=2,
-            shear={"strain": (0.0, 1e-3, 0.02), "step": (2e-5, 5e-4)},
-            release={"e_folds": 25.0, "least": 2e4, "duration": 3.5e5, "snapshots": 12},
+            packings=4,
+            packing={"grains": 40},
+            shear={"strain": (0.0, 1e-3, 0.02), "step": (2e-5, 1e-3)},
+            release={"e_folds": 25.0, "least": 2e4, "duration": 3e5, "snapshots": 12},
         )
     return validate_scenario(ShearScenario, seed=seed)
 
