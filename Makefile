@@ -1,11 +1,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
+RUN := .venv/.run-installed
 STAMP := .venv/.installed
 DOCS := .venv/.docs-installed
 
 .PHONY: demo test coverage quick slow lint bench docs release lock clean
 
-demo: $(STAMP)  ## install, run a quick version of paper 000, print how much is reproduced and the paths of the figures
+demo: $(RUN)  ## install, run a quick version of paper 000, print how much is reproduced and the paths of the figures
 	@nice $(BIN)/stickslip warm stability >/dev/null 2>&1 &
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
@@ -43,15 +44,21 @@ release: $(STAMP)  ## build the wheel and the sdist into dist/ and check them; u
 lock:  ## regenerate the lock files with uv
 	@PATH="$(BIN):$$PATH" command -v uv >/dev/null || { echo "make lock needs uv: $(BIN)/pip install uv"; exit 1; }
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
+	printf 'hatchling\neditables\n' | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 -c requirements.lock pyproject.toml - -o requirements-run.lock
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
 	echo twine | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
 
-$(STAMP): requirements.lock pyproject.toml
+$(RUN): requirements-run.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"
 	@echo "installing into .venv (about half a minute, once)"
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-run.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(STAMP): $(RUN) requirements.lock
+	@echo "installing the development tools into .venv (once)"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	@touch $@
 
 $(DOCS): $(STAMP) requirements-docs.lock

@@ -100,6 +100,15 @@ def test_the_lock_pins_packages_with_the_extras_that_others_require():
     assert wanted and {name: extras_ - pinned[name] for name, extras_ in wanted.items() if extras_ - pinned[name]} == {}
 
 
+def test_the_demo_installs_the_same_versions_and_no_tools():
+    everything, run = (
+        dict(re.findall(r"^([\w.-]+)(?:\[[\w,-]+\])?==(\S+)", (ROOT / name).read_text(), re.MULTILINE))
+        for name in ("requirements.lock", "requirements-run.lock")
+    )
+    assert {name: version for name, version in run.items() if everything.get(name) != version} == {}
+    assert not {"pytest", "ruff", "selenium", "dask", "gsd"} & set(run) and "numba" in run
+
+
 IMPORTS = """
 import importlib, pathlib
 for path in sorted(pathlib.Path("benchmarks").glob("*.py")):
