@@ -25,7 +25,8 @@ class Scales(NamedTuple):
 def natural_scales(state: State, law: Law, length: float | None = None) -> Scales:
     """Natural units of a packing; under a change of units they change as quantities of their kind do.
 
-    Another length may be given. The force is that of the stiffest pair of materials. A user-defined law is extrapolated linearly from a tenth of d.
+    Another length may be given. The force is that of the stiffest pair of materials. A user-defined law is extrapolated
+    linearly from a tenth of it.
     """
     length = 2.0 * float(state.grains.radius.min()) if length is None else length
     force = max(_force_at(law, row, length) for row in law.table.reshape(-1, law.table.shape[2]).tolist())

@@ -40,7 +40,7 @@ def relax(
     ----------
     tolerance : float [force]; default: 1e-14 F, where F is the normal force that the law gives, extrapolated to an
         overlap of the smallest diameter d, such as k_n d^{3/2}
-    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F) with the mass m of the lightest grain, and the same for spins
+    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F), m the mass of the lightest grain; both alike
     dt : float [time]; default: 0.1 √(m d/F)
     steps : int, largest number allowed
 
