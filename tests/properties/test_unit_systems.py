@@ -187,6 +187,23 @@ def test_units_change_no_outcome_of_kicks(units):
     np.testing.assert_array_equal(threshold(units), threshold(Units()))
 
 
+@pytest.mark.parametrize(
+    ("law", "damping", "unit"),
+    [("linear", "velocity", "force time/length"), ("linear", "mass_velocity", "1/time"),
+     ("hertz_mindlin_reff", "viscoelastic", "1/time length")],
+)  # fmt: skip
+def test_units_change_no_restitution(law, damping, unit):
+    """The root is found to a relative 1e-9, wherever it lies; the collision, whose depth has an odd root, to 1e-10."""
+
+    def gamma(u):
+        here = {"radius": 0.5 * u.length, "mass": u.mass, "speed": 0.01 * u.length / u.time}
+        found = ss.laws.with_restitution(u.law(law, damping=damping), 0.7, **here).table[0, 0, 3]
+        return found / {"1/time": 1 / u.time, "1/time length": 1 / u.time / u.length}.get(unit, u.mass / u.time)
+
+    for units in (Units(1e-9, 1e-12, 1e9), Units(1e6, 1e9, 1e-9)):
+        assert gamma(units) == pytest.approx(gamma(Units()), rel=1e-8)
+
+
 def mechanics(state, law, u):
     """Forces [force] on the contacts of a packing, by pair and image, and its cell, in the units of the test."""
     force, count = ss.measure.contact_forces(state, law) / u.force, int(state.contacts.count[0])
