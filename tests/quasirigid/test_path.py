@@ -12,7 +12,7 @@ from stickslip.quasirigid import increment as piece
 from stickslip.quasirigid.events import Event
 from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Increment, PathState
 from stickslip.quasirigid.opening import decide_statuses
-from stickslip.quasirigid.path import load_path
+from stickslip.quasirigid.path import AGAIN, RETURNS, LoadPath, load_path
 from stickslip.quasirigid.status import Alternative, Verdict, contact_status
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 
@@ -416,3 +416,14 @@ def test_contacts_that_slide_along_the_cone_do_not_flip_to_and_fro():
     assert path.verdict is Verdict.CONSISTENT
     assert path.points[-1].load == 1
     assert len(path.events) < 100
+
+
+def test_a_disk_that_is_wedged_again_and_again_is_reported():
+    """Where it is freed in between depends on the increment, and with it the end of the path."""
+
+    def path(times):
+        events = [Event(0.1 + 1e-4 * k, RETURNS, 83, -1) for k in range(times)] + [Event(0.05, RETURNS, 7, -1)]
+        return LoadPath((), tuple(events), Verdict.UNSTABLE, (), 0, None)
+
+    assert f"disk 83 was wedged and freed {AGAIN} times" in path(AGAIN).summary
+    assert "wedged" not in path(AGAIN - 1).summary

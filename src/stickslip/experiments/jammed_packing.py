@@ -7,7 +7,7 @@ from ..loading.packing import jammed
 DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
 
 
-def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float = 5e-14):
+def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float | None = None):
     """Make the packing of a scenario; return State and PackingInfo, see `jammed`."""
     fraction = chosen.packing_fraction
     if fraction is None and chosen.pressure is None:

@@ -1,19 +1,22 @@
 """Boxes of disks at rest under a pressure: initial states of biaxial tests and of simple shear."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_positive
 from ..core.control import force_controlled, stress_controlled
 from ..core.dynamics.run import run
-from ..core.laws.builtin import Law, linear
+from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
-from ..solve.equilibrate import equilibrate
-from .packing import jammed
+from ..solve.equilibrate import BALANCED, equilibrate
+from .packing import balance, check_radii, frictionless, random_grains
 
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
 STEPS, BLOCKS = 20_000, 150  # steps of a block of damped dynamics, and largest number of blocks
 SOFT = 0.01  # largest pressure over kn; beyond it overlaps are not small
+FRACTION = 0.86  # packing fraction of the jammed packing
 LOOSE = 1.15  # expansion of the jammed packing before the walls compress it
 
 
@@ -26,6 +29,7 @@ def biaxial_box(
     kt: float = 0.5,
     mu: float = 0.5,
     radius=(0.4, 0.6),
+    density: float = 4 / np.pi,
     seed: int = 0,
     tolerance: float = 1e-9,
 ) -> tuple[State, Law]:
@@ -37,8 +41,11 @@ def biaxial_box(
     Parameters
     ----------
     pressure : float; pressure/kn is the typical overlap in diameters [force/length]
-    radius : as in `jammed` [length]; masses are those of disks of density 1/(π/4)
-    tolerance : float, largest unbalanced force, in units of the pressure times a length of 1
+    kn, kt : stiffnesses [force/length]
+    radius : as in `jammed` [length]
+    density : float, mass per area of a disk; a disk of diameter 1 has the mass 1 by default [mass/length²]
+    tolerance : float, largest unbalanced force, in units of the pressure times the sum of the smallest and the largest
+        radius
 
     Returns
     -------
@@ -61,43 +68,72 @@ def biaxial_box(
     >>> len(state.grains.radius), len(state.walls.normal)
     (30, 4)
     """
-    law = _contact_law(kn, kt, mu, pressure)
-    packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
-    sizes, cell = packing.grains.radius, LOOSE * packing.cell.vectors[0, 0]
+    sizes, scales = _sizes(n, radius, density, kn)
+    law = _contact_law(kn, kt, mu, pressure, scales)
+    position, side = _jammed_positions(sizes, scales.length, seed)
     room = float(sizes.max())
-    position = LOOSE * np.mod(packing.grains.position, packing.cell.vectors[0, 0])
-    grains = disks(position[:, :2] + room, sizes, mass=4 * sizes**2)
-    length = cell + 2 * room
+    grains = disks(LOOSE * np.mod(position, side) + room, sizes, mass=density * np.pi * sizes**2)
+    length = LOOSE * side + 2 * room
     walls = flat_walls(
-        [[0, 0], [0, 0], [length, 0], [0, length]], [[1, 0], [0, 1], [-1, 0], [0, -1]], mass=float(n) / 4
-    )
+        [[0, 0], [0, 0], [length, 0], [0, length]], [[1, 0], [0, 1], [-1, 0], [0, -1]],
+        mass=len(sizes) / 4 * scales.mass,
+    )  # fmt: skip
     control = loads(n, 4)
     control = force_controlled(control, [n + RIGHT], [-pressure * length, 0])
     control = force_controlled(control, [n + TOP], [0, -pressure * length])
     state = assembly(grains, walls, box(dim=2), control)
-    return settle(state, law, tolerance * pressure), law
+    return settle(state, law, tolerance * pressure * scales.length, scales.time), law
 
 
 @checked
 def sheared_box(
     n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
-    seed: int = 0, tolerance: float = 1e-9,
+    density: float = 4 / np.pi, seed: int = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
     """Frictional disks at rest under a prescribed pressure in a periodic cell with free strains xx, yy and xy.
 
     Arguments, law and errors are those of `biaxial_box`.
     """
-    law = _contact_law(kn, kt, mu, pressure)
-    packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
-    sizes, side = packing.grains.radius, 1.02 * packing.cell.vectors[0, 0]
-    grains = disks(1.02 * packing.grains.position[:, :2], sizes, mass=4 * sizes**2)
+    sizes, scales = _sizes(n, radius, density, kn)
+    law = _contact_law(kn, kt, mu, pressure, scales)
+    position, side = _jammed_positions(sizes, scales.length, seed)
+    grains = disks(1.02 * position, sizes, mass=density * np.pi * sizes**2)
     control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure, "xy": 0.0})
-    cell = box([side, side, 1.0], periodic=(True, True, False), dim=2)
-    return settle(assembly(grains, cell=cell, control=control), law, tolerance * pressure), law
+    cell = box([1.02 * side, 1.02 * side, 1.0], periodic=(True, True, False), dim=2)
+    state = assembly(grains, cell=cell, control=control)
+    return settle(state, law, tolerance * pressure * scales.length, scales.time), law
 
 
-def settle(state: State, law: Law, tolerance: float) -> State:
+class _Scales(NamedTuple):
+    """Units of a packing of disks, all 1 by default."""
+
+    length: float  # sum of the smallest and the largest radius [length]
+    mass: float  # of a disk of that diameter [mass]
+    time: float  # √(mass/kn) [time]
+
+
+def _sizes(n: int, radius, density: float, kn: float) -> tuple[np.ndarray, _Scales]:
+    """Radii of n disks, and the units of their packing."""
+    require_positive(density=density, kn=kn)
+    sizes = check_radii(radius, n)
+    length = float(sizes.min() + sizes.max())
+    mass = density * np.pi * (0.5 * length) ** 2
+    return sizes, _Scales(length, mass, float(np.sqrt(mass / kn)))
+
+
+def _jammed_positions(sizes: np.ndarray, length: float, seed: int) -> tuple[np.ndarray, float]:
+    """Positions (n, 2) of jammed disks without friction, and the side of their periodic cell."""
+    start = random_grains(
+        len(sizes), FRACTION, 2, radius=sizes / length, mass=1.0, i0=None, seed=seed, length=1.0
+    )  # fmt: skip
+    packing = balance(start, frictionless(hertz_mindlin()), BALANCED, length=1.0)
+    return length * packing.grains.position[:, :2], length * float(packing.cell.vectors[0, 0])
+
+
+def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State:
     """Bring a state to rest by damped dynamics until its largest unbalanced force is below the tolerance.
+
+    `time` is the time √(m/k) of a contact [time].
 
     Raises
     ------
@@ -107,7 +143,7 @@ def settle(state: State, law: Law, tolerance: float) -> State:
     for _ in range(BLOCKS):
         # keeps the sample of each seed unchanged, so that its known numbers remain valid
         state = state._replace(instant=None)
-        state, _, outcome = run(state, law, STEPS, 0.2, drag=0.02, tolerance=tolerance)
+        state, _, outcome = run(state, law, STEPS, 0.2 * time, drag=0.02 / time, tolerance=tolerance)
         if outcome.ok and outcome.iterations < STEPS:
             break
     still = np.zeros_like(state.grains.velocity)
@@ -122,10 +158,11 @@ def settle(state: State, law: Law, tolerance: float) -> State:
     return state
 
 
-def _contact_law(kn: float, kt: float, mu: float, pressure: float) -> Law:
+def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scales) -> Law:
     if not 0 < pressure <= SOFT * kn:
         raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
-    return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
+    rate = 0.2 / scales.time
+    return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=rate, damping_t=rate)
 
 
 @checked

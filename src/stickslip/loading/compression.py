@@ -14,7 +14,9 @@ from ..core.laws.builtin import Law, hertz_mindlin
 from ..core.measure import coordination, packing_fraction, volume
 from ..core.measure import pressure as pressure_of
 from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.scales import natural_scales
 from ..core.state import State, assembly, box, disks, loads
+from ..solve.equilibrate import BALANCED
 from ..solve.newton import newton
 from ..solve.quench import quench
 from .packing import DENSEST, frictionless, packing_info, random_grains
@@ -51,7 +53,7 @@ def compressed(
     i0: float | None = None,
     law: Law | None = None,
     seed: int = 0,
-    tolerance: float = 5e-14,
+    tolerance: float | None = None,
     report=None,
 ):
     """Frictional packing in a periodic box, compressed slowly from a loose state until it carries a pressure.
@@ -98,7 +100,7 @@ def compressed(
     """
     if (mu is None) == (law is None):
         raise ValueError("give either mu or a law")
-    require_positive(pressure=pressure, tolerance=tolerance)
+    require_positive(pressure=pressure)
     require_not_negative(mu=mu)
     law = hertz_mindlin(mu=mu) if law is None else law
     start = random_grains(n, LOOSE.get(dim, 1.0), dim, radius=radius, mass=mass, i0=i0, seed=seed)
@@ -107,6 +109,8 @@ def compressed(
             f"{n} grains were given: their cell would be narrower than {NARROWEST} of the largest grains, so that "
             f"it could collapse; use more grains"
         )
+    tolerance = BALANCED * natural_scales(start, law).force if tolerance is None else tolerance
+    require_positive(tolerance=tolerance)
     scales = _find_scales(start, law, pressure, tolerance)
     loose = quench(start, frictionless(law), 0.5 * tolerance)
     end = _compress(loose, law, pressure, scales, tolerance, report)

@@ -22,9 +22,10 @@ from ..core.measure import (
 )
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
+from ..core.scales import Scales, natural_scales
 from ..core.state import SLIDE, State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
-from ..solve.equilibrate import equilibrate
+from ..solve.equilibrate import BALANCED, equilibrate
 from ..solve.linear import one_thread
 from ..solve.quench import quench
 from ..solve.relax import residual
@@ -115,7 +116,7 @@ def jammed(
     i0: float | None = None,
     law: Law | None = None,
     seed: int = 0,
-    tolerance: float = 5e-14,
+    tolerance: float | None = None,
 ):
     """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible from its seed.
 
@@ -133,7 +134,7 @@ def jammed(
         [length]
     mass, i0 : as in `disks`; I0 is 1/2 for disks and 2/5 for spheres unless given
     law : Law whose normal force is used; default `hertz_mindlin()`. Its friction and dashpots are ignored
-    tolerance : float, largest unbalanced force [force]
+    tolerance : float, largest unbalanced force [force]; default: as in `equilibrate`
 
     Returns
     -------
@@ -157,7 +158,9 @@ def jammed(
     require_positive(**({"pressure": pressure} if packing_fraction is None else {"packing_fraction": packing_fraction}))
     law = frictionless(hertz_mindlin() if law is None else law)
     start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)
-    state = balance(random_grains(n, start, dim, radius=radius, mass=mass, i0=i0, seed=seed), law, tolerance)
+    state = random_grains(n, start, dim, radius=radius, mass=mass, i0=i0, seed=seed)
+    tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
+    state = balance(state, law, tolerance)
     if pressure is not None:
         state = _compress(state, law, pressure, tolerance)
     report = packing_info(state, law)
@@ -196,20 +199,25 @@ def packing_info(state: State, law: Law) -> PackingInfo:
     )
 
 
-def random_grains(n: int, fraction: float, dim: int, *, radius, mass, i0: float | None, seed: int) -> State:
-    """State of grains at random positions in a square or cubic periodic box of a given packing fraction."""
-    if n < 2:
-        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+def random_grains(
+    n: int, fraction: float, dim: int, *, radius, mass, i0: float | None, seed: int, length: float | None = None
+) -> State:
+    """State of grains at random positions in a square or cubic periodic box of a given packing fraction.
+
+    Powers are taken in units of `length`, by default the smallest diameter, so that units change nothing but units.
+    """
     if dim not in JAMMED:
         raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
-    n, sizes = int(n), _check_radii(radius, int(n))
+    sizes = check_radii(radius, n)
+    length = 2.0 * float(sizes.min()) if length is None else length
     volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
-    side = float(volume / fraction) ** (1 / dim)
+    side = length * float(volume / length**dim / fraction) ** (1 / dim)
     if side < 2 * sizes.max():
         raise ValueError(
             f"{n} grains at packing fraction {fraction:g} need a box of side {side:.3g}, narrower than the largest "
             f"grain ({2 * sizes.max():g}): use more grains"
         )
+    n = len(sizes)
     position = np.zeros((n, 3))
     position[:, :dim] = np.random.default_rng(seed).uniform(0, side, (n, dim))
     make = disks if dim == 2 else spheres
@@ -217,44 +225,51 @@ def random_grains(n: int, fraction: float, dim: int, *, radius, mass, i0: float 
     return assembly(grains, cell=box([side, side, side if dim == 3 else 1.0], [True, True, dim == 3], dim))
 
 
-def _check_radii(radius, n: int) -> np.ndarray:
+def check_radii(radius, n: int) -> np.ndarray:
+    """Radii of n grains, from one, a few with equal numbers of grains, or n of them."""
+    if n < 2:
+        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+    n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise ValueError(f"radius = {radius} was given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 
-def balance(state: State, law: Law, tolerance: float) -> State:
-    """Minimise the elastic energy from the given positions, then balance the forces."""
-    near = quench(state, law, 0.5 * tolerance) if len(state.grains.radius) >= MANY else _minimise(state, law)
+def balance(state: State, law: Law, tolerance: float, length: float | None = None) -> State:
+    """Minimise the elastic energy from the given positions, then balance the forces.
+
+    `length` is that of the first displacement, the Euclidean norm over all grains; by default the smallest diameter.
+    """
+    many, scales = len(state.grains.radius) >= MANY, natural_scales(state, law, length)
+    near = quench(state, law, 0.5 * tolerance) if many else _minimise(state, law, scales)
     end, outcome = equilibrate(near, law, tolerance=tolerance, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the forces of the packing could not be balanced", outcome)
     return end
 
 
-def _minimise(state: State, law: Law) -> State:
-    """Minimise the elastic energy by L-BFGS-B."""
-    n, dim = len(state.grains.radius), state.cell.dim
-
+def _minimise(state: State, law: Law, scales: Scales) -> State:
+    """Minimise the elastic energy by L-BFGS-B, whose first step has the size 1 in its coordinates."""
+    n, dim, length = len(state.grains.radius), state.cell.dim, scales.length
+    scale = scales.force / length * float(state.grains.radius.mean()) ** 2  # [energy]
     latest = [state]  # with its neighbour list, which stays valid for many evaluations
 
     def placed(q):
         position = np.zeros((n, 3))
-        position[:, :dim] = q.reshape(n, dim)
+        position[:, :dim] = length * q.reshape(n, dim)
         latest[0] = with_neighbor_list(latest[0]._replace(grains=state.grains._replace(position=position)))
         return latest[0]
 
     def energy(q):
         here = placed(q)
         loads, trial = forces(here, law)
-        return elastic_energy(accept(here, trial), law), -loads.force[:n, :dim].ravel()
+        return elastic_energy(accept(here, trial), law) / scale, -loads.force[:n, :dim].ravel() * length / scale
 
-    scale = float(law.table[0, 0, 0]) * float(state.grains.radius.mean()) ** 2
     with one_thread():  # many tiny systems: on a busy machine threads of BLAS would take ten times as long
         best = minimize(
-            lambda x: tuple(part / scale for part in energy(x)),
-            state.grains.position[:, :dim].ravel(),
+            energy,
+            state.grains.position[:, :dim].ravel() / length,
             jac=True,
             method="L-BFGS-B",
             options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 0.0, "gtol": 1e-9, "maxcor": 20},
@@ -270,14 +285,15 @@ def _is_jammed(state: State, law: Law, tolerance: float) -> bool:
 def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
     """Compress and quench until the given pressure is reached; p^(2/3) is nearly linear in the strain."""
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
-    reference = state
+    reference, scales = state, natural_scales(state, law)
+    unit = scales.force / scales.length ** (dim - 1)  # of pressure
     for _ in range(60):
         now = pressure(state, law) if _is_jammed(state, law, tolerance) else 0.0
         if abs(now / wanted - 1) < 1e-6:
             return state
-        here = (strain, now ** (2 / 3))
+        here = (strain, (now / unit) ** (2 / 3))
         if now > 0 and before and before[1] > 0 and abs(here[1] - before[1]) > 1e-14:
-            step = (wanted ** (2 / 3) - here[1]) * (here[0] - before[0]) / (here[1] - before[1])
+            step = ((wanted / unit) ** (2 / 3) - here[1]) * (here[0] - before[0]) / (here[1] - before[1])
             step = float(np.clip(step, -0.02, 0.02))
         elif now > wanted:
             step = abs(step)

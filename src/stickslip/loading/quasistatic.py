@@ -28,7 +28,7 @@ NEGATIVE = "of negative stiffness"
 
 @checked
 def aqs(
-    law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = False, on_instability: str = "tell",
+    law: Law, *, slip: bool = True, tolerance: float | None = None, modes: bool = False, on_instability: str = "tell",
     drag: float | None = None,
 ) -> Protocol:  # fmt: skip
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
@@ -41,7 +41,7 @@ def aqs(
     Parameters
     ----------
     slip : whether the affine displacement contributes to the slip; see `strained`
-    tolerance : float, largest unbalanced force or torque/R [force]
+    tolerance : float, largest unbalanced force or torque/R [force]; default: as in `equilibrate`
     modes : whether spectra along the path contain modes
     on_instability : what happens after a step to an unstable equilibrium or another branch. "tell": the outcome of the
         step contains a warning; the first one on a path that is not only about complex pairs, which the spectra of

@@ -12,13 +12,16 @@ from ..core.laws.builtin import Law
 from ..core.measure import rattlers, volume
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
+from ..core.scales import natural_scales
 from ..core.state import State
 from ..solve.spectrum import Spectrum, spectrum
 from .protocols import Growth, fit_growth
 
-WINDOW = (1e-22, 1e-11)  # M between noise and the first change of the spectrum, where growth is fitted [length²]
+# M between noise and the first change of the spectrum, where growth is fitted, over the square of the smallest diameter
+WINDOW = (1e-22, 1e-11)
 CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
-FUNNEL = (1e-17, 1e-13)  # range of M in which single turns of the trajectories are saved for the figure [length²]
+FUNNEL = (1e-17, 1e-13)  # likewise, range of M in which single turns of the trajectories are saved for the figure
+LEAST, DURATION, STEP, VELOCITY = 5e4, 6e5, 0.1, 1e-13  # defaults of `release`, in natural units
 TURN, TURNS = 11, 16  # samples per turn, turns per chunk
 KEPT = 20_000  # samples of a time series that are saved
 
@@ -114,10 +117,10 @@ def release(
     strain: float = 0.0,
     seed: int = 0,
     e_folds: float = 45.0,
-    least: float = 5e4,
-    duration: float = 6e5,
-    dt: float = 0.1,
-    velocity: float = 1e-13,
+    least: float | None = None,
+    duration: float | None = None,
+    dt: float | None = None,
+    velocity: float | None = None,
     snapshots: int = 40,
     report: Callable[[float, str], None] | None = None,
 ) -> Released:
@@ -129,7 +132,9 @@ def release(
     Parameters
     ----------
     strain : strain of the state, for the record
-    seed, velocity : of the initial perturbation: random velocities in all resisted modes, with this standard deviation
+    least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time, see `relax` [time]
+    seed, velocity : of the initial perturbation: random velocities in all resisted modes, with this standard deviation,
+        by default 1e-13 smallest diameters per natural unit of time [length/time]
     report : called as report(share done, words)
 
     Raises
@@ -139,6 +144,12 @@ def release(
     NotInEquilibriumError
         if the run diverges.
     """
+    scales = natural_scales(state, law)
+    least = LEAST * scales.time if least is None else least
+    duration = DURATION * scales.time if duration is None else duration
+    dt = STEP * scales.time if dt is None else dt
+    velocity = VELOCITY * scales.length / scales.time if velocity is None else velocity
+    window, funnel = (tuple(m * scales.length**2 for m in ends) for ends in (WINDOW, FUNNEL))
     modes = spectrum(state, law)
     if not len(modes.pairs):
         raise ValueError("the state has no complex pair, so nothing grows: release a state beyond the onset")
@@ -162,7 +173,7 @@ def release(
         part = slice(0 if k == 0 else 1, None)  # a chunk starts where the last one ended
         columns = (record.time, msd, -stress[:, 0, 1], pressure, record.touching, record.kinetic_energy)
         series.append(np.stack([c[part] for c in columns]))
-        if FUNNEL[0] <= msd[-1] <= FUNNEL[1]:
+        if funnel[0] <= msd[-1] <= funnel[1]:
             starts = np.linspace(0, len(msd) - TURN, min(TURNS, len(msd) // TURN)).astype(int)
             turns += [(record.time[s], record.position[s : s + TURN] - state.grains.position[held]) for s in starts]
             close = (record.time[-6 * TURN :], msd[-6 * TURN :])
@@ -174,7 +185,7 @@ def release(
     table = np.concatenate(series, axis=1)
     time, msd = table[:2]
     growth = fit_growth(
-        time, msd, growth_rate=rate, frequency=frequency * (1 + (frequency * dt) ** 2 / 24), window=WINDOW, within=1e-3
+        time, msd, growth_rate=rate, frequency=frequency * (1 + (frequency * dt) ** 2 / 24), window=window, within=1e-3
     )
     before = modes.im_lambda[fastest]
     changed = [abs(im - before) > CHANGED * before for *_, im in taken]

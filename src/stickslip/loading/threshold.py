@@ -23,6 +23,7 @@ from ..core.dynamics.timestep import check_time_step
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
+from ..core.scales import natural_scales
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
@@ -34,6 +35,7 @@ LEGS = 40  # into which a run is divided, to see whether the sample has slid
 WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
 FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
 SLOWING = 0.95  # travel in the last window over that in the first one, below which a sample still slows down
+KICKS = (1e-13, 1e-4)  # default, in natural units
 SLID = 0.1  # distance by which a sample has slid, as of `travel`
 FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
 BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
@@ -128,20 +130,21 @@ class _Dynamics(NamedTuple):
 
 @checked
 def kinetic_threshold(
-    path: list[Equilibrium], protocol: Protocol, *, kicks=(1e-13, 1e-4), realizations: int = 10, duration: float,
+    path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: float,
     dt: float, loads=None, distance: float = SLID, ramp_down: bool = True, ramps: int = 3, drag: float = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
 
-    Every run has its own random numbers, which depend on the seed, the load, the velocity and the number of the run
-    only. Results do not depend on `workers`.
+    Every run has its own random numbers, which depend on the seed, the load, the velocity in natural units and the
+    number of the run only. Results do not depend on `workers`, nor on the units unless the load itself has a unit.
 
     Parameters
     ----------
     path : equilibria along a rising load, from `ramp`
     protocol : how loads are applied, used to lower the load of a sliding sample
-    kicks : (K,) standard deviations of random initial velocities [length/time]
+    kicks : (K,) standard deviations of random initial velocities; default: 1e-13 and 1e-4 smallest diameters per
+        natural unit of time, see `relax` [length/time]
     realizations : number of runs for each load and kick
     duration, dt : of a run [time]; a run that slides continues for another duration
     loads : loads of the path that are tried; default: all
@@ -182,7 +185,10 @@ def kinetic_threshold(
     _require_count(0, seed=seed)
     if duration < LEGS * dt:
         raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
-    kicks, tried = _velocities(kicks), _points_at(path, loads)
+    tried = _points_at(path, loads)
+    scales = natural_scales(tried[0].state, protocol.law)
+    speed = scales.length / scales.time
+    kicks = _velocities([speed * kick for kick in KICKS] if kicks is None else kicks)
     for point in tried:
         check_time_step(point.state, protocol.law, driven_bodies(point.state), dt)
         _require_rest(point, protocol)
@@ -193,7 +199,7 @@ def kinetic_threshold(
             )
     how = _Dynamics(protocol.law, max(1, round(duration / dt / LEGS)), dt, distance, drag)
     starts = [
-        (point.state, float(kick), _seed(int(seed), point.load, kick, k))
+        (point.state, float(kick), _seed(int(seed), point.load, kick / speed, k))
         for point in tried for kick in kicks for k in range(int(realizations))
     ]  # fmt: skip
     done = run_members(
@@ -276,8 +282,8 @@ def _velocities(kicks) -> np.ndarray:
 
 
 def _seed(seed: int, load: float, kick: float, number: int) -> int:
-    """Seed of one run, independent of those of all others and of what else is run."""
-    words = [seed, *np.array([load, kick], float).view(np.uint64).tolist(), number]
+    """Seed of one run, independent of those of all others and of what else is run; `kick` is in natural units."""
+    words = [seed, *np.array([load, float(f"{kick:.12g}")]).view(np.uint64).tolist(), number]
     return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 

@@ -34,6 +34,7 @@ CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial sta
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
 PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
+AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
 
 
 class PathPoint(NamedTuple):
@@ -71,6 +72,12 @@ class LoadPath(NamedTuple):
     def summary(self) -> str:
         """Sentence about the end of the path and the uniqueness of its statuses."""
         end = "the full load was reached" if self.complete else self.verdict.value
+        disks, times = np.unique([e.i for e in self.events if e.kind == RETURNS], return_counts=True)
+        if len(disks) and times.max() >= AGAIN:
+            end += (
+                f"; disk {disks[times.argmax()]} was wedged and freed {times.max()} times, so that the end may depend "
+                f"on the increment: compare several, or slow dynamics"
+            )
         if forks := len(self.alternatives):
             end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
         if self.unchecked:

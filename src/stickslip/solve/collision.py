@@ -22,6 +22,8 @@ from ..core.laws.builtin import (
 from ..core.laws.dispatch import Kind
 from ..core.readable import readable
 
+ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1
+
 
 @readable
 class Collision(NamedTuple):
@@ -144,7 +146,10 @@ def with_restitution(
     low, high = 0.0, (1 - restitution) * mass / elastic.duration / unit
     while excess(high) > 0:
         low, high = high, 2 * high
-    return damped(brentq(excess, low, high, rtol=1e-9))
+    size, q = 2 * radius, parameters(law.table, 0, 0)
+    stiffness = normal_force(law.kind, q, size, size) / size
+    natural = np.sqrt(stiffness * mass) / damping_factor(law.damping, size, mass, size)
+    return damped(brentq(excess, low, high, rtol=1e-9, xtol=ROUND_OFF * natural))
 
 
 @checked

@@ -12,6 +12,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import mean_normal_force
 from ..core.outcome import Outcome
 from ..core.readable import pluralize
+from ..core.scales import natural_scales
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import dynamical_matrix, freedom, translations
@@ -21,6 +22,7 @@ from .relax import relax, residual
 from .spectrum import soft_modes, symmetric_part_is_positive
 from .stability import contacts_at_limit
 
+BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which damped dynamics hands over to Newton again
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
@@ -46,7 +48,7 @@ def equilibrate(
     state: State,
     law: Law,
     *,
-    tolerance: float = 5e-14,
+    tolerance: float | None = None,
     keep: Factorisation | None = None,
     check: str = "buckling",
     steps: int = 30_000,
@@ -61,7 +63,8 @@ def equilibrate(
 
     Parameters
     ----------
-    tolerance : float, largest unbalanced force or torque/R [force]
+    tolerance : float, largest unbalanced force or torque/R [force]; default: 5e-14 of the normal force that the law
+        gives, extrapolated to an overlap of the smallest diameter d, such as k_n d^{3/2}
     keep : Factorisation, reused from one step of a path to the next
     check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
         directions if there are fewer than 700 coordinates and otherwise, unless the symmetric part of the stiffness is
@@ -90,6 +93,7 @@ def equilibrate(
     """
     if check not in ("buckling", "spectrum", "nothing"):
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
+    tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     keep = keep or Factorisation()
     end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.renewals):

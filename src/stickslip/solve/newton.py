@@ -13,10 +13,12 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors
 from ..core.outcome import Outcome, Status
+from ..core.scales import natural_scales
 from ..core.state import OPEN, State, reset_reached
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, block_diagonal_solve, factorised, iterate
 
+BALANCED = 1e-14  # default tolerance, in natural units of force
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
 CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
 KRYLOV = 20  # iterations above which a preconditioner is too old
@@ -98,7 +100,7 @@ def newton(
     state: State,
     law: Law,
     *,
-    tolerance: float = 1e-14,
+    tolerance: float | None = None,
     iterations: int = 30,
     patience: int | None = None,
     keep: Factorisation | None = None,
@@ -112,7 +114,7 @@ def newton(
 
     Parameters
     ----------
-    tolerance : float, largest unbalanced force or torque/R [force]
+    tolerance : float, largest unbalanced force or torque/R [force]; default: 1e-14 of the force of `equilibrate`
     iterations : int, largest number of linear solves
     patience : int, number of steps that may each leave more than half of the residual; default: all
     keep : Factorisation, used as a first guess and updated, for reuse along a path
@@ -122,6 +124,7 @@ def newton(
     State, Outcome
         the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
+    tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     require_positive(tolerance=tolerance)
     point, outcome = approach(
         state, law, tolerance=tolerance, iterations=iterations, patience=patience, keep=keep or Factorisation()

@@ -7,7 +7,10 @@ from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import Status
+from ..core.scales import natural_scales
 from ..core.state import OPEN, State, reset_reached
+
+BALANCED, DRAG, STEP = 1e-14, 0.05, 0.1  # defaults of tolerance, drag and time step, in natural units
 
 
 @checked
@@ -22,10 +25,10 @@ def relax(
     state: State,
     law: Law,
     *,
-    tolerance: float = 1e-14,
-    drag: float = 0.05,
+    tolerance: float | None = None,
+    drag: float | None = None,
     spin_drag: float | None = None,
-    dt: float = 0.1,
+    dt: float | None = None,
     steps: int = 2_000_000,
 ):
     """Run damped Newtonian dynamics until the state is at rest: the quasi-static limit of the papers' protocol.
@@ -35,7 +38,11 @@ def relax(
 
     Parameters
     ----------
-    tolerance : float [force]; drag, spin_drag : float [1/time]; dt : float [time]; steps : int, largest number allowed
+    tolerance : float [force]; default: 1e-14 F, where F is the normal force that the law gives, extrapolated to an
+        overlap of the smallest diameter d, such as k_n d^{3/2}
+    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F), m the mass of the lightest grain; both alike
+    dt : float [time]; default: 0.1 √(m d/F)
+    steps : int, largest number allowed
 
     Returns
     -------
@@ -46,6 +53,10 @@ def relax(
     ------
     doi:10.48550/arXiv.1908.11724, computational protocol of the supplement.
     """
+    scales = natural_scales(state, law)
+    tolerance = BALANCED * scales.force if tolerance is None else tolerance
+    drag = DRAG / scales.time if drag is None else drag
+    dt = STEP * scales.time if dt is None else dt
     end, _, outcome = run(state, law, steps, dt, drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     if outcome.ok:
         grains, walls = end.grains, end.walls

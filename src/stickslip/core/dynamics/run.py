@@ -36,8 +36,9 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    The scheme is second order in dt, even with friction. It is first order where contacts with dashpots that act from
-    first touch (`velocity`, `mass_velocity`) close or open, and with slip_update="rate". The given state is not
+    The scheme is second order in dt, even with friction. Where contacts with dashpots close or open, it is of order 3/2
+    (`viscoelastic`, which start as √δ v) or first order (`velocity`, `mass_velocity`, which act in full from the first
+    touch), and with slip_update="rate" first order. The given state is not
     modified. If `tolerance` > 0, the run stops early once both the largest unbalanced force (or torque/R) and the
     largest drag force are below it.
 

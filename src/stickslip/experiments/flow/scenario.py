@@ -11,7 +11,6 @@ from pydantic import BeforeValidator, Field, model_validator
 from ...builtin_laws import BY_NAME, NAMES
 from ...data.law_file import LawFile
 from ...data.schema import (
-    Duration,
     Finite,
     Listed,
     NotNegative,
@@ -223,7 +222,7 @@ class Stage(ScenarioTable):
     """A part of the run, and the changes at its start; everything else stays as it was."""
 
     name: Name = Field(description="name in progress messages and files")
-    duration: Duration = Field(description="duration, or maximum duration with `until` [time]")
+    duration: Positive = Field(description="duration, or maximum duration with `until` [time]")
     until: Literal["rest"] | None = Field(
         None, description='"rest" ends the stage early, as soon as the grains are at rest'
     )

@@ -16,7 +16,11 @@ class Shear(ScenarioTable):
     strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the strain path")
     step: Several = Field((2e-5, 1e-4), description="largest strain step: one value, or one for each leg of the path")
     slip: bool = Field(True, description="whether the affine displacement contributes to the slip of the contacts")
-    tolerance: Positive = Field(5e-14, description="largest unbalanced force, or torque over R [force]")
+    tolerance: Positive | None = Field(
+        None,
+        description="largest unbalanced force, or torque over R; default: 5e-14 kn d^(3/2) under Hertz's law, with the "
+        "smallest diameter d [force]",
+    )
     on_instability: Literal["tell", "follow-dynamics", "stop"] = Field(
         "tell",
         description="after a step to an unstable equilibrium or another branch: count it, follow damped dynamics, or "

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ...data.law_schema import LawChoice
-from ...data.schema import Duration, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 from ..disk_array.scenario import Array, DiskArrayScenario, Relaxation
 from ..gouge.scenario import GougeCell, GougeGrains, GougeLaw, GougeLoad, GougeScenario, Preparation, Settling, Slide
 from ..sphere_shear.scenario import Packing
@@ -126,7 +126,7 @@ class Kicks(ScenarioTable):
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         10, description="runs at each load and velocity, which differ in their random numbers"
     )
-    duration: Duration = Field(40_000.0, description="of a run; one that slides continues for as long again [time]")
+    duration: Positive = Field(40_000.0, description="of a run; one that slides continues for as long again [time]")
     dt: Positive | None = Field(None, description="time step; default: a fifth of the largest stable one [time]")
     drag: NotNegative = Field(0.0, description="drag on translations and rotations per unit mass [1/time]")
     distance: Positive = Field(

@@ -94,6 +94,10 @@ def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
             f"kicks.dt = {dt:g} was given, but the largest stable time step of the sample is {longest:.3g}: use a "
             f"fifth of it, or leave dt out"
         )
+    if how.duration / dt > 1e9:
+        raise ScenarioError(
+            f"kicks.duration = {how.duration:g} was given, more than 1e9 time steps of {dt:.3g}: use shorter runs"
+        )
     if max(how.velocities) * dt > radius:
         raise ScenarioError(
             f"kicks.velocities has {max(how.velocities):g}, with which grains move by more than a radius in a time "
