@@ -67,6 +67,8 @@ def main() -> None:
         sys.exit(1)
     except (ValueError, OSError) as problem:
         _fail(_error_message(problem), 2)
+    except MemoryError as problem:
+        _fail(f"the memory does not suffice ({problem}): use fewer grains, samples or frames", 1)
     except StoppedError as problem:
         _fail(str(problem), STOPPED)
     except RuntimeError as problem:

@@ -22,6 +22,7 @@ from ..core.measure import (
 )
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import equilibrate
@@ -62,6 +63,7 @@ def disk_array(
     >>> disk_array(3, press=5e-5).grains.position[:, 0]
     array([0.5, 1.5, 2.5])
     """
+    require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     radius = np.broadcast_to(np.asarray(radius, float), (n,))
     after = np.roll(radius, -1)
     spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height
@@ -200,6 +202,7 @@ def random_grains(n: int, fraction: float, dim: int, *, radius, mass, i0: float 
     """State of grains at random positions in a square or cubic periodic box of a given packing fraction."""
     if n < 2:
         raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+    require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     if dim not in JAMMED:
         raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
     n, sizes = int(n), _check_radii(radius, int(n))
