@@ -60,9 +60,9 @@ def write(folder: Path) -> None:
 
 def start() -> str:
     """Overview page."""
-    limits = "\n".join(
-        f"| {f'{most >> 30} GiB' if kind == 'bytes' else most} | {kind} |" for kind, most in LIMITS.items()
-    )
+    counts = {kind: f"{most >> 30} GiB" if kind == "bytes" else most for kind, most in LIMITS.items()}
+    limits = "
+".join(f"| {most} | {kind} |" for kind, most in counts.items())
     rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
     return f"""# Scenario reference
 
