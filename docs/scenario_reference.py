@@ -61,8 +61,7 @@ def write(folder: Path) -> None:
 def start() -> str:
     """Overview page."""
     counts = {kind: f"{most >> 30} GiB" if kind == "bytes" else most for kind, most in LIMITS.items()}
-    limits = "
-".join(f"| {most} | {kind} |" for kind, most in counts.items())
+    limits = "\n".join(f"| {most} | {kind} |" for kind, most in counts.items())
     rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
     return f"""# Scenario reference
 
