@@ -211,7 +211,11 @@ def write_restart(path, state, law):
 def test_some_mutated_restart_files(tmp_path):
     """Lengths that are zero, negative, huge or no numbers end in one sentence, within a second and a few megabytes."""
     law = ss.laws.for_pair(ss.laws.linear(1.0, 0.5, 0.5), 0, 1, mu=0.4)
-    state, path, rng = ss.packings.disk_array(8, press=5e-3, gap=-0.01), tmp_path / "a.restart", np.random.default_rng(2)
+    state, path, rng = (
+        ss.packings.disk_array(8, press=5e-3, gap=-0.01),
+        tmp_path / "a.restart",
+        np.random.default_rng(2),
+    )
     state.grains.position[:, 1] -= 1e-3  # into the floor
     state = ss.accept(state, ss.forces(state, law)[1])
     write_restart(path, state, law)

@@ -80,7 +80,7 @@ def _record_starts(block: np.ndarray) -> np.ndarray:
 
 
 def _ends(block: np.ndarray, start: np.ndarray, stop, least: int = 2) -> np.ndarray:
-    """Ends of records or entries, whose first double is their length; ValueError if one is too short or passes `stop`."""
+    """Ends of records or entries that begin with their length; ValueError if one is too short or passes `stop`."""
     length = block[np.minimum(start, len(block) - 1)]
     if not ((length >= least) & (length <= stop - start)).all():
         raise ValueError("a restart file of LAMMPS with a record whose length does not fit: it is damaged")
