@@ -95,10 +95,10 @@ JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grain
 class PackingInfo(NamedTuple):
     """Properties of a packing. Rattlers have less than dim + 1 contacts without friction, less than 2 with it."""
 
-    packing_fraction: float
+    packing_fraction: float  # [1]
     pressure: float  # [force/length^(dim−1)]
     contacts: int
-    coordination: float  # mean number of contacts of grains that are not rattlers
+    coordination: float  # mean number of contacts of grains that are not rattlers [1]
     rattlers: int
     overlap: float  # mean over contacts [length]
     residual: float  # largest unbalanced force or torque/R [force]

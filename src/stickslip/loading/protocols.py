@@ -48,7 +48,7 @@ class Family(NamedTuple):
     """A complex pair followed along a path."""
 
     loads: np.ndarray  # (K,)
-    eigenvalues: np.ndarray  # (K,) complex
+    eigenvalues: np.ndarray  # (K,) complex [1/time²]
     birth: Change | None  # None if the pair exists at the first point
     death: Change | None  # None if the pair exists at the last point
 
@@ -259,7 +259,7 @@ class Growth(NamedTuple):
     growth_rate: float  # ω_i [1/time]
     frequency: float  # ω_r [1/time]
     start: float  # window of the fit [time]
-    stop: float
+    stop: float  # [time]
     decades: float  # of M inside the window
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ...core.units import Fields
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
 
@@ -43,7 +44,7 @@ def event_table(samples) -> Table:
             out[name] = _stack_by_distance(values, places)
         else:
             out[name] = np.array(values, float)
-    return out
+    return Fields(out, Event)
 
 
 def step_table(samples) -> Table:
@@ -51,7 +52,7 @@ def step_table(samples) -> Table:
     out: Table = {"sample": np.repeat([one.seed for one in samples], [len(one.found.steps.strain) for one in samples])}
     for name in StrainStep._fields:
         out[name] = np.concatenate([getattr(one.found.steps, name) for one in samples])
-    return out
+    return Fields(out, StrainStep)
 
 
 def _places(distances: np.ndarray, step: float) -> np.ndarray:
