@@ -169,7 +169,7 @@ def numbers(result: GougeResult) -> dict:
 def _write_series(result: GougeResult, path: Path) -> None:
     """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
-    units = {name: unit.replace("^", "").replace("1", "-", unit == "1") for name, unit in units_of(Series).items()}
+    units = {name: "-" if unit == "1" else unit.replace("^", "") for name, unit in units_of(Series).items()}
     header = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
     header.append("hold [s]")
     lines = [",".join(header + [f"{name} [{units.get(name, '-')}]" for name in names])]
@@ -185,7 +185,7 @@ def _write_series(result: GougeResult, path: Path) -> None:
 
 def _write_slips(found: Slips, path: Path) -> None:
     """Write one row for each slip."""
-    units = units_of(Slips) | {"drop": "-"}
+    units = units_of(Slips)
     lines = [",".join(f"{name} [{units.get(name, '-')}]" for name in found._fields)]
     lines += [",".join(f"{x:.7g}" for x in row) for row in zip(*found, strict=True)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
