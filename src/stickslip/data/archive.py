@@ -29,6 +29,7 @@ import numpy as np
 from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, describe_law, restore_kind
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
+from ..core.text import SentenceError
 from ..core.units import Fields, in_si, units_of
 from .atomic import write_atomically
 from .sound import restore_contacts, validate_law, validate_state
@@ -45,7 +46,7 @@ _SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [by
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
-class ArchiveError(ValueError):
+class ArchiveError(SentenceError):
     """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
 
 

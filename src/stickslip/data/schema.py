@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from ..core.readable import folded
 from ..core.sizes import Size, require_sizes
+from ..core.text import SentenceError
 
 LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also for parameters of laws: products of two or three do not overflow
 
@@ -33,7 +34,7 @@ Ranks = Annotated[int, Field(ge=1, le=100_000)]
 Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")]
 
 
-class ScenarioError(ValueError):
+class ScenarioError(SentenceError):
     """Raised for a scenario that cannot be run; the message is one sentence for the user."""
 
 

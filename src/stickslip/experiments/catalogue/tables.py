@@ -11,16 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ...core.units import Fields
+from ...core.units import Fields, units_of
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
 
 Table = dict[str, np.ndarray]
-UNITS = {
-    "softest": "1/time2", "re_pair": "1/time2", "switched": "1/time2", "switch": "1/time2", "growth": "1/time",
-    "growth_rate": "1/time", "jump": "D", "newton_distance": "D", "nonaffine_rate": "length",
-    "tangent_modulus": "stress", "shear_stress": "stress", "pressure": "stress",
-}  # fmt: skip
+LENGTHS = {"jump": "D", "newton_distance": "D"}  # in mean diameters
 _WHOLE = ("sample", "trigger_i", "trigger_j", "opened", "closed")
 _SPREAD = re.compile(r"(\w+)_(\d+)")
 
@@ -70,9 +66,10 @@ def _stack_by_distance(values: list, places: list) -> np.ndarray:
 
 def write_table(path: Path, table: Table, digits: int = 8) -> None:
     """Write a table as CSV, with units in the header and numbers with a number of significant digits."""
-    columns = {}
+    columns, units = {}, units_of(Event) | units_of(StrainStep) | LENGTHS
     for name, values in table.items():
-        unit = UNITS.get(name, "-")
+        unit = units.get(name, "1").replace("force/length^(dim-1)", "stress").replace("^", "")
+        unit = "-" if unit == "1" else unit
         flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
         columns |= {
             label if values.dtype.kind == "U" else f"{label} [{unit}]": column for label, column in flat.items()
