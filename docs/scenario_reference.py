@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 
+from stickslip.core.sizes import LIMITS
 from stickslip.data.schema import ScenarioBase
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.sweep.axes import DRAWN, KINDS, MOST, SPACED
@@ -59,6 +60,8 @@ def write(folder: Path) -> None:
 
 def start() -> str:
     """Overview page."""
+    counts = {kind: f"{most >> 30} GiB" if kind == "bytes" else most for kind, most in LIMITS.items()}
+    limits = "\n".join(f"| {most} | {kind} |" for kind, most in counts.items())
     rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
     return f"""# Scenario reference
 
@@ -74,6 +77,16 @@ with an error message before anything runs. These pages are generated from the s
 
 Where the unit is given as `length`, `mass`, `force` and so on, any consistent units may be used;
 `m`, `s` and `Pa` are SI units. A dash in the unit column means a dimensionless number or a string.
+
+## Sizes
+
+Several keys together may ask for more than a machine can hold or compute. Each scenario states the sizes of its run
+(`scenario.sizes()`), and one beyond these limits is rejected before anything is allocated or written. The functions of
+`ss.packings`, `ss.protocols` and `ss.run` have the same limits.
+
+| at most | of |
+|---|---|
+{limits}
 """
 
 

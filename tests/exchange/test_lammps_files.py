@@ -192,6 +192,40 @@ def test_what_does_not_fit_is_one_sentence(change, words, tmp_path):
     assert "\n" not in str(problem.value)
 
 
+STYLES = {  # rows of LAMMPS's data files with as many columns as those of `sphere`
+    "full": "{k} 1 1 0.25 {x} {y} {z}",
+    "ellipsoid": "{k} 1 1 2.5 {x} {y} {z}",
+    "body": "{k} 1 0 2.5 {x} {y} {z} 0 0 0",
+    "peri": "{k} 1 1 2.5 {x} {y} {z}",
+}
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("named", [True, False])
+def test_other_styles_are_not_taken_for_spheres(style, named, tmp_path):
+    path, site = tmp_path / "p.data", [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (1.8, 0.1, 0.1)]
+    rows = [STYLES[style].format(k=k, x=x, y=y, z=z) for k, (x, y, z) in enumerate(site, start=1)]
+    head = f"by LAMMPS\n\n3 atoms\n0 3 xlo xhi\n0 3 ylo yhi\n0 3 zlo zhi\n\nAtoms{f' # {style}' if named else ''}\n\n"
+    path.write_text(head + "\n".join(rows) + "\n")
+    with pytest.raises(ss.packings.PackingError, match=f"style {style}" if named else "--atom-style sphere"):
+        ss.io.read_packing(path, law="linear", mu=0.5)
+    if named:
+        with pytest.raises(ss.packings.PackingError, match=f"atom_style = 'sphere' was given, but .* style {style}"):
+            ss.io.read_packing(path, law="linear", mu=0.5, atom_style="sphere")
+
+
+def test_spheres_without_a_style_are_asked_for_or_said(tmp_path):
+    ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
+    edited(tmp_path / "p.data", "Atoms # sphere", "Atoms")
+    state, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5)  # radii that are no whole numbers
+    assert "the section Atoms names no style: sphere is assumed" in words
+    asked, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="sphere")
+    assert not [line for line in words if "sphere" in line]
+    assert (asked.grains.radius == state.grains.radius).all()
+    with pytest.raises(ss.packings.PackingError, match="atom_style = 'full' was given: sphere is supported"):
+        ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="full")
+
+
 def edited(path, old, new, count=1):
     text = path.read_text()
     assert old in text

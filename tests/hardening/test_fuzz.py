@@ -3,15 +3,19 @@
 import copy
 import json
 import signal
+import struct
 import sys
 import tomllib
+import tracemalloc
 import warnings
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.experiments.lammps import memory
 from stickslip.loading.packing import jammed
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES
@@ -25,23 +29,37 @@ NASTY = [
     ["a"], {"a": 1}, [1, 2, 3], [[0, 0, 0]], {"x": 1e9}, {"kind": "slide"},
 ]  # fmt: skip
 
+WORDS = [
+    *(struct.pack("<d", value) for value in (0.0, -5.0, 1.0, 2.5, 3.0, 17.0, 40.0, 1e9, -1e300, np.nan, np.inf)),
+    *(struct.pack("<q", value) for value in (0, 1, -1, 9, 2**40, -(2**62))),
+]
 
-def ended(words, capsys):
-    """Exit code of the command line in this process, which ends a hang itself; on 2 there is one sentence."""
+
+@contextmanager
+def answered(patience=PATIENCE):
+    """End a hang, and let nothing warn."""
 
     def hangs(*_):
-        raise AssertionError(f"no answer within {PATIENCE} s")
+        raise AssertionError(f"no answer within {patience} s")
 
     before = signal.signal(signal.SIGALRM, hangs)
-    signal.alarm(PATIENCE)
-    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    signal.alarm(patience)
     try:
-        with pytest.raises(SystemExit) as caught, warnings.catch_warnings():
+        with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            main()
+            yield
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
+
+
+def ended(words, capsys):
+    """Exit code of the command line in this process, which ends a hang itself; on 2 there is one sentence."""
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as caught, answered():
+            main()
+    finally:
         sys.argv = argv
     code, said = caught.value.code or 0, capsys.readouterr().err
     assert code in (0, 2, 3), said  # 3: read, and not in equilibrium
@@ -172,6 +190,58 @@ def test_some_mutated_scenarios(tmp_path, capsys):
 
 def test_some_mutated_packings(tmp_path, capsys):
     check_packings(150, tmp_path, capsys)
+
+
+def write_restart(path, state, law):
+    """Write a restart file as LAMMPS does, in two blocks, with the memory of a state."""
+    walls, records = len(state.walls.mass), []
+    for k, place in enumerate(state.grains.position):
+        record = np.zeros(memory.EXTRA)
+        record[memory.POSITION : memory.POSITION + 3], record[memory.RADIUS] = place, state.grains.radius[k]
+        record.view("<i8")[[memory.TAG, memory.IMAGE]] = k + 1, 512 << 20 | 512 << 10 | 512
+        record = np.concatenate([record, [2.0, 0.0], [2.0, 0.0] * walls])
+        record[0] = len(record)
+        records.append(record)
+    blocks = [np.concatenate(some) for some in (records[::2], records[1::2])]
+    parts = [memory.BLOCK + struct.pack("<i", len(block)) + block.tobytes() for block in blocks]
+    path.write_bytes(memory.MAGIC + memory.HEADER_END + b"".join(parts) + memory.MAGIC)
+    memory.write_memory(path, path, state, law)
+
+
+def test_some_mutated_restart_files(tmp_path):
+    """Lengths that are zero, negative, huge or no numbers end in one sentence, within a second and a few megabytes."""
+    law = ss.laws.for_pair(ss.laws.linear(1.0, 0.5, 0.5), 0, 1, mu=0.4)
+    state, path, rng = (
+        ss.packings.disk_array(8, press=5e-3, gap=-0.01),
+        tmp_path / "a.restart",
+        np.random.default_rng(2),
+    )
+    state.grains.position[:, 1] -= 1e-3  # into the floor
+    state = ss.accept(state, ss.forces(state, law)[1])
+    write_restart(path, state, law)
+    content, read = path.read_bytes(), lambda: memory.read_restart(path, walls=1)
+    right = read()
+    assert (len(right.i), len(right.wall)) == (8, 8)
+    taken, first = 0, len(memory.MAGIC + memory.HEADER_END + memory.BLOCK) + 4
+    tracemalloc.start()
+    for number in range(600):
+        if number % 3:
+            place, value = first + 8 * rng.integers((len(content) - first) // 8 - 2), rng.choice(WORDS)
+            changed = content[:place] + value + content[place + 8 :]
+        else:
+            changed = with_damage(content, rng)
+        path.write_bytes(changed)
+        try:
+            with answered(5):
+                found = read()
+        except ValueError as problem:
+            assert str(problem).startswith("a restart file") or "no complete restart" in str(problem), problem
+        else:
+            taken += 1
+            assert ((found.i >= 0) & (found.j < len(found.position))).all()
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()
+    assert 50 < taken < 500
 
 
 @pytest.mark.slow

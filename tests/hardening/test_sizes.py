@@ -2,10 +2,15 @@
 
 import copy
 import json
+import tracemalloc
 import warnings
 
+import numpy as np
 import pytest
 
+import stickslip as ss
+from stickslip.core.sizes import LIMITS
+from stickslip.data.exchange.motion import mode_frames
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from tests.conftest import stickslip_here
 from tests.unit.test_scenario import EXAMPLES
@@ -16,13 +21,22 @@ samples = {{number = 10, noise = {noise}}}
 """
 
 
-def floats(tree, above=()):
-    """Paths to all floats in nested dictionaries and lists."""
+def numbers(tree, kind, above=()):
+    """Paths to all numbers of a kind in nested dictionaries and lists."""
     items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, value in items:
-        if isinstance(value, float):
+        if type(value) is kind:
             yield (*above, key)
-        yield from floats(value, (*above, key))
+        yield from numbers(value, kind, (*above, key))
+
+
+def with_number(tables, place, value):
+    """Copy of nested tables with one number replaced."""
+    changed = holder = copy.deepcopy(tables)
+    for key in place[:-1]:
+        holder = holder[key]
+    holder[place[-1]] = value
+    return changed
 
 
 def scenarios():
@@ -36,13 +50,9 @@ def scenarios():
 @pytest.mark.parametrize("value", [1e308, -1e308, 1e101, -1e101])
 def test_no_number_of_a_scenario_is_larger_than_what_may_be_squared(value):
     for name, tables in scenarios().items():
-        for place in floats(tables):
-            changed = holder = copy.deepcopy(tables)
-            for key in place[:-1]:
-                holder = holder[key]
-            holder[place[-1]] = value
+        for place in numbers(tables, float):
             with pytest.raises(ScenarioError):
-                scenario(**changed)
+                scenario(**with_number(tables, place, value))
                 pytest.fail(f"{name}: {place} = {value:g} is taken")
 
 
@@ -116,3 +126,92 @@ def test_plates_of_gouge_have_a_size(tmp_path, length):
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
     assert "cell.length and cell.width make plates of" in run.stderr
+
+
+def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocated():
+    """Whichever number is huge or tiny, the scenario is refused in a sentence, or all its sizes are allowed."""
+    refused, taken = 0, 0
+    tracemalloc.start()
+    for tables in scenarios().values():
+        for kind, values in ((float, (1e90, 4e12, 1e-12, 1e-90)), (int, (4_000_000_000, 10**18))):
+            for place in numbers(tables, kind):
+                for value in values:
+                    try:
+                        one = scenario(**with_number(tables, place, value))
+                    except ScenarioError as problem:
+                        refused += 1
+                        assert "\n" not in str(problem), (place, value)
+                        assert len(str(problem)) < 1000, (place, value)
+                    else:
+                        taken += 1
+                        assert all(size.number <= LIMITS[size.kind] for size in one.sizes()), (place, value)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100e6  # the largest fault that is allowed takes 8 MB for each of its properties
+    assert refused > 500
+    assert taken > 500
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("fault", {"line": {"width": 4e12}}, "line.width and line.cell make 4e+10 cells: at most 1000000 are allowed"),
+        ("fault", {"line": {"width": 4e9, "cell": 5.0}}, "8e+08 cells"),
+        ("fault", {"run": {"interval": 1e-90}}, "profiles: at most 100000 are allowed; use a longer interval"),
+        ("fault", {"run": {"seismic_interval": 1e-90}}, "run.seismic_interval makes"),
+        ("fault", {"run": {"spacing": 1e-6}}, "run.spacing makes 4e+10 points"),
+        ("gouge", {"grains": {"number": 4_000_000_000}}, "less than or equal to 1000000"),
+        ("gouge", {"branches": 4_000_000_000}, "the protocol makes 4e+09 branches: at most 100000 are allowed"),
+        ("biaxial", {"loading": {"increment": 1e-12}}, "loading.increment makes 1e+12 load steps"),
+        ("sphere_shear", {"release": {"dt": 1e-12}}, "time steps: at most 1e+09 are allowed; use a longer release.dt"),
+    ],
+)
+@pytest.mark.parametrize("swept", [False, True])
+def test_sizes_of_scenarios_and_sweeps_are_refused_before_anything_is_written(tmp_path, name, change, words, swept):
+    tables = json.loads(read_scenario(EXAMPLES / f"{name}.toml").text)
+    for key, value in change.items():
+        if key == "branches":
+            tables["protocol"][0]["branches"] = value
+        else:
+            tables[key] |= value
+    if swept:
+        tables["sweep"] = {"seed": [0, 1]}
+    (tmp_path / "a.json").write_text(json.dumps(tables))
+    run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+    assert words in run.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_exports_are_refused_before_anything_is_written(tmp_path):
+    tables = json.loads(read_scenario(EXAMPLES / "gouge.toml").text)
+    tables["protocol"][0]["branches"] = 4_000_000_000
+    (tmp_path / "a.json").write_text(json.dumps(tables))
+    run = stickslip_here("run", "a.json", "--engine", "lammps", "--export", "out", cwd=tmp_path)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+    assert "branches: at most 100000 are allowed" in run.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_sizes_of_protocols_are_refused():
+    law, huge = ss.laws.linear(1.0, 0.5, 0.5), 10**12
+    state = ss.packings.from_arrays([[0.0, 0.0], [0.99, 0.0]], np.full(2, 0.5), law, cell=[8.0, 8.0], dim=2)
+    requests = [
+        lambda: ss.protocols.load_path([0.0, 1.0], 1e-12),
+        lambda: ss.packings.disk_array(huge, press=5e-5),
+        lambda: ss.packings.jammed(huge, packing_fraction=0.7),
+        lambda: ss.packings.compressed(huge, mu=0.5, pressure=1e-3),
+        lambda: ss.packings.biaxial_box(huge),
+        lambda: ss.packings.sheared_box(huge),
+        lambda: ss.run(state, law, huge, 1e-3, every=1),
+        lambda: ss.protocols.free_run(state, law, duration=1e9, dt=1e-3, sample=1e-3),
+        lambda: ss.modes.transient_growth(state, law, samples=huge),
+        lambda: mode_frames(ss.io.frame_of(state, law), np.ones((2, 3)), np.ones((2, 3)), 1j, count=huge),
+    ]
+    for number, request in enumerate(requests):
+        with pytest.raises(
+            ValueError, match=r"^[^\n]* [\de.+]+ (GiB|[a-z ]+): at most [\de.+]+( GiB)? are allowed; [^\n]*$"
+        ):
+            pytest.fail(f"{number}: {request()}")
+    with pytest.raises(ValueError, match="a load of nan was given"):
+        ss.protocols.load_path([0.0, np.nan], 0.1)

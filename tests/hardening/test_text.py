@@ -7,6 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.laws.builtin import laws_equal
+from stickslip.core.text import LONGEST, bounded
 from stickslip.data.exchange.files import read_packing, write_packing
 from stickslip.ensemble import cluster
 from stickslip.experiments.registry import read_scenario, read_tables
@@ -135,3 +136,47 @@ def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):
     refused("has 5000 digits: at most 40 are allowed", "stability", "p.data", "--json", cwd=tmp_path)
     (tmp_path / "p.data").write_text(text.replace("timestep = 0", f"timestep = {DIGITS}"))
     refused("has 5000 digits: at most 40 are allowed", "stability", "p.data", "--json", cwd=tmp_path)
+
+
+def huge_messages(folder):
+    """Calls whose messages quote what was given, in each of the ways in which errors are raised."""
+    word, many = "x" * 3000, ["x" * 40] * 200
+    np.savez(folder / "p.npz", position=np.zeros((2, 3)), radius=np.ones(2), **{word: 1.0})
+    scene = {"experiment": "rate-state"}
+    return [
+        lambda: ss.scenario(**scene, **{word: 1}),
+        lambda: ss.scenario(experiment="quasi-rigid", disks={"radius": many}),
+        lambda: ss.scenario(experiment="threshold", load={"loads": [0.1, 0.2] * 3000}),
+        lambda: ss.sweep(**scene, sweep={"seed": word}),
+        lambda: ss.sweep(**scene, sweep={"surface.a": [0.1], "where": [word]}),
+        lambda: ss.io.read_packing(folder / "p.npz"),
+        lambda: ss.io.read_packing(folder / "p.npz", law=word),
+        lambda: ss.packings.jammed(30, packing_fraction=0.7, radius=[-1.0] * 3000),
+        lambda: ss.laws.from_file(folder / word[:200] / "x.py", **{word: 1.0}),
+        lambda: ss.friction.line_fault(1e3, 10.0, a=word, b=0.1, dc=1.0, normal=1.0),
+    ]
+
+
+def test_messages_are_short_whatever_they_quote(tmp_path):
+    """The beginning says what was got, and the end what to do: what was given is shortened in between."""
+    for number, call in enumerate(huge_messages(tmp_path)):
+        with pytest.raises(ValueError) as caught:
+            pytest.fail(f"{number}: {call()}")
+        assert 20 < len(str(caught.value)) <= LONGEST, (number, len(str(caught.value)))
+        assert "\n" not in str(caught.value)
+
+
+def test_what_is_quoted_is_shortened_and_the_remedy_stays():
+    assert bounded("a short one: leave it") == "a short one: leave it"
+    told = bounded(f"'{'y' * 5000}' was given: use y")
+    assert told.startswith("'yyy") and told.endswith("was given: use y") and "(5002 characters)" in told
+    told = bounded(f"loads = {[0.1] * 5000} were given: sort them")
+    assert told.startswith("loads = [0.1, ") and told.endswith("were given: sort them") and len(told) <= LONGEST
+
+
+def test_the_command_line_keeps_the_remedy(tmp_path):
+    path = saved(tmp_path / "a.toml", f'experiment = "{"z" * 2000}"\n' + SLIDER.replace("experiment", "x"))
+    for words in (["run", path, "--out", "o"], ["cite", tmp_path / ("q" * 100) / ("q" * 100) / ("q" * 100)]):
+        run = stickslip_here(*words, cwd=tmp_path)
+        assert run.returncode == 2
+        assert len(run.stderr) <= LONGEST + len("stickslip: \n")

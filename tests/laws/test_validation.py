@@ -1,6 +1,7 @@
 """Laws by users are judged when they are made: one sentence for each way in which one can be wrong."""
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -126,6 +127,19 @@ def test_parameters_by_pair_of_materials():
         (
             "def normal_force(overlap):\n    if overlap < 0.1:\n        return overlap\n    return 0.1\n",
             "line 2: 'if ov",
+        ),
+        ("import sys\nsys.exit(0)\n", r"does not run, line 2: 'sys.exit\(0\)' \(SystemExit: 0\)"),
+        ("raise SystemExit\n", "does not run, line 1: 'raise SystemExit'"),
+        *(
+            (
+                f"k = 2.0\ndef normal_force(overlap):\n    {line}\n    return k * overlap\n",
+                rf"normal_force cannot be compiled, line 3: '{re.escape(line)}' \(",
+            )
+            for line in ("import os", "global k; k = 1.0", "from math import sqrt")
+        ),
+        (
+            "def helper(x):\n    import os\n    return x\ndef normal_force(overlap):\n    return helper(overlap)\n",
+            r"normal_force cannot be compiled, line 2: 'import os' \(",
         ),
     ],
 )

@@ -30,7 +30,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"law": {"kind": "hertz"}}, "law.kind = 'hertz' was given, but it should be 'hertz_mindlin' or 'linear'"),
         ({"load": {"press": 0.0}}, "press = 0 leaves the disks without contact"),
         ({"load": {"push": [0.01, 0.02]}}, "first of them 0.0"),
-        ({"load": {"step": 1e-9}}, "use a larger step"),
+        ({"load": {"step": 1e-9}}, "use a larger load.step"),
         ({"load": {"disk": 11}}, "load.disk = 11 was given, but there are 10 disks"),
         ({"load": {"push": [0.0, 0.05]}}, "dynamics.loads contains 0.062, which load.push"),
         ({"dynamics": {"watch": 0.01}}, "not among dynamics.loads"),

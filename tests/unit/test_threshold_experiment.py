@@ -198,9 +198,9 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
         ({"kicks": {"velocities": 1e-4}}, "kicks.velocities = 0.0001 was given: give a list"),
         ({"kicks": {"velocities": [1e-4, 1e-6, 1e-4]}}, "give each velocity once"),
         ({"kicks": {"ramps": 0}}, "kicks.ramps = 0 was given"),
-        ({"load": {"loads": [1.0], "step": 1e-9}}, "use a larger step"),
+        ({"load": {"loads": [1.0], "step": 1e-9}}, "use a larger load.step"),
         ({"kicks": {"velocities": [-1.0]}}, "kicks.velocities"),
-        ({"kicks": {"dt": 1.0, "duration": 10.0}}, "between 40 and 1e9 steps are allowed"),
+        ({"kicks": {"dt": 1.0, "duration": 10.0}}, "at least 40 steps are needed"),
     ],
 )
 def test_bad_scenarios(tables, words):

@@ -1,52 +1,25 @@
-"""Units, entry by entry, against a table that was written from what the quantities are."""
+"""Units stand once, beside the fields: archives store what is documented there, with the right dimensions in SI."""
+
+import ast
+import importlib
+import re
+import typing
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data import units
+from stickslip.core.units import Fields, in_si, units_of
+from stickslip.data import archive
 from stickslip.figures.quantities import quantities
+from stickslip.loading.event_types import Events
 
-# exponents of mass, length and time, as (M, L, T); stresses in d dimensions as their own word
-LENGTH, TIME, VELOCITY, ANGLE = (0, 1, 0), (0, 0, 1), (0, 1, -1), "rad"
-FORCE, ENERGY, STRESS, NUMBER = (1, 1, -2), (1, 2, -2), "stress", (0, 0, 0)
-MEANT = {
-    LENGTH: "anchor bottom center dc dc2 depth edges high load_point low max_slip nucleation_length overlap pair "
-    "plate_position point position radius roll slip station surface_slip thickness top turns vectors wall_point",
-    TIME: "breach close_time dt end hold knots slide snapshot_time start theta theta2 time turn_time",
-    VELOCITY: "after before max_velocity profile_velocity speed surface_velocity velocity",
-    ANGLE: "angle",
-    "rad/T": "spin",
-    (1, 0, 0): "mass",
-    (1, 2, 0): "inertia",
-    FORCE: "force plate_force residual wall_force",
-    "moment": "torque",
-    (1, 0, -2): "spring",
-    ENERGY: "coulomb defect drag elastic_energy external kinetic kinetic_energy nonpotential tangential viscous",
-    STRESS: "pressure shear_stress stress",
-    "energy per length": "frictional loading radiated",
-    (1, 1, -3): "moment_rate",
-    (0, 1, -2): "gravity",
-    (0, 2, 0): "close_msd msd saturation snapshot_msd",
-    (0, 2, -2): "temperature",
-    (0, 0, -1): "frequency growth_rate predicted_frequency predicted_growth rate",
-    (0, 0, -2): "eigenvalue eigenvalues im_lambda largest re_pair smallest snapshots softest switch switched",
-    NUMBER: "contact_friction coordination fabric friction packing_fraction ratio sliding_fraction strain unbalanced "
-    "volumetric",
-}
-# how each kind is written: as dimensions, and in SI
-WRITTEN = {
-    LENGTH: ("length", "m"), TIME: ("time", "s"), VELOCITY: ("length/time", "m/s"), ANGLE: ("rad", "rad"),
-    "rad/T": ("rad/time", "rad/s"), (1, 0, 0): ("mass", "kg"), (1, 2, 0): ("mass length^2", "kg m^2"),
-    FORCE: ("force", "N"), "moment": ("force length", "N m"), (1, 0, -2): ("force/length", "N/m"),
-    ENERGY: ("energy", "J"), STRESS: ("force/length^(dim-1)", "Pa"), (0, 1, -2): ("length/time^2", "m/s^2"),
-    (0, 2, 0): ("length^2", "m^2"), (0, 2, -2): ("length^2/time^2", "m^2/s^2"), (0, 0, -1): ("1/time", "1/s"),
-    (0, 0, -2): ("1/time^2", "1/s^2"), NUMBER: ("1", "1"), (1, 1, -3): ("force/time", "N/s"),
-    "energy per length": ("energy/length", "J/m"),
-}  # fmt: skip
-BASE = {
-    "m": (0, 1, 0), "s": (0, 0, 1), "kg": (1, 0, 0), "N": (1, 1, -2), "J": (1, 2, -2), "rad": (0, 0, 0), "1": (0, 0, 0),
-    "length": (0, 1, 0), "time": (0, 0, 1), "mass": (1, 0, 0), "force": (1, 1, -2), "energy": (1, 2, -2),
+PACKAGE = Path(ss.__file__).parent
+BASE = {  # exponents of mass, length and time
+    "m": (0, 1, 0), "s": (0, 0, 1), "kg": (1, 0, 0), "N": (1, 1, -2), "J": (1, 2, -2), "Pa": (1, -1, -2),
+    "W": (1, 2, -3), "rad": (0, 0, 0), "1": (0, 0, 0), "length": (0, 1, 0), "time": (0, 0, 1), "mass": (1, 0, 0),
+    "force": (1, 1, -2), "energy": (1, 2, -2), "stress": (1, -1, -2),
 }  # fmt: skip
 
 
@@ -61,24 +34,86 @@ def exponents(unit: str) -> tuple:
     return tuple(total.tolist())
 
 
-def test_every_entry_is_what_the_quantity_is():
-    meant = {name: WRITTEN[kind] for kind, names in MEANT.items() for name in names.split()}
-    told = {name: (units.unit_of(name), units.unit_of(name, si=True)) for name in units._UNITS}
-    assert told == meant
-    for kind, both in WRITTEN.items():
-        if kind != STRESS:  # has the dimensions of a pressure in space only
-            assert exponents(both[0]) == exponents(both[1]), kind
-        if isinstance(kind, tuple):
-            assert exponents(both[1]) == kind
+def classes():
+    """All NamedTuple classes of the package, with the text of their definitions."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.parse(text).body:
+            if isinstance(node, ast.ClassDef) and any("NamedTuple" in ast.unparse(base) for base in node.bases):
+                yield path, node, text.splitlines()
 
 
-@pytest.mark.parametrize("si", [False, True])
-def test_what_has_two_units_or_none_has_none(si):
-    assert units.unit_of("rate", noun="Control", si=si) is None  # velocities and spins
-    assert units.unit_of("stress", noun="Control", si=si) == ("Pa" if si else "force/length^(dim-1)")
-    assert units.unit_of("force", noun="Instant", si=si) is None  # forces and torques
-    assert units.unit_of("pull", noun="Instant", si=si) == ("1/s^2" if si else "1/time^2")
-    assert units.unit_of("kind", si=si) is None
+def documented(node, lines) -> dict[str, set[str]]:
+    """Units in the comment beside each field, or in the first line of the docstring."""
+    whole = set(re.findall(r"\[([^\]]+)\]", (ast.get_docstring(node) or " ").splitlines()[0]))
+    found = {}
+    for field in node.body:
+        if isinstance(field, ast.AnnAssign):
+            comment = lines[field.end_lineno - 1].partition("#")[2]
+            found[field.target.id] = set(re.findall(r"\[([^\]]+)\]", comment)) or whole
+    return found
+
+
+NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)"}  # in brackets in comments, but not units
+
+
+def test_archives_store_the_documented_units_of_all_classes(tmp_path):
+    """One float for each field of each class; what has two units, as velocities beside spins, has none."""
+    checked, tree, meant = 0, {}, {}
+    for path, node, lines in classes():
+        name = ".".join(("stickslip", *path.relative_to(PACKAGE).with_suffix("").parts))
+        kind = getattr(importlib.import_module(name), node.name)
+        key = f"{name}:{node.name}"
+        tree[key] = Fields(dict.fromkeys(kind._fields, 0.5), kind)
+        for field, units in documented(node, lines).items():
+            if len(units := units - NO_UNITS) == 1:
+                meant[f"{key}/{field}"] = units.pop().replace("²", "^2").replace("³", "^3").replace("−", "-")
+                checked += 1
+    archive.write(tmp_path / "a.h5", tree)
+    assert archive.units(tmp_path / "a.h5") == meant
+    assert checked > 300
+    archive.write(tmp_path / "b.h5", tree, si=True)
+    for place, unit in archive.units(tmp_path / "b.h5").items():
+        assert "length" not in unit and "force" not in unit and "time" not in unit
+        if not {"dim", "amplitude", "ns", "steps"} & set(re.findall("[a-z]+", meant[place])):
+            assert exponents(unit) == exponents(meant[place]), place
+
+
+def test_a_field_has_the_unit_of_its_own_class(tmp_path):
+    """The same name has other units elsewhere: work against drag in a ledger, the mean over a window in a fit."""
+    archive.write(tmp_path / "a.h5", {"piece": Events(**dict.fromkeys(Events._fields, 0.5))})
+    found = archive.units(tmp_path / "a.h5")
+    assert found["piece/drag"] == "1/time"
+    state = ss.packings.disk_array(2, press=1e-5)
+    for si, force, stress, time in ((False, "force", "force/length^(dim-1)", "time"), (True, "N", "Pa", "s")):
+        archive.write(tmp_path / "b.h5", {"state": state}, si=si)
+        found = archive.units(tmp_path / "b.h5")
+        told = [found.get(f"state/control/{name}") for name in ("force", "stress", "rate")]
+        assert told == [force, stress, None]  # `rate` holds velocities and spins
+        assert found["state/time"] == time
+
+
+def test_stored_names_of_a_table_have_units(tmp_path):
+    """Dictionaries have the units of the fields that they are made of, and no others."""
+    archive.write(tmp_path / "a.h5", {"rows": Fields({"time": 1.0, "drag": 2.0, "x": 3.0}, Events, x="1")})
+    archive.write(tmp_path / "b.h5", {"rows": {"time": 1.0, "pressure": 2.0}})
+    assert archive.units(tmp_path / "a.h5") == {"rows/drag": "1/time", "rows/x": "1"}
+    assert archive.units(tmp_path / "b.h5") == {}
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"),
+    [("length/time", "m/s"), ("rad/time", "rad/s"), ("mass length^2", "kg m^2"), ("force/length^(dim-1)", "Pa"),
+     ("force length", "N m"), ("1/time^2", "1/s^2"), ("energy/length", "J/m"), ("m/s", "m/s"), ("1", "1")],
+)  # fmt: skip
+def test_units_in_si(unit, si):
+    assert in_si(unit) == si
+
+
+def test_a_table_for_notebooks_shows_units():
+    state = ss.packings.disk_array(2, press=1e-5)
+    assert "[length/time]" in state.grains._repr_html_()
+    assert units_of(int) == units_of(typing.NamedTuple("Own", [("x", float)])) == {}
 
 
 def test_what_grains_are_coloured_by_has_its_unit():

@@ -190,6 +190,8 @@ def test_ctrl_c_ends_with_a_sentence_that_names_the_table(tmp_path, monkeypatch)
     assert len(table_of(folder / "watch.csv")) == 3
 
 
+TABLE, NAMES = "# written by stickslip watch 0.2.0", ",".join(measures.Row._fields) + "\n"
+EMPTY = frames("grains.dump")[0].partition(b"ITEM: ATOMS")[0].replace(b"ATOMS\n27", b"ATOMS\n0")
 LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")]
 
 
@@ -208,11 +210,20 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
         (lambda d: None, LAWLESS, "contain no contact law"),
         (lambda d: None, WORDS[:-2], "--damping-t"),
         (lambda d: None, [*WORDS, "--frame", "0"], "--frame was given"),
+        (lambda d: None, [*WORDS, "--atom-style", "sphere"], "--atom-style was given"),
         (lambda d: None, [*WORDS, "--contacts", "others.dump"], "others.dump is no `dump local`"),
         (lambda d: None, [*WORDS, "--method", "fast"], "did you mean 'fastest'?"),
         (lambda d: None, [*WORDS, "--until-idle", "1"], "give one of them"),
         (lambda d: None, [*WORDS, "--out", "w.txt"], "use .csv"),
         (lambda d: (d / "watch.csv").write_text("1,2\n"), WORDS, "is not a table that stickslip watch wrote"),
+        (lambda d: (d / "watch.csv").write_text(f"{TABLE}: {{}}\n{NAMES}5,1\n"), WORDS, "is not a table that"),
+        (lambda d: (d / "watch.csv").write_text(f"{TABLE}: {{}}\n{NAMES}{'5,' * 40}\n"), WORDS, "is not a table that"),
+        (lambda d: (d / "watch.csv").write_text(f"{TABLE}: []\n{NAMES}"), WORDS, "is not a table that"),
+        (lambda d: (d / "watch.csv").write_text(f"{TABLE}: 5\n{NAMES}"), WORDS, "is not a table that"),
+        (lambda d: (d / "grains.dump").write_bytes(EMPTY + b"ITEM: ATOMS id x y z radius mass vx\n"), WORDS,
+         "which is not among the grains: give files from the same run"),
+        (lambda d: (d / "grains.dump").write_bytes(EMPTY + b"ITEM: ATOMS id x y z radius mass vx\n"),
+         [*WORDS, "--no-contacts"], "0 grains was given"),
     ],
 )  # fmt: skip
 def test_bad_input_has_one_sentence(spoil, words, sentence, tmp_path, monkeypatch):

@@ -9,10 +9,10 @@ import unicodedata
 import warnings
 from contextlib import contextmanager
 
+from ..core.text import bounded
 from ..extras import MissingExtraError
 from .app import app
 
-MAX_LENGTH = 1000  # of an error message [characters]
 STOPPED = 130  # exit code that shells expect from a process ended by ctrl-C
 ASCII_SPELLING = {
     "λ": "lambda", "ω": "omega", "φ": "phi", "σ": "sigma", "μ": "mu", "θ": "theta", "δ": "delta", "Δ": "Delta",
@@ -67,6 +67,8 @@ def main() -> None:
         sys.exit(1)
     except (ValueError, OSError) as problem:
         _fail(_error_message(problem), 2)
+    except MemoryError as problem:
+        _fail(f"the memory does not suffice ({problem}): use fewer grains, samples or frames", 1)
     except StoppedError as problem:
         _fail(str(problem), STOPPED)
     except RuntimeError as problem:
@@ -118,8 +120,7 @@ def _discard_stdout() -> None:
 
 def _fail(sentence: str, code: int, answer: dict | None = None) -> None:
     """Exit with a sentence on standard error and, with --json, an object on standard output."""
-    line = " ".join(sentence.split())
-    line = line if len(line) <= MAX_LENGTH else line[:MAX_LENGTH] + " …"
+    line = bounded(" ".join(sentence.split()))
     if "--json" in sys.argv[1:]:
         ending = {"status": "stopped" if code == STOPPED else "failed", "error": line, "exit_code": code}
         print(json.dumps((answer or {}) | ending), flush=True)

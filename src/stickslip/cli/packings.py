@@ -67,6 +67,9 @@ def _packing_options(
     boundary: Annotated[
         str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
     ] = None,
+    atom_style: Annotated[
+        str | None, typer.Option(help="sphere, if a LAMMPS data file does not name its style.")
+    ] = None,
 ):
     """Options of all commands that read a packing; see `read_packing`."""
 

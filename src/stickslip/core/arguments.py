@@ -14,6 +14,8 @@ from typing import ParamSpec, TypeVar, get_args, get_origin
 
 import numpy as np
 
+from .text import bounded
+
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
 
@@ -44,6 +46,10 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         _door.passed = True
         try:
             return function(*args, **kwargs)
+        except ValueError as problem:
+            if type(problem) is ValueError and len(problem.args) == 1:
+                problem.args = (bounded(str(problem)),)
+            raise
         finally:
             _door.passed = False
 

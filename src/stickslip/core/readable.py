@@ -6,6 +6,8 @@ from enum import Enum
 
 import numpy as np
 
+from .units import units_of
+
 MAX_LINES, LINE_WIDTH, MAX_LENGTH = 6, 110, 60  # lines of a repr, characters per line, characters per value
 
 
@@ -28,7 +30,9 @@ def readable(kind=None, *, head=None, picture=None):
     def to_html(self) -> str:
         title = f"<p>{html.escape(folded(f'{kind.__name__}: {head(self)}'))}</p>"
         left = "style='text-align:left'"
-        rows = (f"<tr><td {left}>{k}</td><td {left}>{html.escape(format_value(v))}</td></tr>" for k, v in fields(self))
+        known = {name: f"[{unit}]" for name, unit in units_of(kind).items()}
+        cells = ((k, html.escape(format_value(v)), known.get(k, "")) for k, v in fields(self))
+        rows = (f"<tr><td {left}>{k}</td><td {left}>{v}</td><td {left}>{unit}</td></tr>" for k, v, unit in cells)
         return (picture(self) if picture else "") + title + f"<table>{''.join(rows)}</table>"
 
     kind.__repr__ = lambda self: folded(f"{kind.__name__}: {head(self)}")

@@ -132,7 +132,7 @@ class State(NamedTuple):
     cell: Cell
     contacts: Contacts
     control: Control
-    time: float
+    time: float  # [time]
     instant: Instant | None = None  # forces stored by a run with dashpots
 
     @property

@@ -1,8 +1,10 @@
 """Reading text files written by users: UTF-8, with or without a byte order mark."""
 
 import codecs
+import re
 from pathlib import Path
 
+LONGEST = 1000  # of a message [characters]
 _MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
@@ -59,6 +61,22 @@ def parse_integer(word: str) -> int:
     if len(word.strip()) > _MAX_DIGITS:
         raise ValueError(f"{word.strip()[:20]!r} … has {len(word.strip())} digits: at most {_MAX_DIGITS} are allowed")
     return int(word)
+
+
+class SentenceError(ValueError):
+    """Base of errors whose message is one sentence for the user, of at most LONGEST characters."""
+
+    def __init__(self, sentence: str = ""):
+        super().__init__(bounded(sentence))
+
+
+def bounded(sentence: str) -> str:
+    """Return a message with what it quotes shortened; its beginning, what was got, and its end, what to do, stay."""
+    if len(sentence) <= LONGEST:
+        return sentence
+    sentence = re.sub(rf"\S{{{LONGEST // 10},}}", lambda word: shortened(word[0]), sentence)
+    cut = LONGEST // 2 - 2
+    return sentence if len(sentence) <= LONGEST else f"{sentence[:cut]} … {sentence[-cut:]}"
 
 
 def shortened(word: str, most: int = 60) -> str:

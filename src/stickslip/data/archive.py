@@ -29,10 +29,10 @@ import numpy as np
 from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, describe_law, restore_kind
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
-from ..core.text import check_regular_file
+from ..core.text import SentenceError, check_regular_file
+from ..core.units import Fields, in_si, units_of
 from .atomic import write_atomically
 from .sound import restore_contacts, validate_law, validate_state
-from .units import unit_of
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
@@ -46,7 +46,7 @@ _SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [by
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
-class ArchiveError(ValueError):
+class ArchiveError(SentenceError):
     """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
 
 
@@ -70,8 +70,9 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     with h5py.File(uuid.uuid4().hex, "w", **memory) as file:
         file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
         file.attrs["versions"] = versions()
+        known = tree.units if isinstance(tree, Fields) else {}
         for name, value in sorted(tree.items()):
-            _store(file, name, value, si)
+            _store(file, name, value, si, known.get(name))
         file.flush()
         image = file.id.get_file_image()
     write_atomically(path, _checksum_block(image), image)
@@ -159,7 +160,7 @@ def _check_schema(path, schema) -> None:
         )
 
 
-def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
+def _store(group, name: str, value, si: bool, unit: str | None = None) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -168,9 +169,10 @@ def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
         return
     if hasattr(value, "_asdict"):
         child = group.create_group(name)
-        child.attrs["noun"] = noun = type(value).__name__
+        child.attrs["noun"] = type(value).__name__
+        known = units_of(type(value))
         for key, item in sorted(value._asdict().items()):
-            _store(child, key, item, si, noun)
+            _store(child, key, item, si, known.get(key))
         if isinstance(value, Law) and isinstance(value.kind, Kind):
             _store(child, "own", describe_law(value), si)
     elif isinstance(value, dict):
@@ -179,18 +181,19 @@ def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
         if numbers:
             child.attrs["keys"] = type(numbers[0]).__name__
         named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
+        known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
         for key, item in sorted(named.items()):
-            _store(child, key, item, si)
+            _store(child, key, item, si, known.get(key))
     elif isinstance(value, tuple | list) and not _is_homogeneous(value):
         child = group.create_group(name)
         child.attrs["sequence"] = type(value).__name__
         for k, item in enumerate(value):
-            _store(child, f"{k:06d}", item, si)
+            _store(child, f"{k:06d}", item, si, unit)
     else:
-        _store_array(group, name, value, si, noun)
+        _store_array(group, name, value, si, unit)
 
 
-def _store_array(group, name: str, value, si: bool, noun: str | None) -> None:
+def _store_array(group, name: str, value, si: bool, unit: str | None) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
@@ -207,8 +210,8 @@ def _store_array(group, name: str, value, si: bool, noun: str | None) -> None:
         made = group.create_dataset(name, data=array, **filters)
     if isinstance(value, tuple | list):
         made.attrs["sequence"] = type(value).__name__
-    if array.dtype.kind in "fc" and (unit := unit_of(name, noun=noun, si=si)):
-        made.attrs["units"] = unit
+    if array.dtype.kind in "fc" and unit:
+        made.attrs["units"] = in_si(unit) if si else unit
 
 
 def _store_columns(group, name: str, array: np.ndarray) -> h5py.Dataset:

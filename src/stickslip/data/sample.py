@@ -15,6 +15,7 @@ from ..core.laws.dispatch import Kind
 from ..core.measure import branch_vectors
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
+from ..core.text import SentenceError
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
@@ -26,7 +27,7 @@ LAWS = {
 }
 
 
-class PackingError(ValueError):
+class PackingError(SentenceError):
     """Raised for a packing that cannot be used; the message is one sentence for the user."""
 
 

@@ -2,12 +2,15 @@
 
 import difflib
 import hashlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..core.readable import folded
+from ..core.sizes import Size, require_sizes
+from ..core.text import SentenceError
 
 LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also for parameters of laws: products of two or three do not overflow
 
@@ -31,7 +34,7 @@ Ranks = Annotated[int, Field(ge=1, le=100_000)]
 Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")]
 
 
-class ScenarioError(ValueError):
+class ScenarioError(SentenceError):
     """Raised for a scenario that cannot be run; the message is one sentence for the user."""
 
 
@@ -56,6 +59,15 @@ class ScenarioBase(ScenarioTable):
     si: ClassVar[bool] = False  # True if its units are SI
     if TYPE_CHECKING:
         experiment: str  # its name, a literal in each class
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over the sizes of the run, each with the keys that determine it and how to reduce it."""
+        yield from ()
+
+    @model_validator(mode="after")  # pydantic calls validators of a base class first, before others make arrays
+    def _check_sizes(self):
+        require_sizes(self.sizes())
+        return self
 
     @property
     def text(self) -> str:

@@ -16,7 +16,6 @@ from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
 from ..data import archive
 from ..data.checkpoint import SWEEP, UNFINISHED
-from ..data.units import unit_of
 from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
@@ -224,7 +223,7 @@ def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: d
     first, many = next(iter(states)), list(states.values())
 
     def unit(noun, name):
-        found = units.get(f"{first}/{noun}/{name}" if noun else f"{first}/{name}", unit_of(name))
+        found = units.get(f"{first}/{noun}/{name}" if noun else f"{first}/{name}")
         return {"units": found} if found else {}
 
     out = {"time": ("frame", np.array([state.time for state in many]), unit("", "time"))}
@@ -295,7 +294,7 @@ def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
             dims[-1] = "axis"
         if across and values.ndim and values.shape[-1] == len(entries[across]) and (values.ndim > 1 or name == across):
             dims[-1] = across
-        found = units.get(f"{group}{name}", unit_of(name))
+        found = units.get(f"{group}{name}")
         # a multidimensional variable must not share its name with one of its dimensions
         own = dims == [name] and name in (along, across)
         key = f"{name}_values" if name in dims and not own else name
@@ -309,7 +308,7 @@ def _row_dataset(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
     columns = {name: np.array([row[name] for row in rows.values()]) for name in rows[first]}
     labels = columns.pop("name", np.array(list(rows)))
     variables = {
-        name: (dim, values, {"units": found} if (found := units.get(f"{group}{first}/{name}", unit_of(name))) else {})
+        name: (dim, values, {"units": found} if (found := units.get(f"{group}{first}/{name}")) else {})
         for name, values in columns.items()
         if name != dim
     }

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..core.state import State
+from ..core.units import Fields
 from ..data import archive
 from ..data.atomic import name_file_in_errors
 from ..data.checkpoint import SCENARIO, SWEEP, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
@@ -186,14 +187,14 @@ def save(staging: Path, scenario, numbers: dict) -> None:
     (staging / SCENARIO).write_text(scenario.text, encoding="utf-8")
 
 
-def archive_fields(record) -> dict:
+def archive_fields(record) -> Fields:
     """Return the fields of a NamedTuple for an archive: None is omitted, and tuples of strings become lines."""
     out = {}
     for name, value in record._asdict().items():
         if value is None:
             continue
         if hasattr(value, "_asdict") and not isinstance(value, State):
-            value = value._asdict()
+            value = Fields(value._asdict(), type(value))
         words = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
         out[name] = "\n".join(value) if words else value
-    return out
+    return Fields(out, type(record))

@@ -27,7 +27,9 @@ def _contents(experiment: Experiment, result, numbers: dict) -> dict:
     measures = {
         name: {"value": float(value), "unit": unit} for name, (value, unit) in experiment.measures(result).items()
     }
-    return numbers | ({"measures": measures} if measures else {})
+    if measures:
+        numbers["measures"] = measures
+    return numbers
 
 
 def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path]:

@@ -35,7 +35,7 @@ class FaultEvents(NamedTuple):
     depth: np.ndarray  # of the fastest cell when the threshold is reached [m]
     nucleation_length: np.ndarray  # around it, with at least a tenth of the largest slip velocity [m]
     top: np.ndarray  # shallowest and deepest points at which slip reached the threshold velocity [m]
-    bottom: np.ndarray
+    bottom: np.ndarray  # [m]
     max_velocity: np.ndarray  # [m/s]
     surface_velocity: np.ndarray  # largest of the first cell [m/s]
     max_slip: np.ndarray  # [m]

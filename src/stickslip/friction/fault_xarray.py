@@ -4,15 +4,9 @@ import numpy as np
 import xarray as xr
 
 from ..core.arguments import checked
+from ..core.units import units_of
 from .fault_cycles import FaultHistory
-
-UNITS = {
-    "max_velocity": "m/s", "moment_rate": "N/s", "slip": "m", "velocity": "m/s", "stress": "Pa", "theta": "s",
-    "theta2": "s", "profile_max_velocity": "m/s", "profile_slip": "m", "start": "s", "end": "s", "depth": "m",
-    "nucleation_length": "m", "top": "m", "bottom": "m", "surface_velocity": "m/s", "max_slip": "m",
-    "surface_slip": "m", "moment": "N", "radiated": "J/m", "time": "s", "station": "m", "profile_time": "s",
-    "profile_depth": "m",
-}  # fmt: skip
+from .fault_record import FaultEvents
 
 
 @checked
@@ -31,8 +25,10 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     2
     """
 
+    known = units_of(FaultEvents) | units_of(FaultHistory)
+
     def units(name: str) -> dict[str, str]:
-        return {"units": UNITS[name]} if name in UNITS else {}
+        return {"units": known[name]} if name in known else {}
 
     series, tables = ("max_velocity", "moment_rate"), ["slip", "velocity", "stress", "theta"]
     tables += ["theta2"] if history.theta2 is not None else []

@@ -37,13 +37,13 @@ _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 class LabRecord(NamedTuple):
     """A record of N samples in metres, seconds and pascals; missing columns are None."""
 
-    time: np.ndarray
-    friction: np.ndarray
-    load_point: np.ndarray | None = None
-    normal_stress: np.ndarray | None = None
-    slip: np.ndarray | None = None
-    velocity: np.ndarray | None = None
-    theta: np.ndarray | None = None
+    time: np.ndarray  # [s]
+    friction: np.ndarray  # [1]
+    load_point: np.ndarray | None = None  # [m]
+    normal_stress: np.ndarray | None = None  # [Pa]
+    slip: np.ndarray | None = None  # [m]
+    velocity: np.ndarray | None = None  # [m/s]
+    theta: np.ndarray | None = None  # [s]
 
 
 def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabRecord:

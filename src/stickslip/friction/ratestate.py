@@ -73,12 +73,12 @@ class End(Enum):
 class SlipHistory(NamedTuple):
     """History of a slider at N times; after a failure, up to the last time reached."""
 
-    time: np.ndarray
+    time: np.ndarray  # [time]
     load_point: np.ndarray  # displacement since the start [length]
     slip: np.ndarray  # [length]
-    velocity: np.ndarray  # of slip
+    velocity: np.ndarray  # of slip [length/time]
     theta: np.ndarray  # [time]
-    friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n
+    friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n [1]
     normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
     end: End = End.DONE
     reached: float = 0.0  # time at which the history ended

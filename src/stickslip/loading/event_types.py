@@ -24,7 +24,7 @@ class EventKind(Enum):
 class Event(NamedTuple):
     """Discontinuity of a quasi-static path; see `find_events`. Strains count from the first state."""
 
-    strain: float  # upper end of the bracket
+    strain: float  # upper end of the bracket [1]
     below: float  # its lower end, the last strain that the path reaches without a jump or loss of stability
     kind: EventKind
     exponent: float  # p of (γ_c − γ)^p, fitted to λ_min, for pairs to Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
@@ -37,7 +37,7 @@ class Event(NamedTuple):
     mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
     # smallest λ, for pairs Re λ − (Im λ/drag)², of the last stable state with that contact sliding or open; negative
     # if this makes it unstable, NaN without such a contact [1/time²]
-    switched: float
+    switched: float  # [1/time²]
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
     stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
     jump: float  # root mean square non-affine displacement, in mean diameters
@@ -53,7 +53,7 @@ class Event(NamedTuple):
 class StrainStep(NamedTuple):
     """Predictors at the beginning of each strain step of a path; arrays (S,) over steps."""
 
-    strain: np.ndarray  # counted from the first state
+    strain: np.ndarray  # counted from the first state [1]
     softest: np.ndarray  # smallest real eigenvalue λ_min [1/time²]
     nonaffine_rate: np.ndarray  # root mean square of dq/dγ over the supported grains, from J alone [length]
     growth: np.ndarray  # growth rate |Im √λ| of the fastest pair without drag, 0 without a pair [1/time]

@@ -23,6 +23,7 @@ from ..core.measure import (
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
 from ..core.scales import Scales, natural_scales
+from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import BALANCED, equilibrate
@@ -63,6 +64,7 @@ def disk_array(
     >>> disk_array(3, press=5e-5).grains.position[:, 0]
     array([0.5, 1.5, 2.5])
     """
+    require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     radius = np.broadcast_to(np.asarray(radius, float), (n,))
     after = np.roll(radius, -1)
     spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height
@@ -94,10 +96,10 @@ JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grain
 class PackingInfo(NamedTuple):
     """Properties of a packing. Rattlers have less than dim + 1 contacts without friction, less than 2 with it."""
 
-    packing_fraction: float
+    packing_fraction: float  # [1]
     pressure: float  # [force/length^(dim−1)]
     contacts: int
-    coordination: float  # mean number of contacts of grains that are not rattlers
+    coordination: float  # mean number of contacts of grains that are not rattlers [1]
     rattlers: int
     overlap: float  # mean over contacts [length]
     residual: float  # largest unbalanced force or torque/R [force]
@@ -206,6 +208,7 @@ def random_grains(
 
     Powers are taken in units of `length`, by default the smallest diameter, so that units change nothing but units.
     """
+    require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     if dim not in JAMMED:
         raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
     sizes = check_radii(radius, n)

@@ -12,6 +12,7 @@ from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from ..data.checkpoint import Checkpoint
 from ..solve.newton import newton
@@ -47,7 +48,7 @@ class Family(NamedTuple):
     """A complex pair followed along a path."""
 
     loads: np.ndarray  # (K,)
-    eigenvalues: np.ndarray  # (K,) complex
+    eigenvalues: np.ndarray  # (K,) complex [1/time²]
     birth: Change | None  # None if the pair exists at the first point
     death: Change | None  # None if the pair exists at the last point
 
@@ -62,6 +63,11 @@ def load_path(turning_points, step: float, through=()) -> np.ndarray:
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
     require_positive(step=step)
+    loads = np.array([*turning_points, *through], float)
+    if not np.isfinite(loads).all():
+        raise ValueError(f"a load of {loads[~np.isfinite(loads)][0]} was given: use finite loads")
+    steps = float(np.abs(np.diff(turning_points)).sum()) / step
+    require_sizes([Size(f"step = {step:g} makes", steps, "load steps", "use a larger step")])
     loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
     for a, b in pairwise(turning_points):
         inside = [x for x in waiting if min(a, b) <= x <= max(a, b)]
@@ -253,7 +259,7 @@ class Growth(NamedTuple):
     growth_rate: float  # ω_i [1/time]
     frequency: float  # ω_r [1/time]
     start: float  # window of the fit [time]
-    stop: float
+    stop: float  # [time]
     decades: float  # of M inside the window
 
 

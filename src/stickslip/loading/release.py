@@ -30,27 +30,27 @@ KEPT = 20_000  # samples of a time series that are saved
 class Released(NamedTuple):
     """Run from an unstable state. Compressive stress is positive; shear stress is −σ_xy, which opposes γ > 0."""
 
-    strain: float
+    strain: float  # [1]
     pairs: int  # complex pairs at the start
-    eigenvalue: complex  # λ of the fastest pair
+    eigenvalue: complex  # λ of the fastest pair [1/time²]
     growth_rate: float  # predicted ω_i [1/time]
     frequency: float  # predicted ω_r [1/time]
-    dt: float
-    time: np.ndarray  # (T,)
+    dt: float  # [time]
+    time: np.ndarray  # (T,) [time]
     msd: np.ndarray  # (T,) M = mean of |Δr|² + R²|Δangle|² over grains that are not rattlers [length²]
     shear_stress: np.ndarray  # (T,) [force/length^(dim−1)]
-    pressure: np.ndarray  # (T,)
+    pressure: np.ndarray  # (T,) [force/length^(dim−1)]
     touching: np.ndarray  # (T,) number of contacts
-    kinetic_energy: np.ndarray  # (T,)
+    kinetic_energy: np.ndarray  # (T,) [energy]
     growth: Growth | None  # fitted; compare with the rates corrected for velocity Verlet
-    snapshot_time: np.ndarray  # (S,)
-    snapshot_msd: np.ndarray  # (S,)
+    snapshot_time: np.ndarray  # (S,) [time]
+    snapshot_msd: np.ndarray  # (S,) [length²]
     snapshots: np.ndarray  # (S, n) eigenvalues λ [1/time²]
     constant: tuple[float, float]  # M at the snapshots before and after the fastest Im λ had changed by 1 %, or NaN
-    turn_time: np.ndarray  # (L,) start times of single turns of the motion while M is within FUNNEL
+    turn_time: np.ndarray  # (L,) start times of single turns of the motion while M is within FUNNEL [time]
     turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are not rattlers [length]
-    close_time: np.ndarray  # (K,) times of all samples of a few turns
-    close_msd: np.ndarray  # (K,)
+    close_time: np.ndarray  # (K,) times of all samples of a few turns [time]
+    close_msd: np.ndarray  # (K,) [length²]
 
     @property
     def corrected_rate(self) -> float:

@@ -24,6 +24,7 @@ from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
 from ..core.scales import natural_scales
+from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
@@ -182,6 +183,7 @@ def kinetic_threshold(
     require_positive(duration=duration, dt=dt, distance=distance)
     require_not_negative(drag=drag)
     _require_count(1, realizations=realizations, ramps=ramps)
+    require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
     _require_count(0, seed=seed)
     if duration < LEGS * dt:
         raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")

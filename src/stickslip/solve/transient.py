@@ -11,6 +11,7 @@ from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law, damping_model
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix, translations
 from .linear import suitable_threads
@@ -108,6 +109,7 @@ def transient_growth(
     """
     if norm not in ("energy", "displacement"):
         raise ValueError(f"norm {norm!r} was given: use energy or displacement")
+    require_sizes([Size(f"samples = {samples} makes", samples, "samples", "use fewer")])
     free = backbone(state, law)
     if len(free) > AT_MOST:
         raise ValueError(

@@ -203,9 +203,9 @@ class Record(NamedTuple):
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at the Coulomb limit
     virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; stress times volume
-    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any
+    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
-    coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included
+    coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
     held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `measure.coordination`
     rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]

@@ -1,5 +1,7 @@
 """Velocity Verlet with optional drag."""
 
+from math import prod
+
 import numpy as np
 
 from ..arguments import checked, require_not_negative
@@ -7,12 +9,13 @@ from ..contacts.forces import check_materials
 from ..contacts.neighbors import with_neighbor_list
 from ..laws.builtin import SMOOTH, Law
 from ..outcome import Outcome, Status
+from ..sizes import Size, require_sizes
 from ..state import State
 from .coefficients import CONVERGED, DONE, NOT_FINITE, RUNAWAY, driven_bodies, make_plan, movable
 from .driver import run_steps
 from .last_forces import matching_instant, with_mark
 from .ledger import open_books
-from .record import allocate_buffers, make_record
+from .record import OBSERVABLES, allocate_buffers, make_record
 from .timestep import check_time_step, stable_time_step
 
 
@@ -97,6 +100,9 @@ def run(
     plan, free = make_plan(state, drag, spin_drag, dt), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
+    rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
+    memory = 8 * rows * (sum(prod(shape) for _, shape in OBSERVABLES.values()) + 12 * groups + 6 * len(probes))
+    require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
     books = open_books(len(writing.series), driven_bodies(state), state, rate > 0) if ledger else None

@@ -14,6 +14,7 @@ import copyreg
 import dis
 import hashlib
 import inspect
+import linecache
 import math
 import types
 from collections.abc import Callable
@@ -366,13 +367,14 @@ def from_file(path: str | Path, **parameters: float) -> Law:
 def from_text(text: str, path: Path, parameters: dict) -> Law:
     """Contact law from the text of a Python file, which is executed; as `from_file`."""
     scope = {"__name__": path.stem, "__file__": str(path)}
+    linecache.cache[str(path)] = len(text), None, text.splitlines(keepends=True), str(path)  # for messages
     try:
         exec(compile(text, str(path), "exec"), scope)
     except SyntaxError as problem:
         line = (problem.text or "").strip()
         raise ValueError(f"{path} does not compile, line {problem.lineno}: {line!r} ({problem.msg})") from None
-    except Exception as problem:
-        raise ValueError(f"{path} does not run, {locate_error(problem, path, text)}") from None
+    except (Exception, SystemExit) as problem:  # sys.exit(0) would end the program as if it had succeeded
+        raise ValueError(f"{path} does not run, {locate_error(problem, path)}") from None
     given = {role: scope[role] for role in ROLES if role in scope}
     if "normal_force" not in given:
         raise ValueError(f"{path} has no function normal_force: define one, such as def normal_force(overlap, kn)")

@@ -1,14 +1,13 @@
 """Validation of new user-defined laws: evaluation on a grid of overlaps and radii in Python, then compilation."""
 
 import contextlib
+import linecache
 import re
 import traceback
 import warnings
-from pathlib import Path
 
 import numba
 import numpy as np
-from numba.core.errors import NumbaError
 from numba.core.types import complex128, float64
 
 from ... import kernel_cache
@@ -73,7 +72,7 @@ def _evaluate(own: UserLaw, role: str, values: dict, **given):
     except ZeroDivisionError:
         return np.nan
     except Exception as problem:
-        words = _error_location(own, problem)
+        words = _error_location(problem)
         if any(isinstance(v, complex) for v in given.values()):
             raise ValueError(
                 f"{role} does not accept complex numbers, which its derivative needs, {words}: compare real parts, as "
@@ -82,11 +81,9 @@ def _evaluate(own: UserLaw, role: str, values: dict, **given):
         raise ValueError(f"{role} cannot be evaluated, {words}: correct it") from None
 
 
-def _error_location(own: UserLaw, problem: Exception) -> str:
+def _error_location(problem: Exception) -> str:
     """Location of an error in words, with the line if its text is known."""
     last = traceback.extract_tb(problem.__traceback__)[-1]
-    if Path(last.filename).suffix == ".py" and Path(last.filename).stem == own.name:
-        return locate_error(problem, last.filename, own.source)
     line = f"line {last.lineno}: {last.line!r} " if last.line else f"line {last.lineno} "
     return f"{line}({type(problem).__name__}: {problem})"
 
@@ -190,27 +187,23 @@ def _compile(kind, own: UserLaw, values: dict) -> None:
             try:
                 with warnings.catch_warnings(action="ignore"):
                     function.compile(one)
-            except NumbaError as problem:
-                raise ValueError(
-                    f"{role} cannot be compiled, {_summarize_numba_error(str(problem), own)}; {HELP}"
-                ) from None
+            except Exception as problem:  # Numba does not derive all of its errors from NumbaError
+                raise ValueError(f"{role} cannot be compiled, {_summarize_numba_error(str(problem))}; {HELP}") from None
     with contextlib.suppress(OSError):  # if the disk is full, the next process compiles them again
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch()
 
 
-def _summarize_numba_error(message: str, own: UserLaw) -> str:
+def _summarize_numba_error(message: str) -> str:
     """Innermost location that Numba reports, and its message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
-    places = re.findall(r'File "([^"]+)", line (\d+)', message)
-    text = own.source.splitlines()
+    places = re.findall(r'File "([^"]+)", line (\d+)', message) or re.findall(r"Raised from (.+) \((\d+)\)", message)
     said = next(
         (s for s in lines if re.match(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)", s)), lines[0]
     )
-    number = int(places[-1][1]) if places else 0
-    known = places and Path(places[-1][0]).stem == own.name and 0 < number <= len(text)
-    shown = f"line {number}: {text[number - 1].strip()!r} " if known else ""
-    return f"{shown}({said[:200]})"
+    line = linecache.getline(places[-1][0], int(places[-1][1])).strip() if places else ""
+    shown = f"line {places[-1][1]}: {line!r} " if line else ""
+    return f"{shown}({said.partition(' Raised from ')[0][:200]})"
 
 
 def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:
@@ -232,12 +225,8 @@ def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:
     return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)
 
 
-def locate_error(problem: Exception, path, text: str) -> str:
+def locate_error(problem: BaseException, path) -> str:
     """Describe the line of a file in which an error occurred."""
-    at, lines = None, text.splitlines()
-    trace = problem.__traceback__
-    while trace:
-        at = trace.tb_lineno if trace.tb_frame.f_code.co_filename == str(path) else at
-        trace = trace.tb_next
-    words = f"line {at}: {lines[at - 1].strip()!r} " if at and at <= len(lines) else ""
+    here = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename == str(path)]
+    words = f"line {here[-1].lineno}: {here[-1].line!r} " if here else ""
     return f"{words}({type(problem).__name__}: {problem})"

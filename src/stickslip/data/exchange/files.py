@@ -26,7 +26,7 @@ READ = (".npz", *ARCHIVE, ".gsd", *LAMMPS_DATA, *DUMP)
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
-LAMMPS_OPTIONS = ("contacts", "columns", "boundary")
+LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
 
 def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
@@ -44,6 +44,7 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     contacts : path of the `dump local` that belongs to the grains and provides their memory
     columns : names of its columns, if the file does not name them: i j dist dx dy dz fx fy fz tx ty tz
     boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
+    atom_style : "sphere", if a LAMMPS data file does not name its style, and its columns could be those of another one
 
     Raises
     ------

@@ -78,6 +78,8 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     given = {name: value for name, value in options.items() if value is not None}
     if "frame" in given:
         raise PackingError("--frame was given, but all frames are read: leave it out, or use stickslip stability")
+    if "atom_style" in given:
+        raise PackingError("--atom-style was given, but dumps name their columns: leave it out")
     folder, grains = _place(Path(place))
     contacts, columns, boundary, i0 = (given.pop(name, None) for name in ("contacts", "columns", "boundary", "i0"))
     if not memory and (contacts or columns):

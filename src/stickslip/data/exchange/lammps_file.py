@@ -58,21 +58,28 @@ class Packing(NamedTuple):
     words: list[str]
 
 
-def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None = None) -> list[Packing]:
+def read_grains(
+    path: Path, *, wanted: str | None = None, boundary: str | None = None, atom_style: str | None = None
+) -> list[Packing]:
     """Read packings from a dump (`wanted`: a time step, "all", or None for the last) or from a data file.
 
     Parameters
     ----------
     boundary : three letters as in LAMMPS, such as ppf; default: as stated in the dump, or all periodic for a data file
+    atom_style : "sphere", if the section Atoms of a data file does not name its style
     """
+    if atom_style not in (None, "sphere"):
+        raise PackingError(f"atom_style = {atom_style!r} was given: sphere is supported")
     with path.open("rb") as file:
         dump = file.read(64).decode("utf-8-sig", errors="ignore").startswith("ITEM:")
     if dump:
+        if atom_style:
+            raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
         tables, steps = read_dump(path, wanted)
         many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
         said = many if wanted is None and len(steps) > 1 else []
         return [packing_from_table(table, path, boundary, said) for table in tables]
-    ids, arrays, box, words = read_data(path)
+    ids, arrays, box, words = read_data(path, atom_style)
     if wanted not in (None, "all"):
         raise PackingError(f"{path} is a data file, which has one state: leave out the frame {wanted}")
     return [Packing(box.step, ids, *_add_box(box, arrays, boundary, words))]
@@ -120,8 +127,7 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     if packing.ids is None:
         raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
     ends = table.numbers("i", "j").astype(np.int64)
-    place = np.minimum(np.searchsorted(packing.ids, ends), len(packing.ids) - 1)
-    strange = packing.ids[place] != ends
+    strange = ~np.isin(ends, packing.ids)
     if strange.any():
         raise PackingError(
             f"{path} names grain {ends[strange][0]}, which is not among the grains: give files from the same run"
@@ -130,7 +136,7 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     def vectors(*names):
         return table.numbers(*names) if table.has(*names) else None
 
-    tangential = table.numbers("tx", "ty", "tz")
+    place, tangential = np.searchsorted(packing.ids, ends), table.numbers("tx", "ty", "tz")
     return Pairs(*place.T, vectors("dx", "dy", "dz"), vectors("dist"), vectors("fx", "fy", "fz"), tangential)
 
 
@@ -293,13 +299,13 @@ def _read_boundary(contacts: Path) -> str | None:
 
 def read_lammps(
     path: Path, law: Law, *, contacts: Path | None = None, columns: str | None = None, wanted: str | None = None,
-    boundary: str | None = None,
+    boundary: str | None = None, atom_style: str | None = None,
 ) -> list[tuple[str, State, Law | None, list[str]]]:  # fmt: skip
     """Read states from a data file or a dump, with memory if there is a `dump local` of contacts."""
     out = []
     if contacts is not None and boundary is None:
         boundary = _read_boundary(contacts)
-    for packing in read_grains(path, wanted=wanted, boundary=boundary):
+    for packing in read_grains(path, wanted=wanted, boundary=boundary, atom_style=atom_style):
         pairs = None if contacts is None else read_pairs(contacts, packing, columns)
         state, words = build_state(packing, pairs, law)
         out.append((str(packing.step), state, law, words))

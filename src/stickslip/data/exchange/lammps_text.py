@@ -147,8 +147,11 @@ def _position(table: Table, path: Path) -> np.ndarray:
     raise PackingError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
 
 
-def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
-    """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file."""
+def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
+    """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
+
+    Its atom style is the one that its section Atoms names, or else the one `asked` for.
+    """
     text = _read_text(path)
     first = text.partition("\n")[0]
     sections = _split_sections(text.partition("\n")[2])
@@ -159,11 +162,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
         style, body = sections["Atoms"]
         count = parse_integer(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
         rows = _parse_rows(body, count, "Atoms")
-        if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
-            raise PackingError(
-                f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
-                f"supported, with id type diameter density x y z and optionally ix iy iz"
-            )
+        words = _check_style(path, style, asked, rows)
         vectors, corner = _parse_data_box(head)
         step = re.search(r"timestep = (\d+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
@@ -180,7 +179,29 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
     if motion is not None and motion.shape[1] == 7:
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
         arrays |= {"velocity": motion[:, 1:4], "spin": motion[:, 4:7]}
-    return rows[:, 0].astype(np.int64), arrays, box, []
+    return rows[:, 0].astype(np.int64), arrays, box, words
+
+
+def _check_style(path: Path, style: str | None, asked: str | None, rows: np.ndarray) -> list[str]:
+    """Return a note if a style is assumed; raise PackingError for atoms that are, or may be, of another one.
+
+    The styles full, ellipsoid and body have as many columns as sphere, but whole numbers in place of the diameter.
+    """
+    if asked and style not in (None, asked):
+        raise PackingError(f"atom_style = {asked!r} was given, but {path} names atoms of style {style}: leave it out")
+    if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
+        raise PackingError(
+            f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
+            f"supported, with id type diameter density x y z and optionally ix iy iz"
+        )
+    if style or asked:
+        return []
+    if (rows[:, 2] == np.round(rows[:, 2])).all():
+        raise PackingError(
+            f"{path} does not name the style of its atoms, whose third column has whole numbers, as in other styles: "
+            f"give --atom-style sphere (atom_style in Python) if it is the diameter"
+        )
+    return ["the section Atoms names no style: sphere is assumed"]
 
 
 def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.arguments import checked
+from ...core.sizes import STATE, Size, require_sizes
 from ...core.state import State
 from ..sample import HUGE, PackingError
 from .frame import Frame
@@ -65,6 +66,8 @@ def mode_frames(
     grow : if False, the growth is left out, so that the animation can be looped; if True, it ends at `amplitude`
     """
     state, radius = frame.state, frame.state.grains.radius[:, None]
+    memory = 2 * STATE * len(radius) * count
+    require_sizes([Size(f"{count} frames take", memory, "bytes", "use fewer")], PackingError)
     if count < 2 or not 0 < amplitude <= HUGE:
         raise PackingError(
             f"{count} frames of amplitude {amplitude:g} were requested: give at least 2 frames, and an amplitude above "

@@ -13,15 +13,12 @@ import numpy as np
 import pandas as pd
 
 from ...core.text import read_text
+from ...core.units import Fields, units_of
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
 
 Table = dict[str, np.ndarray]
-UNITS = {
-    "softest": "1/time2", "re_pair": "1/time2", "switched": "1/time2", "switch": "1/time2", "growth": "1/time",
-    "growth_rate": "1/time", "jump": "D", "newton_distance": "D", "nonaffine_rate": "length",
-    "tangent_modulus": "stress", "shear_stress": "stress", "pressure": "stress",
-}  # fmt: skip
+LENGTHS = {"jump": "D", "newton_distance": "D"}  # in mean diameters
 _WHOLE = ("sample", "trigger_i", "trigger_j", "opened", "closed")
 _SPREAD = re.compile(r"(\w+)_(\d+)")
 
@@ -45,7 +42,7 @@ def event_table(samples) -> Table:
             out[name] = _stack_by_distance(values, places)
         else:
             out[name] = np.array(values, float)
-    return out
+    return Fields(out, Event)
 
 
 def step_table(samples) -> Table:
@@ -53,7 +50,7 @@ def step_table(samples) -> Table:
     out: Table = {"sample": np.repeat([one.seed for one in samples], [len(one.found.steps.strain) for one in samples])}
     for name in StrainStep._fields:
         out[name] = np.concatenate([getattr(one.found.steps, name) for one in samples])
-    return out
+    return Fields(out, StrainStep)
 
 
 def _places(distances: np.ndarray, step: float) -> np.ndarray:
@@ -71,9 +68,10 @@ def _stack_by_distance(values: list, places: list) -> np.ndarray:
 
 def write_table(path: Path, table: Table, digits: int = 8) -> None:
     """Write a table as CSV, with units in the header and numbers with a number of significant digits."""
-    columns = {}
+    columns, units = {}, units_of(Event) | units_of(StrainStep) | LENGTHS
     for name, values in table.items():
-        unit = UNITS.get(name, "-")
+        unit = units.get(name, "1").replace("force/length^(dim-1)", "stress").replace("^", "")
+        unit = "-" if unit == "1" else unit
         flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
         columns |= {
             label if values.dtype.kind == "U" else f"{label} [{unit}]": column for label, column in flat.items()

@@ -18,7 +18,7 @@ class Transition(NamedTuple):
     breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
     # velocity of the center of mass over the last third of the run; NaN unless all disks slid before it [length/time]
-    velocity: float
+    velocity: float  # [length/time]
     time: np.ndarray  # (S,) [time]
     center: np.ndarray  # (S, 2) center of mass [length]
 

@@ -41,7 +41,7 @@ class Line(NamedTuple):
     """Sliding velocity against push, with the line V = intercept + slope F_x fitted to some of the loads."""
 
     push: np.ndarray  # (L,) all loads
-    velocity: np.ndarray  # (L,) means over the realizations that slid before the run ended
+    velocity: np.ndarray  # (L,) means over the realizations that slid before the run ended [length/time]
     error: np.ndarray  # (L,) standard errors of the means
     slope: float
     intercept: float

@@ -5,8 +5,12 @@ from functools import partial
 import numpy as np
 from rich.table import Table
 
+from ...core.outcome import Outcome
+from ...core.units import Fields
 from ...figures import disk_array as figures_of
 from ...figures.instability import static_and_kinetic
+from ...loading.protocols import Family
+from ...solve.spectrum import Spectrum
 from ..run_folder import MOVIE, archive_fields
 from ..terminal import STYLE, console
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
@@ -109,18 +113,25 @@ def _numbers(result: DiskArrayResult) -> dict:
         "scenario": result.scenario.text,
         "law": result.law,
         "pressed": result.pressed,
-        "ramp": {
-            "load": np.array([p.load for p in path]),
-            "eigenvalues": eigenvalues,
-            "residual": np.array([p.outcome.residual for p in path]),
-        },
+        "ramp": Fields(
+            {
+                "load": np.array([p.load for p in path]),
+                "eigenvalues": eigenvalues,
+                "residual": np.array([p.outcome.residual for p in path]),
+            },
+            Spectrum,
+            Outcome,
+        ),
         "families": {
-            f"{k:02d}": {
-                "load": f.loads,
-                "eigenvalues": f.eigenvalues,
-                "birth": f.birth.load if f.birth else np.nan,
-                "death": f.death.load if f.death else np.nan,
-            }
+            f"{k:02d}": Fields(
+                {
+                    "load": f.loads,
+                    "eigenvalues": f.eigenvalues,
+                    "birth": f.birth.load if f.birth else np.nan,
+                    "death": f.death.load if f.death else np.nan,
+                },
+                Family,
+            )
             for k, f in enumerate(result.families)
         },
         "frames": frames,

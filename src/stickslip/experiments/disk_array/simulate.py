@@ -40,17 +40,17 @@ class FreeRun(NamedTuple):
     """Newtonian dynamics from the equilibrium at one load."""
 
     load: float
-    time: np.ndarray  # (T,)
+    time: np.ndarray  # (T,) [time]
     msd: np.ndarray  # (T,) M(t) = Σ|Δr|² [length²]
     center: np.ndarray  # (T, 2) [length]
-    kinetic_energy: np.ndarray  # (T,)
+    kinetic_energy: np.ndarray  # (T,) [energy]
     touching: np.ndarray  # (T,)
     breach: np.ndarray  # (N,) first time at the Coulomb limit of each wall contact; NaN if never [time]
     first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach the Coulomb limit; NaN if none
     predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
-    predicted_frequency: float
+    predicted_frequency: float  # [1/time]
     growth: Growth | None
-    saturation: float  # mean of M over the last half of the run
+    saturation: float  # mean of M over the last half of the run [length²]
     slid: bool
 
 
@@ -58,23 +58,23 @@ class Trajectory(NamedTuple):
     """Finely sampled motion of all disks around the transition."""
 
     load: float
-    time: np.ndarray  # (T,)
-    position: np.ndarray  # (T, N, 2)
-    angle: np.ndarray  # (T, N)
+    time: np.ndarray  # (T,) [time]
+    position: np.ndarray  # (T, N, 2) [length]
+    angle: np.ndarray  # (T, N) [rad]
     first_limit: float  # first time that any contact reached the Coulomb limit
-    breach: np.ndarray  # (N,)
-    slide: np.ndarray  # (N,) first displacement by SLID diameters
+    breach: np.ndarray  # (N,) [time]
+    slide: np.ndarray  # (N,) first displacement by SLID diameters [time]
 
 
 class Ensemble(NamedTuple):
     """Realizations of sliding at one load."""
 
     load: float
-    breach: np.ndarray  # (S, N)
-    slide: np.ndarray  # (S, H, N)
+    breach: np.ndarray  # (S, N) [time]
+    slide: np.ndarray  # (S, H, N) [time]
     velocity: np.ndarray  # (S,) [length/time]
-    time: np.ndarray  # (T,)
-    center: np.ndarray  # (T, 2) of the first realization
+    time: np.ndarray  # (T,) [time]
+    center: np.ndarray  # (T, 2) of the first realization [length]
     failures: tuple[str, ...]
 
 

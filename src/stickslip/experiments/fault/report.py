@@ -5,7 +5,10 @@ from functools import partial
 import numpy as np
 from rich.table import Table
 
+from ...core.units import Fields
 from ...figures import fault as figures_of
+from ...friction.fault import Fault
+from ...friction.fault_cycles import FaultHistory
 from ...friction.fault_record import YEAR
 from ..terminal import STYLE, console, show_table
 from . import seas_files
@@ -47,8 +50,8 @@ def numbers(result: FaultResult) -> dict:
     }  # fmt: skip
     fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal", "b2", "dc2")}
     return {
-        "series": series, "profiles": profiles, "events": h.events, "energy": h.energy,
-        "fault": fault | state, "units": "SI",
+        "series": Fields(series, FaultHistory), "profiles": Fields(profiles, FaultHistory, Fault), "events": h.events,
+        "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory), "units": "SI",
     }  # fmt: skip
 
 

@@ -1,9 +1,11 @@
 """Scenario of earthquake cycles on a straight fault. The defaults are the SEAS benchmark problem BP1-QD."""
 
+from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from ...core.sizes import Size
 from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 from ...friction.fault import Fault, line_fault
 
@@ -95,6 +97,17 @@ class FaultScenario(ScenarioBase):
     friction: FaultFriction = FaultFriction()
     loading: Loading = Loading()
     run: FaultRun = FaultRun()
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over cells, points and profiles; an event is taken to last as long as a shear wave needs."""
+        line, run = self.line, self.run
+        points, quiet = line.width / run.spacing, run.years / run.interval
+        seismic = line.width / self.medium.wave_speed / run.seismic_interval
+        yield Size("line.width and line.cell make", line.width / line.cell, "cells", "use longer cells")
+        yield Size("run.spacing makes", points, "points", "use a larger spacing")
+        yield Size("run.years and run.interval make", quiet, "profiles", "use a longer interval")
+        yield Size("run.seismic_interval makes", seismic, "profiles", "use a longer interval")
+        yield Size("profiles take", 8 * points * (quiet + seismic), "bytes", "use a larger run.spacing")
 
     @model_validator(mode="after")
     def _check_fault(self):

@@ -19,19 +19,19 @@ class Deposit(NamedTuple):
 
     grains: np.ndarray  # indices
     low: np.ndarray  # (3,) lower corner of the bounding box, including radii [length]
-    high: np.ndarray  # (3,) upper corner
+    high: np.ndarray  # (3,) upper corner [length]
 
 
 @readable
 class PlaneShear(NamedTuple):
     """Steady shear between two plates: means and a standard deviation over the second half of the last stage."""
 
-    friction: float  # shear over normal force on the upper plate
+    friction: float  # shear over normal force on the upper plate [1]
     friction_deviation: float
-    pressure: float  # normal force over length or area of the cell
+    pressure: float  # normal force over length or area of the cell [force/length^(dim−1)]
     shear_rate: float  # velocity difference over the height between the plates' surfaces [1/time]
     inertial_number: float
-    packing_fraction: float  # poured grains over the space between the plates' surfaces
+    packing_fraction: float  # poured grains over the space between the plates' surfaces [1]
     height: float  # distance between the plates' surfaces [length]
 
 

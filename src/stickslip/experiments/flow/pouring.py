@@ -20,12 +20,13 @@ from ...core.laws.builtin import (
 from ...core.laws.dispatch import Kind
 from ...core.laws.validation import largest_stiffness
 from ...core.readable import pluralize, readable
+from ...core.sizes import Size, require_sizes
 from ...core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
 from ...data.law_file import load_law
 from ...data.sample import LAWS
 from ...data.schema import ScenarioError
 from ...solve.collision import with_restitution
-from .scenario import AXES, MOST, FlowScenario, Plate, Shaking, Stage
+from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
 
 SAFETY = 0.1  # in √(m/k): a twentieth of a collision's π √(m/2k), a sixth of the stability limit with six contacts
 LIMIT = 0.58  # in √(m/k), 2/√12: stability limit with six neighbours at rest, each contact with stiffness k
@@ -238,11 +239,9 @@ def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndar
             f"plate {plate.name!r} has holes of {wide - 2 * size:.3g} between its grains, through which the smallest "
             f"grain (diameter {2 * radius.min():.3g}) falls: use a smaller spacing or a larger radius"
         )
-    if (many := float(np.prod(np.array(number, float)))) > MOST:
-        raise ScenarioError(
-            f"plate {plate.name!r} would have {many:.3g} grains: at most {MOST} are allowed; use larger ones or a "
-            f"smaller cell"
-        )
+    many = Size(f"plate {plate.name!r} would have", float(np.prod(np.array(number, float))), "grains",
+                "use larger ones or a smaller cell")  # fmt: skip
+    require_sizes([many], ScenarioError)
     lines = [(np.arange(n) + 0.5) * length / n for n, length in zip(number, lengths, strict=True)]
     mesh = [part.ravel() for part in np.meshgrid(*lines, indexing="ij")]
     row = np.zeros((len(mesh[0]), 3))
@@ -286,11 +285,8 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
             f"{LIMIT * unit:.3g}: give a smaller value, or leave dt out to use {SAFETY * unit:.3g}"
         )
     dt = scenario.dt or SAFETY * unit
-    if scenario.duration / dt > 1e9:
-        raise ScenarioError(
-            f"the stages take {scenario.duration:g}, more than 1e9 steps of {dt:.3g}: use softer grains or "
-            f"shorter stages"
-        )
+    words = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"
+    require_sizes([Size(words[0], scenario.duration / dt, "time steps", words[1])], ScenarioError)
     return dt
 
 

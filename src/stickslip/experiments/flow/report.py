@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ...core.units import Fields, units_of
 from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console, show_table
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
-from .simulate import FlowResult, FlowSeries
+from .pouring import Poured
+from .simulate import FlowResult, FlowSeries, StageEnd
 
 
 def figures(result: FlowResult):
@@ -32,23 +34,28 @@ def numbers(result: FlowResult) -> dict:
     found, shear = {}, plane_shear(result)
     if shear:
         found["plane_shear"] = archive_fields(shear)
-    return {
+    tree = {
         "scenario": result.scenario.text,
         "law": result.law,
         "dt": result.poured.dt,
         "walls": "\n".join(result.poured.walls),
         "plates": result.poured.plates,
         "stages": {
-            f"{k:02d}": {"name": s.name, "start": s.start, "end": s.end, "rested": str(s.rested)}
+            f"{k:02d}": Fields({"name": s.name, "start": s.start, "end": s.end, "rested": str(s.rested)}, StageEnd)
             for k, s in enumerate(result.stages)
         },
         "series": archive_fields(result.series),
-        "profile": {"edges": result.edges, "velocity": velocity_profile(result)},
+        "profile": Fields(
+            {"edges": result.edges, "velocity": velocity_profile(result)},
+            FlowResult,
+            velocity=units_of(FlowSeries)["profile_velocity"],
+        ),
         "frame_walls": {f"{k:04d}": "\n".join(names) for k, names in enumerate(result.frame_walls)},
         "frames": {f"{k:04d}": state for k, state in enumerate(result.frames)},
         "units": "those of the scenario",
         **found,
     }
+    return Fields(tree, Poured)
 
 
 def _write_series(result: FlowResult, path: Path) -> None:

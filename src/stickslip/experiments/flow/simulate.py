@@ -17,6 +17,7 @@ from ...core.laws.builtin import Law
 from ...core.measure import contact_forces, coordination, elastic_energy, touching
 from ...core.readable import readable
 from ...core.state import SLIDE, State
+from ...core.units import Fields
 from ...data.archive import ArchiveError
 from ...data.checkpoint import Checkpoint, checkpoint_in
 from ..realizations import Report, silent
@@ -38,9 +39,9 @@ class FlowSeries(NamedTuple):
     kinetic_energy: np.ndarray  # (T,) translations and rotations [energy]
     elastic_energy: np.ndarray  # (T,) stored in normal springs, plates included [energy]
     speed: np.ndarray  # (T,) mean [length/time]
-    unbalanced: np.ndarray  # (T,) mean unbalanced force of grains over mean contact force; infinite without contacts
-    coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers
-    sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit
+    unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force; infinite without contacts [1]
+    coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
+    sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     center: np.ndarray  # (T, 3) of mass [length]
     low: np.ndarray  # (T, 3) position along each axis below which 1 % of the grains' centres lie [length]
     high: np.ndarray  # (T, 3) position above which 1 % of them lie [length]
@@ -153,7 +154,9 @@ def _run_stage(
             frame = over or (total + k + 1 - done) % every == 0
             if frame or time.monotonic() - saved > SAVE_EVERY:
                 end = StageEnd(stage.name, begin, state.time, rests if stage.until else None) if over else None
-                columns = {name: np.array([row[name] for row in rows]) for name in FlowSeries._fields}
+                columns = Fields(
+                    {name: np.array([row[name] for row in rows]) for name in FlowSeries._fields}, FlowSeries
+                )
                 keep(Piece(number, begin, k + 1, columns, state, frame, end))
                 rows, saved = [], time.monotonic()
             report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames saved")

@@ -35,15 +35,15 @@ class Series(NamedTuple):
     load_point: np.ndarray  # (T,) displacement of the spring's load point [m]
     slip: np.ndarray  # (T,) displacement of the upper plate along x [m]
     velocity: np.ndarray  # (T,) of the upper plate along x [m/s]
-    friction: np.ndarray  # (T,) force of the spring over σ A
-    contact_friction: np.ndarray  # (T,) −force of the contacts on the upper plate along x over σ A
+    friction: np.ndarray  # (T,) force of the spring over σ A [1]
+    contact_friction: np.ndarray  # (T,) −force of the contacts on the upper plate along x over σ A [1]
     normal: np.ndarray  # (T,) force of the contacts on the upper plate along y over σ A
     thickness: np.ndarray  # (T,) between the mean heights of the plates' grains [m]; its growth is dilation
     kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
     temperature: np.ndarray  # (T,) granular: mean of v_y² and v_z² of the mobile grains, by mass [m²/s²]
-    coordination: np.ndarray  # (T,) contacts of a grain that is not a rattler, including the grains of the plates
-    sliding_fraction: np.ndarray  # (T,) share of contacts at the Coulomb limit
-    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts
+    coordination: np.ndarray  # (T,) contacts of a grain that is not a rattler, including the grains of the plates [1]
+    sliding_fraction: np.ndarray  # (T,) share of contacts at the Coulomb limit [1]
+    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts [1]
 
     def __getitem__(self, rows):
         """Select rows of all columns."""

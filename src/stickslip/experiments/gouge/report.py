@@ -8,13 +8,15 @@ import numpy as np
 from rich.table import Table
 
 from ...core.readable import pluralize
+from ...core.units import units_of
 from ...figures import gouge as figures_of
 from ...friction.laboratory import LabRecord, write_csv
-from ..run_folder import CURVES, SERIES, SLIPS
+from ..run_folder import CURVES, SERIES, SLIPS, archive_fields
 from ..terminal import STYLE, console, show_table
 from . import measures as measured
 from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
+from .protocol import Series
 from .sample import damping
 from .simulate import GougeResult
 from .slips import Slips, find_slips
@@ -159,7 +161,7 @@ def numbers(result: GougeResult) -> dict:
         },
         "realizations": {f"{one.seed:04d}": one for one in result.realizations},
         "failures": "\n".join(result.failures),
-        "slips": _slips(result)._asdict(),
+        "slips": archive_fields(_slips(result)),
         "steady_friction": {f"{v:g}": measured.mean_friction(result, v)._asdict() for v in measured.velocities(result)},
     }
 
@@ -167,10 +169,7 @@ def numbers(result: GougeResult) -> dict:
 def _write_series(result: GougeResult, path: Path) -> None:
     """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
-    units = {
-        "time": "s", "load_point": "m", "slip": "m", "velocity": "m/s", "thickness": "m", "kinetic_energy": "J",
-        "temperature": "m2/s2",
-    }  # fmt: skip
+    units = {name: "-" if unit == "1" else unit.replace("^", "") for name, unit in units_of(Series).items()}
     header = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
     header.append("hold [s]")
     lines = [",".join(header + [f"{name} [{units.get(name, '-')}]" for name in names])]
@@ -186,8 +185,8 @@ def _write_series(result: GougeResult, path: Path) -> None:
 
 def _write_slips(found: Slips, path: Path) -> None:
     """Write one row for each slip."""
-    units = {"realization": "-", "drop": "-", "load_velocity": "m/s", "velocity": "m/s", "time": "s", "duration": "s"}
-    lines = [",".join(f"{name} [{units.get(name, 'm')}]" for name in found._fields)]
+    units = units_of(Slips)
+    lines = [",".join(f"{name} [{units.get(name, '-')}]" for name in found._fields)]
     lines += [",".join(f"{x:.7g}" for x in row) for row in zip(*found, strict=True)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -4,12 +4,14 @@ x is the direction of shear, y that of the normal stress, and z the transverse d
 and z. Values stated in paper 003 are marked as such. All others are choices, each with a key of its own.
 """
 
+from collections.abc import Iterator
 from itertools import pairwise
 from math import pi
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from ...core.sizes import MOST, STATE, Size
 from ...data.schema import (
     Listed,
     NotNegative,
@@ -25,7 +27,6 @@ from ...data.schema import (
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
-MOST = 200_000  # maximum number of grains between plates, and in one of them
 LEAST = 8  # minimum number of samples of a leg, from which a mean with an error can be computed
 FASTEST = 1e7  # grain-steps per second and process, for the estimate before the start
 
@@ -353,6 +354,21 @@ class GougeScenario(ScenarioBase):
     )
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over grains, branches with the memory of their states, and samples."""
+        yield Size(
+            "cell.length and cell.width make plates of",
+            self.plate_grains,
+            "grains",
+            "use a smaller cell or larger grains",
+        )
+        branches = sum(part.branches * len(part.starts) for part in self.protocol)
+        yield Size("the protocol makes", branches, "branches", "use fewer in each of its entries")
+        memory = STATE * (self.grains.number + 2 * self.plate_grains) * branches
+        yield Size("states at the branches take", memory, "bytes", "use fewer branches or grains")
+        if self.steps <= self.most_steps:  # the limit for time steps; beyond it, a message estimates the time
+            yield Size("sample_every makes", self.steps / self.sample_every, "samples", "use a larger one")
+
     @model_validator(mode="after")
     def _check_engine(self):
         require_lammps_for_ranks(self.engine, self.ranks)
@@ -367,11 +383,6 @@ class GougeScenario(ScenarioBase):
                     f"cell.{name} = {getattr(self.cell, name):g} was given, but grains of diameter {largest:g} need at "
                     f"least {4 * largest:g} to stay clear of their periodic images: use a larger cell"
                 )
-        if self.plate_grains > MOST:
-            raise ValueError(
-                f"cell.length and cell.width make plates of {self.plate_grains:.3g} grains each: at most {MOST} are "
-                f"allowed; use a smaller cell or larger grains"
-            )
         return self
 
     @model_validator(mode="after")
@@ -459,7 +470,8 @@ class GougeScenario(ScenarioBase):
     def plate_grains(self) -> int:
         """Number of grains whose combined area covers the requested share of one plate."""
         low, high = (d / 2 for d in self.grains.diameter)
-        return max(4, round(self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)))
+        number = self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)
+        return max(4, round(min(number, 1e18)))
 
     @property
     def trunk_duration(self) -> float:

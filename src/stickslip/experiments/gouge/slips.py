@@ -23,7 +23,7 @@ class Slips(NamedTuple):
     load_point: np.ndarray  # (K,) displacement of the load point at that time [m]
     duration: np.ndarray  # (K,) [s]
     slip: np.ndarray  # (K,) displacement of the plate [m]
-    drop: np.ndarray  # (K,) decrease of the friction, which is the force of the spring over σ A
+    drop: np.ndarray  # (K,) decrease of the friction, which is the force of the spring over σ A [1]
     velocity: np.ndarray  # (K,) largest velocity of the plate [m/s]
 
 

@@ -72,12 +72,19 @@ def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
 
 
 def _record_starts(block: np.ndarray) -> np.ndarray:
-    """First entry of the record of each grain in a block."""
-    starts, place, sizes = [], 0, block
-    while place < len(sizes):
-        starts.append(place)
-        place += int(sizes[place])
+    """Start of the record of each grain in a block, and the end of the last; ValueError if a record does not fit."""
+    starts = [0]
+    while starts[-1] < len(block):
+        starts.append(int(_ends(block, np.array(starts[-1:]), len(block), EXTRA + 2)[0]))
     return np.array(starts, np.int64)
+
+
+def _ends(block: np.ndarray, start: np.ndarray, stop, least: int = 2) -> np.ndarray:
+    """Ends of records or entries that begin with their length; ValueError if one is too short or passes `stop`."""
+    length = block[np.minimum(start, len(block) - 1)]
+    if not ((length >= least) & (length <= stop - start)).all():
+        raise ValueError("a restart file of LAMMPS with a record whose length does not fit: it is damaged")
+    return start + length.astype(np.int64)
 
 
 def read_restart(path: Path, *, walls: int = 0, values: int = 3) -> Restart:
@@ -101,26 +108,34 @@ def read_restart(path: Path, *, walls: int = 0, values: int = 3) -> Restart:
     order = np.argsort(tag)
     if not (tag[order] == np.arange(len(tag)) + 1).all():
         raise ValueError("a restart file that lacks grains")
+    if ((pairs[1] < 0) | (pairs[1] >= len(tag))).any():
+        raise ValueError("a restart file with a contact of a grain that it lacks")
     once = pairs[0] < pairs[1]
     return Restart(*(column[order] for column in grains), *(column[once] for column in pairs), *touched)
 
 
 def _read_block(block: np.ndarray, walls: int, values: int):
     """Columns of the grains, of the contacts and of the contacts with walls in the block of a rank."""
-    whole, start = block.view("<i8"), _record_starts(block)
+    whole, bounds = block.view("<i8"), _record_starts(block)
+    start, stop = bounds[:-1], bounds[1:]
     tag, bits = whole[start + TAG], whole[start + IMAGE]
     image = np.stack([bits & 1023, bits >> 10 & 1023, bits >> 20 & 4095], axis=1) - 512
     position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
     entry = start + EXTRA
-    count = block[entry + 1].astype(np.int64)
+    end, count = _ends(block, entry, stop), block[entry + 1]
+    if not ((count >= 0) & (2 + (values + 1) * count <= end - entry)).all():
+        raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
+    count = count.astype(np.int64)
     first = np.repeat(entry + 2, count) + (values + 1) * _counters(count)
     pairs = np.repeat(tag, count) - 1, whole[first] - 1, block[first[:, None] + 1 + np.arange(3)]
-    entry, touched = entry + block[entry].astype(np.int64), []
+    entry, touched = end, []
     for wall in range(walls):
+        end = _ends(block, entry, stop)
         on = np.flatnonzero(whole[entry + 1] > 0)
+        _ends(block, entry[on], stop[on], 6)
         slip = block[entry[on][:, None] + 3 + np.arange(3)]
         touched.append((np.full(len(on), wall), tag[on] - 1, slip))
-        entry = entry + block[entry].astype(np.int64)
+        entry = end
     none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
     at_walls = tuple(np.concatenate(columns) for columns in zip(none, *touched, strict=True))
     return (tag, position, image, velocity, spin), pairs, at_walls
@@ -202,7 +217,7 @@ def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
     for block in blocks:
         records = []
         tags = block.view("<i8")
-        for first in _record_starts(block):
+        for first in _record_starts(block)[:-1]:
             mine = extra[int(tags[first + TAG]) - 1]
             record = np.concatenate([block[first : first + EXTRA], mine])
             record[0] = len(record)

@@ -176,7 +176,8 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     vectors = np.array([[high[0] - low[0], 0, 0], [xy, high[1] - low[1], 0], [xz, yz, high[2] - low[2]]])
     cell, position, velocity = _read_motion(leg, folder, step, found, vectors, box[9:])
     grains = state.grains._replace(position=position, velocity=velocity, spin=found.spin)
-    if not (np.isfinite(grains.position).all() and np.isfinite(grains.velocity).all()):
+    moved = grains.position, grains.velocity, grains.spin, found.slip, found.wall_slip
+    if not all(np.isfinite(values).all() for values in moved):
         raise RuntimeError("the grains became unstable in LAMMPS: use a shorter dt")
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)

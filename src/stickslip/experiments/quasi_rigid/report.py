@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ...core.units import Fields, units_of
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console, show_table
-from .simulate import Curve, QuasiResult, SampleResult
+from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
 
 
 def figures(result: QuasiResult):
@@ -60,10 +61,12 @@ def _sample(one: SampleResult) -> dict:
         "curve": archive_fields(one.curve),
         "looks": archive_fields(one.looks),
         "slow": {
-            f"{run.time:g}": {"error": run.error, "kinetic_energy": run.kinetic_energy, **archive_fields(run.curve)}
+            f"{run.time:g}": Fields(
+                {"error": run.error, "kinetic_energy": run.kinetic_energy} | run.curve._asdict(), SlowDynamics, Curve
+            )
             for run in one.slow
         },
-        "contacts": {"bodies": one.pairs, "force": one.forces},
+        "contacts": Fields({"bodies": one.pairs, "force": one.forces}, force=units_of(SampleResult)["forces"]),
         "frames": {"start": path.states[0], "end": path.states[-1]},
     }
     if one.back is not None:

@@ -1,12 +1,14 @@
 """Scenario of quasi-rigid loading: disks between walls or in a periodic cell, loaded by path and by slow dynamics."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ...core.sizes import STATE, Size
 from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 
-Size = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Times = Annotated[tuple[Positive, ...], Listed]
 Radii = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 
@@ -48,7 +50,7 @@ class Loading(ScenarioTable):
     turn: Annotated[float, Field(gt=0, lt=1)] = Field(
         0.5, description="share of the last load of the path at which unloading begins, see `unload`"
     )
-    increment: Size = Field(
+    increment: Share = Field(
         0.005, description="load increment as a share of the whole load; the geometry is updated after each increment"
     )
     geometric: bool = Field(True, description="whether to include the geometric stiffness")
@@ -78,6 +80,13 @@ class QuasiScenario(ScenarioBase):
     law: Springs = Springs()
     loading: Loading = Loading()
     dynamics: Slow = Slow()
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over load increments, and the memory of the states along a path."""
+        steps = 1 / self.loading.increment
+        yield Size("loading.increment makes", steps, "load steps", "use a larger increment")
+        memory = STATE * self.disks.number * steps
+        yield Size("states along a path take", memory, "bytes", "use a larger loading.increment")
 
     @model_validator(mode="after")
     def _check_law(self):

@@ -46,9 +46,9 @@ class Curve(NamedTuple):
     """Stress-strain curve of T points, as customarily plotted in engineering."""
 
     load: np.ndarray  # (T,) share of the load
-    strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain
-    volumetric: np.ndarray  # (T,) volumetric strain, compression positive
-    ratio: np.ndarray  # (T,) stress in the loaded direction over that in the other; or shear stress over pressure
+    strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain [1]
+    volumetric: np.ndarray  # (T,) volumetric strain, compression positive [1]
+    ratio: np.ndarray  # (T,) stress in the loaded direction over that in the other; or shear stress over pressure [1]
 
 
 class PathStiffness(NamedTuple):

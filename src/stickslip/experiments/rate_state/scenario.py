@@ -1,9 +1,11 @@
 """Scenario of rate-and-state friction: a spring-slider under a load history."""
 
+from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from ...core.sizes import Size
 from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 from ...friction.ratestate import RateState
 
@@ -96,6 +98,11 @@ class RateStateScenario(ScenarioBase):
         Stretch(velocity=0.02, distance=0.05),
     )
     samples: Samples = Samples()
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over the number of samples."""
+        number = self.samples.number * len(self.legs)
+        yield Size("samples.number and legs make", number, "samples", "use fewer samples or legs")
 
     @model_validator(mode="after")
     def _check_start(self):

@@ -51,16 +51,16 @@ class ShearPath(NamedTuple):
     packed: PackingInfo
     # modes with |λ| below 1e-9 of the largest, at zero slip: 3 translations (2 in the plane) and 6 (3) per rattler
     zero_modes: int
-    strain: np.ndarray  # (P,)
+    strain: np.ndarray  # (P,) [1]
     pairs: np.ndarray  # (P,) number of complex pairs
     largest: np.ndarray  # (P,) largest Im λ, 0 without pairs [1/time²]
-    smallest: np.ndarray  # (P,) smallest Im λ among the pairs
+    smallest: np.ndarray  # (P,) smallest Im λ among the pairs [1/time²]
     growth_rate: np.ndarray  # (P,) growth rate of the fastest complex pair [1/time]
     negative: np.ndarray  # (P,) number of negative real eigenvalues
-    shear_stress: np.ndarray  # (P,) −σ_xy
-    pressure: np.ndarray  # (P,)
+    shear_stress: np.ndarray  # (P,) −σ_xy [force/length^(dim−1)]
+    pressure: np.ndarray  # (P,) [force/length^(dim−1)]
     touching: np.ndarray  # (P,) number of contacts
-    residual: np.ndarray  # (P,) largest unbalanced force or torque/R
+    residual: np.ndarray  # (P,) largest unbalanced force or torque/R [force]
     fallbacks: int  # steps in which Newton's method needed a fallback
     unstable: int  # steps that ended at an unstable equilibrium
     left: int  # steps that left their branch

@@ -4,12 +4,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...core.sizes import MOST
 from ...data.schema import LARGEST, ScenarioError
 from .points import generator, quantiles
 
 SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
 KINDS = (*SPACED, *DRAWN, "column", "count")
-MOST = 1_000_000  # members, since their names and measures are held in memory
 
 
 class Axis(NamedTuple):

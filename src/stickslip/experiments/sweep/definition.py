@@ -18,16 +18,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.readable import readable
+from ...core.sizes import MOST, Size, require_sizes
 from ...data.dotted_keys import field_at, with_value
 from ...data.law_file import trust_law_files, with_checksums
 from ...data.schema import ScenarioBase, ScenarioError
 from ..registry import read_tables, scenario, scenario_class
-from .axes import MOST, Axis, check_integer, column_values, flatten_entries, parse_axis
+from .axes import Axis, check_integer, column_values, flatten_entries, parse_axis
 from .condition import find_broken, parse_conditions
 from .draws import read_draws
 from .points import DRAWS, check_effort, describe_refusals, latin_hypercubes, quantiles, sobol_points
 
 MODES = ("grid", "zip", "sample")
+FEWER = "use fewer values"
 OPTIONS = ("mode", "number", "draw", "draw_seed", "where", "draws")
 
 
@@ -130,8 +132,7 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     if mode == "zip":
         _check_same_length(axes)
     found = _select_points(Sweep(base, axes, mode, json.dumps(tables, indent=1, default=str)), table)
-    if found.count > MOST:
-        raise ScenarioError(f"[sweep] defines {found.count} members: at most {MOST} are allowed")
+    require_sizes([Size("[sweep] defines", found.count, "members", FEWER)], ScenarioError)
     return found
 
 
@@ -234,8 +235,7 @@ def _select_points(found: Sweep, table: dict) -> Sweep:
     if not conditions:
         return found
     many = math.prod(n for group, n in zip(found.groups, found.shape, strict=True) if group[0].kind != "count")
-    if many > MOST:
-        raise ScenarioError(f"[sweep] defines {many} points: at most {MOST} are allowed")
+    require_sizes([Size("[sweep] defines", many, "points", FEWER)], ScenarioError)
     groups = [group for group in found.groups if group[0].kind != "count"]
     rows = product(*(zip(*(axis.values for axis in group), strict=True) for group in groups))
     keys = [axis.key for group in groups for axis in group]

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ...core.units import Fields
 from ...figures.instability import static_and_kinetic
+from ...solve.fastest import FastestPair
 from ..run_folder import THRESHOLD, archive_fields
 from ..terminal import STYLE, console, show_table
 from .simulate import ThresholdResult
@@ -56,11 +58,14 @@ def numbers(result: ThresholdResult) -> dict:
     path, kept = result.path, set(result.found.loads)
     return {
         "law": result.law,
-        "path": {
-            "load": np.array([point.load for point in path]),
-            "pairs": np.array([len(point.spectrum.pairs) for point in path]),
-            "growth_rate": np.array([point.spectrum.growth_rate.max(initial=0.0) for point in path]),
-        },
+        "path": Fields(
+            {
+                "load": np.array([point.load for point in path]),
+                "pairs": np.array([len(point.spectrum.pairs) for point in path]),
+                "growth_rate": np.array([point.spectrum.growth_rate.max(initial=0.0) for point in path]),
+            },
+            FastestPair,
+        ),
         "frames": {f"{point.load:.6f}": point.state for point in path if point.load in kept},
         "threshold": archive_fields(result.found),
         "strength": result.strength,

@@ -29,7 +29,7 @@ class Row(NamedTuple):
     coordination: float | None = None  # contacts per grain, without rattlers
     sliding: int | None = None  # contacts at the Coulomb limit; unknown without memory
     pressure: float | None = None  # [force/length^(dim−1)]
-    shear_stress: float | None = None  # half the difference of the extreme principal stresses, of the symmetric part
+    shear_stress: float | None = None  # half the difference of extreme principal stresses [force/length^(dim−1)]
     stress_xx: float | None = None
     stress_xy: float | None = None
     stress_xz: float | None = None

@@ -54,6 +54,8 @@ def read_table(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, R
         if not head.startswith(MARK):
             raise ValueError("it has no such comment")
         before = json.loads(head.partition(": ")[2])
+        if not isinstance(before, dict):
+            raise ValueError("its comment is no JSON object")
         rows = [_parse(line) for line in csv.DictReader(io.StringIO(body), strict=True)]
     except (ValueError, KeyError, TypeError, csv.Error):
         raise ValueError(f"{path} is not a table that stickslip watch wrote: {remedy}") from None
@@ -65,7 +67,9 @@ def read_table(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, R
 
 
 def _parse(line: dict[str, str]) -> Row:
-    values = {name: line[name] for name in Row._fields}
+    if None in line or None in line.values():
+        raise ValueError("a row has more or fewer cells than the header")
+    values = {name: line[name] for name in Row._fields} | {"step": str(int(line["step"]))}
     return Row(**{name: _number(text) if name in NUMBERS else text for name, text in values.items()})
 
 
