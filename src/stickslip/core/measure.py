@@ -9,7 +9,9 @@ from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
 from .contacts.mechanics import HELD, effective_values, out_of_range
 from .laws.builtin import Law, normal_energy, row
-from .state import OPEN, State
+from .state import OPEN, State, groups
+
+HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
 
 @checked
@@ -162,9 +164,26 @@ def contact_numbers(state: State) -> np.ndarray:
     return np.bincount(ends, minlength=state.n_bodies)[:n]
 
 
+def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Unit of each body, (N + W,), the first member of its rigid group; and supports other than contacts, (N + W,)."""
+    control, dim = state.control, state.cell.dim
+    free, load = control.free[:, :dim], control.force[:, :dim].copy()
+    load[: len(state.grains.mass)] += np.outer(state.grains.mass, control.gravity[:dim])
+    held = ~free | (control.spring[:, :dim] > 0)
+    number = np.where(held.all(axis=1), HELD_FAST, (held | (load != 0)).any(axis=1))
+    number[len(state.grains.mass) :] = HELD_FAST
+    unit = np.arange(state.n_bodies)
+    for members in groups(control):
+        unit[members], number[members] = members[0], number[members].max()
+    return unit, number
+
+
 @checked
 def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
-    """Rattlers, (N,) bool: grains with fewer than `least` contacts, after recursive removal of rattlers.
+    """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
+
+    Supports are contacts and, as one more, a load, a spring or a fixed direction: at rest, the single contact of a
+    grain under a load bears this load. Grains held in all directions are not rattlers. A rigid group is one body.
 
     Parameters
     ----------
@@ -172,14 +191,14 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
     known : (N,) bool, grains known to be rattlers, whatever they touch
     """
     n, rows = len(state.grains.radius), touching(state)
-    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    unit, number = supports(state)
+    i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
     loose = np.zeros(state.n_bodies, bool)
     loose[:n] = False if known is None else known
     while True:
-        holds = ~(loose[i] | loose[j])
-        number = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)
-        new = (number < least) & ~loose
-        new[n:] = False
+        holds = ~(loose[i] | loose[j]) & (i != j)
+        touched = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)
+        new = ((number + touched)[unit] < least) & ~loose
         if not new.any():
             return loose[:n]
         loose |= new
@@ -187,13 +206,12 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
 @checked
 def coordination(state: State, least: int = 2) -> float:
-    """Mean number of contacts of grains that are not rattlers; zero if all grains are rattlers."""
-    held = ~rattlers(state, least)
-    n, rows = len(held), touching(state)
+    """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none."""
+    n, rows = len(state.grains.radius), touching(state)
+    held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
     ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
-    known = np.append(held, np.ones(state.n_bodies - n, bool))
-    ends = ends[known[ends].all(axis=1)]
-    return float((ends < n).sum()) / held.sum() if held.any() else 0.0
+    number = np.bincount(ends[held[ends].all(axis=1)].ravel(), minlength=state.n_bodies)[:n]
+    return float(number.sum() / max(np.count_nonzero(number), 1))
 
 
 @njit(cache=True, error_model="numpy")
