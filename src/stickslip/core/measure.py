@@ -8,7 +8,7 @@ from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
 from .contacts.mechanics import HELD, effective_values, out_of_range
-from .laws.builtin import Law, normal_energy, row
+from .laws.builtin import MU, Law, normal_energy, row
 from .state import OPEN, State, groups
 
 HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
@@ -164,6 +164,11 @@ def contact_numbers(state: State) -> np.ndarray:
     return np.bincount(ends, minlength=state.n_bodies)[:n]
 
 
+def least_supports(law: Law, dim: int) -> int:
+    """Supports that a grain needs to bear forces: 2 with friction (one force cannot be balanced), dim + 1 without."""
+    return 2 if law.table[..., MU].any() else dim + 1
+
+
 def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
     """Unit of each body, (N + W,), the first member of its rigid group; and supports other than contacts, (N + W,)."""
     control, dim = state.control, state.cell.dim
@@ -187,7 +192,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
     Parameters
     ----------
-    least : int, 2 with friction (a single contact force cannot be balanced), dim + 1 without
+    least : int, see `least_supports`
     known : (N,) bool, grains known to be rattlers, whatever they touch
     """
     n, rows = len(state.grains.radius), touching(state)

@@ -115,7 +115,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that are pressed together. If any one of their contacts opens, they become rattlers:
+    Three disks that loads press together. If any one of their contacts opens, the chain that is left buckles:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -124,7 +124,7 @@ def contact_sensitivity(
     >>> three = ss.packings.from_arrays(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
     >>> found = contact_sensitivity(three, law)
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
-    ['falls apart', 'falls apart', 'falls apart']
+    ['buckles', 'buckles', 'buckles']
     """
     free = backbone(state, law)
     if not len(free):

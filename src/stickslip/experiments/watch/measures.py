@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.laws.builtin import Law
-from ...core.measure import coordination, stress, touching
+from ...core.measure import coordination, least_supports, stress, touching
 from ...core.state import SLIDE, State
 from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
 from ...solve.damped import DampedStability
@@ -72,8 +72,8 @@ def measure_frame(
     mode = state.contacts.mode[: state.contacts.count[0]]
     row = Row(
         step, digest, len(state.grains.radius), len(touching(state)),
-        coordination=coordination(state), sliding=int((mode == SLIDE).sum()) if memory else None,
-        residual=imbalance(state, law),
+        coordination=coordination(state, least_supports(law, state.cell.dim)),
+        sliding=int((mode == SLIDE).sum()) if memory else None, residual=imbalance(state, law),
     )  # fmt: skip
     row = _add_stress(row, state, law)
     free = backbone(state, law)
