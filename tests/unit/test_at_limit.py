@@ -48,7 +48,7 @@ def test_what_grows_while_contacts_stick_is_unstable():
 
 def test_with_dashpots_both_are_told_too():
     state, law = sheared(0, 2, 1.2, 0.1, damping=1e-4)
-    found = ss.modes.damped_stability(state, law)
+    found = ss.stability(state, law)
     assert found.stable is None and found.undamped.stable is None
     assert (
         found.if_stuck.stable

@@ -9,10 +9,9 @@ from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
 from ..core.laws.builtin import Law
-from ..core.measure import branch_vectors, rattlers, wrapped
+from ..core.measure import branch_vectors, least_supports, rattlers, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
-from ..solve.freedom import unsupported_grains
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import Mode, quantities
 from .style import BLACK, BLUE, PURPLE, RED, WIDTH, plt, styled
@@ -221,7 +220,7 @@ def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
 
 def _rattlers(frame: Frame) -> np.ndarray:
     """(N,) bool; a frame without a law is drawn as if it had friction."""
-    return unsupported_grains(frame.state, frame.law) if frame.law else rattlers(frame.state)
+    return rattlers(frame.state, least_supports(frame.law, frame.state.cell.dim) if frame.law else 2)
 
 
 def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.ndarray:

@@ -16,6 +16,7 @@ from ..core.readable import readable
 from ..core.state import State, groups
 
 ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
+PAIR_ABOVE = 1e-9  # share of the largest |λ| above which |Im λ| is more than round-off
 
 
 @readable
