@@ -156,7 +156,7 @@ def first_loss(state, start, law, form, plane, e_foldings: float) -> Seen | None
         size = np.hypot(y @ plane.w0, turning * (y @ plane.w1) / plane.value.imag) / 2
         until = record.time <= (lost[0]["time"] if len(lost) else np.inf)
         top = max(top, size[until].max(initial=0.0))
-        if len(shut) and closed[0] < 0 and (not len(lost) or shut[0]["time"] < lost[0]["time"]):
+        if len(shut) and closed[0] < 0 and (not len(lost) or shut[0]["time"] <= lost[0]["time"]):
             closed = (int(shut[0]["i"]), int(shut[0]["j"]))
         if len(lost):
             return Seen(str(lost[0]["kind"]), (int(lost[0]["i"]), int(lost[0]["j"])), top, closed)
@@ -201,7 +201,7 @@ def describe(name: str, row: Row) -> str:
     form, words = row.form, []
     for seen in (row.on_mode, row.random):
         right, fate = verdicts(row, seen)
-        contact = {None: "no contact", True: "right", False: "wrong"}[right]
+        contact = {None: "no contact", True: "right", False: f"wrong ({seen.kind} {seen.contact})"}[right]
         closing = f", {seen.closed} closes before" if seen.closed[0] >= 0 else ""
         words.append(
             f"{contact}, fate {'right' if fate else 'wrong'}, amplitude {seen.amplitude / form.first:.2f}{closing}"

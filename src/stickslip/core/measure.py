@@ -16,7 +16,10 @@ HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain 
 
 @checked
 def touching(state: State) -> np.ndarray:
-    """Rows of touching contacts in the contact list."""
+    """Rows of contacts in the contact list: of pairs that touch, and of pairs that a law joins across a gap.
+
+    Only a user-defined law with `contact_range` acts across gaps; `overlaps` is negative there.
+    """
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
 
@@ -31,6 +34,14 @@ def branch_vectors(state: State) -> np.ndarray:
     normal = state.walls.normal[j[wall] - n]
     out[wall] = np.einsum("ck,ck->c", out[wall], normal)[:, None] * normal
     return out
+
+
+@checked
+def overlaps(state: State) -> np.ndarray:
+    """Overlap of every pair in the list, (C,), negative for a gap [length]."""
+    count, radius = int(state.contacts.count[0]), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    reach = radius[state.contacts.i[:count]] + radius[state.contacts.j[:count]]
+    return reach - np.linalg.norm(branch_vectors(state), axis=1)
 
 
 @checked

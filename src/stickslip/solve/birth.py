@@ -39,7 +39,7 @@ from ..core.contacts.forces import forces
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.mechanics import FREE
 from ..core.laws.builtin import Law, damping_model
-from ..core.measure import branch_vectors, touching
+from ..core.measure import overlaps, touching
 from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
@@ -217,7 +217,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     motion = _motion(state, law, free)
     plane = invariant_plane(motion.matrix, pairs[pair])
     root = np.sqrt(free.mass)
-    size = _mean_overlap(state) * root.max() / np.abs(plane.u0).max()
+    size = np.abs(overlaps(state)[touching(state)]).mean() * root.max() / np.abs(plane.u0).max()
     changes = first_changes(state, law, free, ellipse(plane), SMALLEST * size)
     value, omega = plane.value, np.sqrt(plane.value.real)
     sigma, exact = value.imag / (2 * omega), np.sqrt(value)
@@ -477,11 +477,3 @@ def balanced_motion(plane: Plane, balance: Balance, sigma: float):
         return a**2 * (waves @ slaved) + 2 * a * turning
 
     return motion
-
-
-def _mean_overlap(state: State) -> float:
-    """Mean overlap of touching contacts [length]."""
-    rows, contacts = touching(state), state.contacts
-    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    apart = np.linalg.norm(branch_vectors(state)[rows], axis=1)
-    return float(np.abs(radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())
