@@ -333,6 +333,11 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     page = packing_content(Path("array.h5"), options={})
     assert "all eigenvalues by LAPACK" in str(page.sections)
     assert "bounded bursts, in which grains move" in str(page.sections)
+    damped = ["stability", "array.h5", "--damping-n", "0.1", "--after", "--json"]
+    reason, form = (
+        json.loads(CliRunner().invoke(app, [*damped, *option]).stdout)["after"] for option in ([], ["--no-dashpots"])
+    )
+    assert "dashpots" in reason["reason"] and form["beta"] == after["beta"]
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
     done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
     assert "0 complex pairs" in json.loads(done.stdout)["after"]["reason"]

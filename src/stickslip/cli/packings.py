@@ -157,7 +157,7 @@ def stability(
                 from ..experiments.packing.details import compute_details
 
                 more = compute_details(state, its_law, found, report=tell)
-            form = stability_report.find_birth_form(state, its_law) if after else None
+            form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
         why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]

@@ -198,7 +198,9 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     See the module: doi:10.1006/jdeq.1993.1034.
     """
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the normal form is that of motion without them; omit damping")
+        raise ValueError(
+            "a law with dashpots was given: the normal form is that of motion without them; leave them out"
+        )
     state = with_modes_under(state, law)
     residual, at_limit = imbalance(state, law), int(_at_limit(state, law).sum())
     if not residual <= BALANCED_BELOW:

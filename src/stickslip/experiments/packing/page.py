@@ -344,7 +344,7 @@ def packing_content(
         if found.balanced:
             sentence = verdict(found, calm)
             if mine and len(found.free) <= DENSE_UP_TO:
-                form = find_birth_form(state, law)
+                form = find_birth_form(state, law, dashpots=dashpots)
                 facts.append(["after the instability", form if isinstance(form, str) else form.verdict])
         else:
             why = found.verdict
