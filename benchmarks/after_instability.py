@@ -2,8 +2,8 @@
 
     python -m benchmarks.after_instability [states of each kind, by default 24] [kinds: arrays mixed disks spheres]
 
-24 states of each kind take about half an hour on one core, two thirds of it for spheres. The tables of the documentation
-have 24 arrays, mixed arrays and disks, and 20 spheres.
+24 states of each kind take about half an hour on one core, two thirds of it for spheres. The tables of the
+documentation have 24 arrays, mixed arrays and disks, and 20 spheres.
 
 Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction, and arrays
 of disks on a substrate are pushed: equal disks that overlap at first, and mixed ones, of which some have gaps between

@@ -199,7 +199,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     """
     if damping_model(law):
         raise ValueError(
-            "a law with dashpots was given: the normal form is that of motion without them; leave them out"
+            "a law with dashpots was given: the normal form is that of motion without them, leave them out"
         )
     state = with_modes_under(state, law)
     residual, at_limit = imbalance(state, law), int(_at_limit(state, law).sum())
