@@ -4,8 +4,9 @@ Contacts
     contact_forces      elastic force on body i of every pair
     contact_numbers     contacts of each grain
     coordination        mean number of contacts without rattlers
-    rattlers            grains that carry no load
-    touching            rows of the contact list whose bodies touch
+    rattlers            grains that nothing holds
+    touching            rows of the contact list whose bodies touch, or act on each other across a gap
+    overlaps            overlaps of all pairs, negative for gaps
     branch_vectors      vectors from body j to body i of all pairs
 
 Continuum
@@ -38,6 +39,7 @@ from .core.measure import (
     elastic_energy,
     fabric,
     inertial_number,
+    overlaps,
     packing_fraction,
     pressure,
     rattlers,
@@ -63,6 +65,7 @@ __all__ = [
     "imbalance",
     "inertial_number",
     "likely_causes",
+    "overlaps",
     "packing_fraction",
     "pressure",
     "rattlers",

@@ -9,7 +9,6 @@ Complex pairs
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 
 With dashpots and drag
-    damped_stability    stability with the dashpots of the law
     damped_growth       exponents with drag
 
 Density of states and response
@@ -31,7 +30,6 @@ from .core.contacts.jacobian import contact_blocks
 from .lazy import unknown
 from .loading.protocols import track_pairs
 from .solve.birth import birth_form
-from .solve.damped import damped_stability
 from .solve.density import density_of_states, participation_ratio
 from .solve.equilibrate import UnstableEquilibriumWarning
 from .solve.fastest import fastest_pair
@@ -51,7 +49,6 @@ __all__ = [
     "contact_blocks",
     "contact_sensitivity",
     "damped_growth",
-    "damped_stability",
     "density_of_states",
     "displaced",
     "dynamical_matrix",

@@ -1,6 +1,6 @@
 """Types of results, for annotations and `isinstance`; the function that returns each is in parentheses.
 
-Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity, DampedStability,
+Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity,
     DensityOfStates, ElasticModuli, TransientGrowth, BirthForm (functions of `modes`), Freedom (freedom),
     Factorisation (newton)
 Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release), KineticThreshold,
@@ -60,7 +60,6 @@ from .quasirigid.status import ContactStatus, Verdict
 from .quasirigid.uniqueness import Uniqueness
 from .solve.birth import BirthForm
 from .solve.collision import Collision
-from .solve.damped import DampedStability
 from .solve.density import DensityOfStates
 from .solve.fastest import FastestPair
 from .solve.freedom import Freedom
@@ -82,7 +81,6 @@ __all__ = [
     "ContactLoads",
     "ContactSensitivity",
     "ContactStatus",
-    "DampedStability",
     "DensityOfStates",
     "Deposit",
     "DiskArrayResult",

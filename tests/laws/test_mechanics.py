@@ -11,6 +11,7 @@ import stickslip as ss
 from stickslip.core.contacts.mechanics import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import driver as integrate
+from stickslip.solve.balance import with_modes_under
 from tests.conftest import make_packing, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -36,7 +37,7 @@ def packed(name, dim):
     for seed in range(300):
         state = stirred(make_packing(dim, seed=seed), law, np.random.default_rng(seed), size=0.05)
         count = int(state.contacts.count[0])
-        mode, gap = state.contacts.mode[:count], -overlaps(state)
+        mode, gap = state.contacts.mode[:count], -ss.measure.overlaps(state)
         slips = np.linalg.norm(state.contacts.slip[:count], axis=1)[(mode == ss.SLIDE) & (gap < 0)]
         good = len(slips) and slips.min() > 0.02 and (mode == ss.STICK).any() and np.abs(gap).min() > 2e-3
         if name == "cohesive":
@@ -50,10 +51,24 @@ def packed(name, dim):
     raise AssertionError("no suitable packing")
 
 
-def overlaps(state):
-    count, radius = int(state.contacts.count[0]), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    reach = radius[state.contacts.i[:count]] + radius[state.contacts.j[:count]]
-    return reach - np.linalg.norm(ss.measure.branch_vectors(state), axis=1)
+@pytest.mark.parametrize("n", [3, 60])  # by rows, and in blocks
+def test_a_bridge_across_a_gap_does_not_slide(n):
+    """Grains in pairs: the bridge of the first pulls across a gap, the others touch."""
+    law = ss.laws.from_file(EXAMPLES / "cohesive_law.py", tension=1e-4)
+    distance = np.full(n, 0.99)
+    distance[0] = 1.02
+    first = np.stack([np.arange(n) * 3.0, np.zeros(n)], axis=1)
+    place = np.concatenate([first, first + np.stack([np.zeros(n), distance], axis=1)])
+    state = ss.packings.from_arrays(place, np.full(2 * n, 0.5), law, dim=2)
+    end, record, _ = ss.run(state, law, 3, 1e-3, every=1, events=True)
+    for here in (state, end, with_modes_under(end, law)):
+        rows = ss.measure.touching(here)
+        assert len(rows) == n and (ss.measure.overlaps(here)[rows] < 0).sum() == 1
+        assert (here.contacts.mode[rows] == ss.STICK).all()
+    assert record.touching[-1] == n and record.sliding[-1] == 0 and not len(record.events)
+    assert not np.isclose(end.grains.velocity[0], 0).all()  # the bridge pulls
+    known = " ".join(ss.measure.likely_causes(state, law))
+    assert f"all {n - 1} contacts are treated as never sheared" in known
 
 
 def differences(state, law, free, memory, step):
@@ -237,7 +252,7 @@ def test_many_grains_in_blocks_move_as_by_rows_on_any_number_of_threads(monkeypa
     np.testing.assert_array_equal(one.grains.position, two.grains.position)
     monkeypatch.setattr(integrate, "MIN_BODIES", 10**9)
     plain, _, _ = ss.run(state, law, 300, 0.02)
-    assert (overlaps(plain)[plain.contacts.mode[: plain.contacts.count[0]] > 0] < 0).any()
+    assert (ss.measure.overlaps(plain)[plain.contacts.mode[: plain.contacts.count[0]] > 0] < 0).any()
     # one way of summing against another, over 300 steps without a change of contacts that would amplify it much
     np.testing.assert_allclose(one.grains.position, plain.grains.position, atol=1e-11)
 

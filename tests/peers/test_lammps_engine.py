@@ -10,6 +10,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.mechanics import FROZEN
+from stickslip.data import archive
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.flow import SETTLING, SHEARED
 from stickslip.experiments.flow import lammps as flow_lammps
@@ -19,8 +20,10 @@ from stickslip.experiments.lammps.job import leg_folder
 from stickslip.experiments.lammps.leg import Leg, Wave
 from stickslip.experiments.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
 from stickslip.experiments.lammps.supported import check_leg
+from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
+from tests.conftest import stickslip_here
 from tests.peers.lammps_scenes import (
     DT,
     LINEAR,
@@ -33,6 +36,7 @@ from tests.peers.lammps_scenes import (
     stirred,
     under_stress,
 )
+from tests.unit.test_flow import TOML
 
 # without LAMMPS
 
@@ -206,7 +210,32 @@ def test_a_flow_is_written_for_a_queue(tmp_path):
         flow_lammps.export(scenario, tmp_path)
 
 
+def test_the_command_line_writes_for_a_queue_or_says_what_is_missing(tmp_path, monkeypatch):
+    (tmp_path / "s.toml").write_text(TOML.format(number=30, gate="gate"))
+    words = ["run", "s.toml", "--engine", "lammps", "--ranks", "2"]
+    done = stickslip_here(*words, "--export", "job", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "twin.toml").write_text('engine = "lammps"\nranks = 2\n' + TOML.format(number=30, gate="gate"))
+    flow_lammps.export(read_scenario(tmp_path / "twin.toml"), tmp_path / "twin")
+    mine, theirs = ((leg_folder(tmp_path / name, 0) / "in.lammps").read_text() for name in ("job", "twin"))
+    assert mine == theirs and "mpirun -np 2 lmp" in (tmp_path / "job" / "run.sh").read_text()
+    monkeypatch.setattr(process, "find_spec", lambda name: None)
+    done = stickslip_here(*words[:4], "--out", "out", cwd=tmp_path)
+    assert done.returncode == 2 and "LAMMPS is not installed" in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 # with it
+
+
+def test_the_command_line_runs_lammps(peer, tmp_path):
+    (tmp_path / "s.toml").write_text(TOML.format(number=30, gate="gate"))
+    done = stickslip_here("run", "s.toml", "--engine", "lammps", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "twin.toml").write_text('engine = "lammps"\n' + TOML.format(number=30, gate="gate"))
+    twin = ss.simulate(read_scenario(tmp_path / "twin.toml"))
+    series = archive.read(tmp_path / "out" / "results.h5")["series"]
+    np.testing.assert_allclose(series["kinetic_energy"], twin.series.kinetic_energy, rtol=1e-6)
 
 
 @pytest.fixture(scope="module")

@@ -129,7 +129,7 @@ def test_without_contacts_the_forces_are_others(packing):
 @pytest.mark.slow
 def test_stability_is_answered_by_the_damped_spectrum(packing):
     state, law, _ = ss.io.read_packing(packing / "grains.dump", contacts=packing / "contacts.dump", **LAW)
-    found = ss.modes.damped_stability(state, law)
+    found = ss.stability(state, law)
     assert found.undamped.residual < 1e-6  # it rests
     exponents = ss.modes.damped_growth(state, law)
     # LAMMPS rests there after 20000 time units, so nothing grows; rattlers are what the whole spectrum has besides

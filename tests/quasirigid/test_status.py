@@ -21,6 +21,7 @@ from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
 from tests.quasirigid.five_packings import sample
+from tests.quasirigid.test_status_against_enumeration import drawn
 
 
 def jammed_disks(seed, n=24):
@@ -281,6 +282,22 @@ def test_a_solver_whose_answer_is_not_consistent_is_not_believed(monkeypatch):
     assert found.verdict is Verdict.NOT_FOUND
     assert not found.ok
     assert np.isnan(found.velocity).all()
+
+
+def test_a_status_found_by_flipping_stands_if_enumeration_confirms_none(monkeypatch):
+    """And without either the verdict is NOT_FOUND, also for few contacts: nothing is proven."""
+    monkeypatch.setattr(room, "_verify_solution", lambda system, solution: None)
+    seen = set()
+    for number in (k for k in range(60) if k % 5 in (0, 2)):  # boxes and rows
+        m, load, critical = drawn(number, 6)
+        choice = contact_status(m, load, critical=critical)
+        if not choice.uniqueness or choice.uniqueness.unique or choice.verdict in (Verdict.UNSTABLE, Verdict.MECHANISM):
+            continue
+        seen.add(choice.verdict)
+        if choice.verdict is Verdict.CONSISTENT:
+            k = stiffness_matrix(m, choice.sliding).toarray()
+            assert np.abs(k @ choice.velocity - load).max() < 1e-6 * np.abs(load).max()
+    assert seen == {Verdict.CONSISTENT, Verdict.NOT_FOUND}
 
 
 def test_rattlers_among_the_coordinates_do_not_hide_a_status():

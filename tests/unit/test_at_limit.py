@@ -3,10 +3,12 @@
 import json
 
 import numpy as np
+import pytest
 
 import stickslip as ss
 from stickslip.loading.protocols import ramp
 from stickslip.loading.quasistatic import aqs
+from stickslip.solve.stability import MIXED
 from tests.conftest import stickslip_here as run
 
 
@@ -48,13 +50,27 @@ def test_what_grows_while_contacts_stick_is_unstable():
 
 def test_with_dashpots_both_are_told_too():
     state, law = sheared(0, 2, 1.2, 0.1, damping=1e-4)
-    found = ss.modes.damped_stability(state, law)
+    found = ss.stability(state, law)
     assert found.stable is None and found.undamped.stable is None
     assert (
         found.if_stuck.stable
         and found.verdict.startswith("not decided: ")
         and "mixed cases were not considered" in found.scope
     )
+
+
+@pytest.mark.parametrize("method", ["dense", "pairs", "fastest"])
+@pytest.mark.parametrize("damping", [0.0, 1e-4])
+def test_the_scope_always_says_that_mixtures_were_not_considered(method, damping):
+    """Also of the analysis without dashpots; not of a state without contacts at the limit."""
+    state, law = sheared(2, 3, 0.3, 0.3)
+    if damping:
+        law = ss.laws.hertz_mindlin(1.0, 0.3, 0.3, coulomb="sharp", damping_n=damping)
+    found = ss.stability(state, law, method=method)
+    assert found.at_limit == 2 and MIXED in found.scope
+    assert found.undamped is None if not damping else found.undamped.at_limit == 2 and MIXED in found.undamped.scope
+    calm, _ = ss.packings.jammed(12, packing_fraction=0.7, dim=3, seed=2)
+    assert MIXED not in ss.stability(ss.equilibrate(calm, law)[0], law).scope
 
 
 def test_smooth_friction_has_one_stiffness_at_the_limit():

@@ -67,7 +67,7 @@ def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
 
 def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):
     law = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp", damping_n=1e-2)
-    calm, off = ss.modes.damped_stability(sheared, law), ss.modes.damped_stability(with_slip(sheared, 0.0), law)
+    calm, off = ss.stability(sheared, law), ss.stability(with_slip(sheared, 0.0), law)
     assert calm.balanced and calm.motion in calm.verdict and not calm.causes
     assert off.stable is None and off.verdict.startswith("not in equilibrium") and off.causes
     assert ss.spectrum(sheared, SHARP).stable == ss.stability(sheared, SHARP).stable

@@ -1,11 +1,14 @@
 """Stability with dashpots: against the closed form of one contact, the whole spectrum, and the other method."""
 
+import json
+
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.solve.freedom import assembled, dynamical_matrix
+from tests.conftest import stickslip_here as run
 from tests.exchange.packings import spheres
 
 LAW = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping="velocity", damping_n=0.03, damping_t=0.02)
@@ -26,16 +29,16 @@ def packing():
 )
 def test_exponents_are_those_of_the_whole_spectrum(packing, damping):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=damping, damping_t=damping / 2)
-    found = ss.modes.damped_stability(packing, law)
+    found = ss.stability(packing, law)
     truth = growing(ss.modes.damped_growth(packing, law))
-    np.testing.assert_allclose(np.sort_complex(found.exponents), truth, atol=1e-9)
+    np.testing.assert_allclose(np.sort_complex(found.exponents.conj()), truth, atol=1e-9)
     assert found.grows == bool(len(truth))
     assert found.stable is None and not found.balanced  # arbitrary slips: no equilibrium
 
 
 def test_modes_solve_the_quadratic_problem(packing):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=1e-3)
-    found = ss.modes.damped_stability(packing, law)
+    found = ss.stability(packing, law)
     assert len(found.exponents)
     free, root = found.free, np.sqrt(found.free.mass)
     pull, drag = dynamical_matrix(packing, law, free), assembled(packing, contact_blocks(packing, law)[1], free)
@@ -45,10 +48,46 @@ def test_modes_solve_the_quadratic_problem(packing):
         assert np.linalg.norm(s**2 * y - s * (drag @ mode) / root + pull @ y) < 1e-9
 
 
+def test_the_law_is_taken_as_it_is_unless_dashpots_are_left_out(packing):
+    """Left out, the answer is that of the law without them, to the last bit; `undamped` is the same."""
+    law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=0.1, damping_t=0.05)
+    damped, left_out = ss.stability(packing, law), ss.stability(packing, law, dashpots=False)
+    plain = ss.stability(packing, ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp"))
+    assert plain.undamped is left_out.undamped is None
+    for found in (left_out, damped.undamped):
+        for name in ("pairs", "negative", "modes"):
+            assert np.array_equal(getattr(found, name), getattr(plain, name))
+    assert "dashpots of the law were left out" in left_out.scope and "dashpots" not in damped.scope + plain.scope
+    assert len(damped.pairs) < len(plain.pairs) and damped.slowest.real < 0
+    np.testing.assert_allclose(damped.growth_rate, damped.exponents[: len(damped.pairs)].real, rtol=1e-12)
+    with pytest.raises(ValueError, match="leave the dashpots out"):
+        ss.stability(packing, law, method="certify")
+
+
+def test_the_command_line_leaves_dashpots_out_on_request(tmp_path):
+    """A pair swings and never comes to rest without its dashpots, which both commands are told to leave out."""
+    law = ss.laws.linear(1.0, 0.0, 0.5, damping_n=0.1)
+    pull = np.array([[-0.01, 0], [0.01, 0]])
+    ss.io.write_packing(
+        tmp_path / "two.npz",
+        ss.packings.from_arrays([[0, 0], [0.99, 0]], [0.5, 0.5], law, dim=2, external_force=-pull), law,
+    )  # fmt: skip
+    found = {}
+    for option in ((), ("--no-dashpots",)):
+        done = run("stability", tmp_path / "two.npz", *option, "--json", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found[option] = json.loads(done.stdout)
+    assert [one["spectrum"] for one in found.values()] == ["damped", "undamped"]
+    assert found["--no-dashpots",]["scope"] == "the dashpots of the law were left out"
+    done = run("report", tmp_path / "two.npz", "--no-dashpots", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "the dashpots of the law were left out" in (tmp_path / "two-report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.slow
 def test_methods_for_large_packings_find_the_same(packing):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=1e-3, damping_t=1e-3)
-    dense, near = (ss.modes.damped_stability(packing, law, method=method) for method in ("dense", "pairs"))
+    dense, near = (ss.stability(packing, law, method=method) for method in ("dense", "pairs"))
     assert len(dense.exponents)
     assert "growth caused by dashpots alone was not" in near.scope
     np.testing.assert_allclose(near.exponents[:3], dense.exponents[:3], atol=1e-9)
@@ -67,4 +106,4 @@ def test_a_pair_of_disks_swings_as_in_closed_form():
 def test_too_large_for_dense_names_another_method(packing, monkeypatch):
     monkeypatch.setattr("stickslip.solve.damped.DENSE_AT_MOST", 10)
     with pytest.raises(ValueError, match="use 'pairs' or 'fastest'"):
-        ss.modes.damped_stability(packing, LAW, method="dense")
+        ss.stability(packing, LAW, method="dense")

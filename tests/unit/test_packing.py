@@ -90,6 +90,40 @@ def test_rattlers_are_found_through_each_other():
     assert coordination(state) == 2.0
 
 
+def test_what_a_load_a_spring_or_a_fixed_body_holds_is_no_rattler():
+    """Disks 0 and 1 stand apart on a floor; 2 touches 1 and nothing else; 3 touches nothing."""
+    law = ss.laws.linear()
+    place = [[0, 0.495], [3, 0.495], [3.7, 1.19], [9, 5]]
+    state = ss.assembly(ss.disks(place, 0.5), ss.flat_walls([0, 0], [0, 1]), ss.box(dim=2))
+    state = ss.accept(with_neighbor_list(state), ss.forces(state, law)[1])
+    assert len(touching(state)) == 3 and rattlers(state).all() and coordination(state) == 0
+
+    def loose(control=state.control, **changes):
+        held = state._replace(control=control._replace(**changes))
+        _, record, _ = ss.run(held, law, 1, 1e-9, every=1)
+        assert record.rattlers[0] == rattlers(held).sum()
+        assert record.held_coordination[0] == pytest.approx(coordination(held))
+        return rattlers(held).tolist()
+
+    down = np.array([0.0, -1e-3, 0.0])
+    assert loose(gravity=down) == [False, False, False, True]
+    force = np.zeros((5, 3))
+    force[0] = down
+    assert loose(force=force) == [False, True, True, True]
+    force[2] = down  # bears on disk 1, which then has two contacts
+    assert loose(force=force) == [False, False, False, True]
+    free = state.control.free.copy()
+    free[2] = False
+    assert loose(free=free) == [True, False, False, True]
+    free[3] = False
+    assert loose(free=free)[3] is False
+    spring = np.zeros((5, 3))
+    spring[2, 1] = 1.0
+    assert loose(spring=spring) == [True, False, False, True]
+    two, one = (ss.control.rigid(state.control, members) for members in ([0, 1, 2], [1, 2]))  # contacts with the floor
+    assert loose(two) == [False, False, False, True] and loose(one) == [True] * 4
+
+
 def test_affine_strain_moves_grains_and_cell_alike():
     state = jammed(20, packing_fraction=0.68)[0]
     gradient = np.array([[0.01, 0.2, 0], [0, -0.02, 0.1], [0, 0, 0.03]])

@@ -14,7 +14,6 @@ from stickslip.data.schema import ScenarioError
 from stickslip.data.sound import validate_law
 from stickslip.experiments.flow.pouring import flow_law
 from stickslip.loading.packing import jammed
-from stickslip.solve.damped import damped_stability
 from stickslip.solve.stability import UNLOADED, stability
 from tests.conftest import make_law, make_packing, stirred
 
@@ -126,6 +125,33 @@ def test_the_tangent_is_that_of_a_growing_overlap():
     np.testing.assert_allclose(falls - grows, tangential / (2 * 1e-2), atol=2e-6)
 
 
+@pytest.mark.parametrize("name", PLAIN)
+def test_the_jacobian_of_a_packing_is_that_of_growing_overlaps(name):
+    """Four spheres that touch each other move towards their centre, or away from it, which shortens all slips."""
+    law = LAWS[name](1.0, 0.5, 10.0, coulomb="smooth")
+    corner = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(8)
+    state = ss.packings.from_arrays(0.99 * corner, np.full(4, 0.5), law)
+    turned = 0.01 * np.random.default_rng(0).normal(size=(4, 3))
+    state = state._replace(grains=state.grains._replace(angle=turned))
+    state = ss.accept(state, ss.forces(state, law)[1])
+    assert len(ss.measure.touching(state)) == 6 and (state.contacts.mode[:6] == ss.STICK).all()
+    free = ss.freedom(state)
+    way = np.zeros((4, 6))
+    way[:, :3] = -corner
+    way = way.ravel()
+
+    def slope(h):
+        here, there = (ss.modes.displaced(state, free, x * way) for x in (0.0, h))
+        one, other = (ss.modes.residual_vector(x, ss.forces(x, law)[0], free) for x in (here, there))
+        return (other - one) / h
+
+    tangent = ss.jacobian(state, law) @ way
+    scale = np.abs(tangent).max()
+    # steps of 1e-4 of the overlap, whose root curves by a quarter of that
+    assert np.abs(slope(1e-6) - tangent).max() < 1e-4 * scale
+    assert np.abs(slope(-1e-6) - tangent).max() > 1e-2 * scale
+
+
 @pytest.mark.parametrize("rescaled", [True, False])
 def test_what_rescaling_takes_stands_under_nonpotential(rescaled):
     """U = ½ k_t s² falls with δ^(3/2) as s does with √δ, and with √δ at constant s; nothing slides."""
@@ -179,5 +205,5 @@ def test_spectra_say_that_unloading_was_not_looked_at():
     found = [stability(state, LAWS[name](1.0, 0.5, 10.0, coulomb="smooth")) for name in PLAIN]
     assert all(UNLOADED in one.scope for one in found)
     law = LAWS["hertz_mindlin_rescaled"](1.0, 0.5, 10.0, coulomb="smooth", damping_n=0.1)
-    assert UNLOADED in damped_stability(state, law).scope
+    assert UNLOADED in stability(state, law).scope
     assert UNLOADED not in stability(state, ss.laws.hertz_mindlin(1.0, 0.5, 10.0, coulomb="smooth")).scope

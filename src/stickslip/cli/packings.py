@@ -19,6 +19,9 @@ METHODS = {
     "certify": "also certify real eigenvalues", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
 NO_VERDICT = 3  # exit code where there is no verdict
+Dashpots = Annotated[
+    bool, typer.Option("--dashpots/--no-dashpots", help="With the dashpots of the law, or leave them out.")
+]
 REMEDY = (
     "give what is missing, or let the packing come to rest with --settle; the result then refers to the settled packing"
 )
@@ -121,6 +124,7 @@ def stability(
     after: Annotated[
         bool, typer.Option("--after", help="Also what follows the instability: bursts, or a contact that is lost.")
     ] = False,
+    dashpots: Dashpots = True,
     quiet: Quiet = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object; write modes only with --modes.")
@@ -134,6 +138,7 @@ def stability(
     from ..data.exchange.files import capture_warnings, read_packing
     from ..experiments import terminal
     from ..experiments.packing import report as stability_report
+    from ..solve.stability import stability as analyse
 
     asked = [name for name, on in (("fastest", fastest), ("all", every), ("certify", certify)) if on]
     if len(asked) + (method != "auto") > 1:
@@ -149,13 +154,13 @@ def stability(
             if settle:
                 state, calm = stability_report.settled(state, its_law)
                 words.append(f"settled: {calm.how}")
-            found = stability_report.analyse_stability(state, its_law, method=method, report=tell)
+            found = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
             if beyond:
                 from ..experiments.packing.details import compute_details
 
                 more = compute_details(state, its_law, found, report=tell)
-            form = stability_report.find_birth_form(state, its_law) if after else None
+            form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
         why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]

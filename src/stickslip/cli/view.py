@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .app import AsJson, OverwriteFile, Quiet, Trust, app, examples, finish
-from .packings import with_packing_options
+from .packings import Dashpots, with_packing_options
 
 REPORT = examples(
     ("report examples/sheared_spheres.npz", "sheared_spheres-report.html, with the unstable mode animated"),
@@ -41,6 +41,7 @@ def report(
         ),
     ] = None,
     trust: Trust = False,
+    dashpots: Dashpots = True,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -54,7 +55,7 @@ def report(
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, report=tell, search=verdict, trust=trust
+            place, modes=modes, options=options, settle=settle, dashpots=dashpots, report=tell, search=verdict, trust=trust,
         )  # fmt: skip
         look.write_page(found, path, colour=colour)
     words = [found.warning] if found.warning else []

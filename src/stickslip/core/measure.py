@@ -8,13 +8,18 @@ from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
 from .contacts.mechanics import HELD, effective_values, out_of_range
-from .laws.builtin import Law, normal_energy, row
-from .state import OPEN, State
+from .laws.builtin import MU, Law, normal_energy, row
+from .state import OPEN, State, groups
+
+HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
 
 @checked
 def touching(state: State) -> np.ndarray:
-    """Rows of touching contacts in the contact list."""
+    """Rows of contacts in the contact list: of pairs that touch, and of pairs that a law joins across a gap.
+
+    Only a user-defined law with `contact_range` acts across gaps; `overlaps` is negative there.
+    """
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
 
@@ -29,6 +34,14 @@ def branch_vectors(state: State) -> np.ndarray:
     normal = state.walls.normal[j[wall] - n]
     out[wall] = np.einsum("ck,ck->c", out[wall], normal)[:, None] * normal
     return out
+
+
+@checked
+def overlaps(state: State) -> np.ndarray:
+    """Overlap of every pair in the list, (C,), negative for a gap [length]."""
+    count, radius = int(state.contacts.count[0]), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    reach = radius[state.contacts.i[:count]] + radius[state.contacts.j[:count]]
+    return reach - np.linalg.norm(branch_vectors(state), axis=1)
 
 
 @checked
@@ -162,24 +175,46 @@ def contact_numbers(state: State) -> np.ndarray:
     return np.bincount(ends, minlength=state.n_bodies)[:n]
 
 
+def least_supports(law: Law, dim: int) -> int:
+    """Supports that a grain needs to bear forces: 2 with friction (one force cannot be balanced), dim + 1 without."""
+    return 2 if law.table[..., MU].any() else dim + 1
+
+
+def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Unit of each body, (N + W,), the first member of its rigid group; and supports other than contacts, (N + W,)."""
+    control, dim = state.control, state.cell.dim
+    free, load = control.free[:, :dim], control.force[:, :dim].copy()
+    load[: len(state.grains.mass)] += np.outer(state.grains.mass, control.gravity[:dim])
+    held = ~free | (control.spring[:, :dim] > 0)
+    number = np.where(held.all(axis=1), HELD_FAST, (held | (load != 0)).any(axis=1))
+    number[len(state.grains.mass) :] = HELD_FAST
+    unit = np.arange(state.n_bodies)
+    for members in groups(control):
+        unit[members], number[members] = members[0], number[members].max()
+    return unit, number
+
+
 @checked
 def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
-    """Rattlers, (N,) bool: grains with fewer than `least` contacts, after recursive removal of rattlers.
+    """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
+
+    Supports are contacts and, as one more, a load, a spring or a fixed direction: at rest, the single contact of a
+    grain under a load bears this load. Grains held in all directions are not rattlers. A rigid group is one body.
 
     Parameters
     ----------
-    least : int, 2 with friction (a single contact force cannot be balanced), dim + 1 without
+    least : int, see `least_supports`
     known : (N,) bool, grains known to be rattlers, whatever they touch
     """
     n, rows = len(state.grains.radius), touching(state)
-    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    unit, number = supports(state)
+    i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
     loose = np.zeros(state.n_bodies, bool)
     loose[:n] = False if known is None else known
     while True:
-        holds = ~(loose[i] | loose[j])
-        number = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)
-        new = (number < least) & ~loose
-        new[n:] = False
+        holds = ~(loose[i] | loose[j]) & (i != j)
+        touched = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)
+        new = ((number + touched)[unit] < least) & ~loose
         if not new.any():
             return loose[:n]
         loose |= new
@@ -187,13 +222,12 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
 @checked
 def coordination(state: State, least: int = 2) -> float:
-    """Mean number of contacts of grains that are not rattlers; zero if all grains are rattlers."""
-    held = ~rattlers(state, least)
-    n, rows = len(held), touching(state)
+    """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none."""
+    n, rows = len(state.grains.radius), touching(state)
+    held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
     ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
-    known = np.append(held, np.ones(state.n_bodies - n, bool))
-    ends = ends[known[ends].all(axis=1)]
-    return float((ends < n).sum()) / held.sum() if held.any() else 0.0
+    number = np.bincount(ends[held[ends].all(axis=1)].ravel(), minlength=state.n_bodies)[:n]
+    return float(number.sum() / max(np.count_nonzero(number), 1))
 
 
 @njit(cache=True, error_model="numpy")

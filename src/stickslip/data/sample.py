@@ -12,7 +12,7 @@ from ..core.contacts.mechanics import FREE, HELD
 from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
 from ..core.laws.dispatch import Kind
-from ..core.measure import branch_vectors
+from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 from ..core.text import SentenceError
@@ -212,7 +212,7 @@ def _check_box(state: State) -> None:
 def _check_overlap(state: State) -> None:
     contacts, count, radius = state.contacts, int(state.contacts.count[0]), state.grains.radius
     i, j = contacts.i[:count], contacts.j[:count]
-    overlap = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1)
+    overlap = overlaps(state)
     share = overlap / np.minimum(radius[i], radius[j])
     if count and share.max() > 1:
         c = int(share.argmax())

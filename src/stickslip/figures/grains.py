@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
 from ..core.laws.builtin import Law
-from ..core.measure import branch_vectors, rattlers, wrapped
+from ..core.measure import branch_vectors, least_supports, rattlers, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
@@ -200,7 +200,7 @@ def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = Tr
     ]
     if near and (number := len(_nearly_touching(frame))):
         handles.append(Line2D([], [], color="0.35", lw=0.8, ls=":", label=f"open ({number})"))
-    if free := int(rattlers(frame.state, frame.state.cell.dim).sum()):
+    if free := int(_rattlers(frame).sum()):
         handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="0.45", ms=5, label=f"rattlers ({free})"))
     if mode is not None:
         handles.append(Line2D([], [], color=PURPLE, lw=1.2, marker=">", ms=3, label="mode (enlarged)"))
@@ -218,9 +218,14 @@ def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
     bar.update_ticks()
 
 
+def _rattlers(frame: Frame) -> np.ndarray:
+    """(N,) bool; a frame without a law is drawn as if it had friction."""
+    return rattlers(frame.state, least_supports(frame.law, frame.state.cell.dim) if frame.law else 2)
+
+
 def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.ndarray:
     if layout.colour is None:
-        loose = rattlers(frame.state, layout.dim)
+        loose = _rattlers(frame)
         return np.where(loose[:, None], to_rgba("white"), to_rgba(PALE))
     found = quantities(frame, first=first, mode=mode, si=si)
     values = found[layout.colour][0] if layout.colour in found else np.zeros(len(frame.state.grains.radius))

@@ -14,6 +14,7 @@ from ..core.laws.builtin import DAMPING_N, DAMPING_T, MU, Law, hertz_mindlin
 from ..core.measure import (
     coordination,
     elastic_energy,
+    least_supports,
     mean_normal_force,
     packing_fraction,
     pressure,
@@ -188,7 +189,7 @@ def packing_info(state: State, law: Law) -> PackingInfo:
     contacts, rows = state.contacts, touching(state)
     radius = state.grains.radius
     overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - np.linalg.norm(contacts.pair[rows], axis=1)
-    least = 2 if law.table[..., MU].any() else state.cell.dim + 1
+    least = least_supports(law, state.cell.dim)
     return PackingInfo(
         packing_fraction(state),
         pressure(state, law),

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from ..core.arguments import checked, require_positive
-from ..core.laws.builtin import Law
+from ..core.laws.builtin import Law, damping_model
 from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.readable import pluralize
 from ..core.state import State
@@ -163,6 +163,7 @@ def instability(found: Spectrum, state: State, law: Law, drag: float | None = No
     if not parts:
         return ""
     limit = ", if contacts at the Coulomb limit keep sliding" if len(contacts_at_limit(state, law)) else ""
+    limit += ", without the dashpots of the law" if damping_model(law) else ""
     return f"{UNSTABLE} ({' and '.join(parts)}{limit})"
 
 

@@ -77,12 +77,16 @@ class Alternative(NamedTuple):
     sliding: np.ndarray  # (M,) bool
     velocity: np.ndarray  # (n,)
     rate: np.ndarray  # (Mc,) Ṽ
-    stable: bool | None
+    stable: bool | None  # see `ContactStatus.stable`
 
 
 @readable
 class ContactStatus(NamedTuple):
-    """Status of all contacts under a load rate, with velocities, a verdict and its justification."""
+    """Status of all contacts under a load rate, with velocities, a verdict and its justification.
+
+    `stable` is a statement on det k(S) alone: if it is False, a motion grows without oscillating. If it is True, none
+    does because of this status, but oscillations may grow, which the eigenvalues of `stability` show.
+    """
 
     verdict: Verdict
     sliding: np.ndarray  # (M,) bool
@@ -99,7 +103,7 @@ class ContactStatus(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """True if a consistent status was found that is not known to be unstable."""
+        """True if a consistent status was found whose det k is not known to be negative."""
         return self.verdict in (Verdict.CONSISTENT, Verdict.UNIQUE, Verdict.NOT_UNIQUE, Verdict.SINGULAR)
 
 
@@ -124,8 +128,9 @@ def contact_status(
     together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at
     a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
     contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
-    P-matrix: stable ones come first, and the absence of a status is proven. Beyond that, a proof of absence needs a
-    Farkas certificate.
+    P-matrix: those with det k > 0 come first, and the absence of a status is proven. If many statuses are singular,
+    solutions may exist to within the error bounds, of which none balances the load as k(S) itself shows: nothing is
+    proven then, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
 
     Parameters
     ----------
@@ -286,7 +291,9 @@ def _enumerate(
         absent = Absence("enumeration", 1 << len(problem.vector))
         return _make_failure(matrix, system, Verdict.UNSTABLE, absent, known)
     answers = [a for a in (_verify_solution(system, s) for s in every.solutions) if a is not None]
-    if not answers:
+    if not answers:  # singular solutions that do not balance the load to the accuracy of k(S)
+        if found is not None:
+            return _make_status(matrix, system, Verdict.CONSISTENT, found, (), known)
         return _make_failure(matrix, system, Verdict.NOT_FOUND, None, known)
     # stable ones first, and of these the one found by flipping
     answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, found)))

@@ -7,8 +7,8 @@ from scipy.sparse.csgraph import connected_components
 from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.contacts.jacobian import linearise
-from ..core.laws.builtin import MU, Law
-from ..core.measure import mean_normal_force, touching, volume
+from ..core.laws.builtin import Law
+from ..core.measure import mean_normal_force, overlaps, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
 from .freedom import unsupported_grains
 
@@ -117,9 +117,10 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
     A different contact law cannot be seen in the state and is always listed last.
     """
     found, n, rows = [], len(state.grains.radius), touching(state)
-    bare = int((~state.contacts.slip[rows].any(axis=1)).sum())
-    if law.table[..., MU].any() and bare:
-        which = f"all {bare}" if bare == len(rows) else f"{bare} of {len(rows)}"
+    bears = linearise(state, law).limit[rows] > 0  # not across a gap without friction
+    bare = int((~state.contacts.slip[rows[bears]].any(axis=1)).sum())
+    if bare:
+        which = f"all {bare}" if bare == bears.sum() else f"{bare} of {bears.sum()}"
         found.append(f"no slips: {which} contacts are treated as never sheared")
     control = state.control
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
@@ -177,7 +178,7 @@ def with_modes_under(state: State, law: Law) -> State:
     count = len(line.limit)
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
     sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)
-    slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0))
+    slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0) & (overlaps(state) > 0))
     if not (sticks | slides).any():
         return state
     return state._replace(contacts=_set_modes(contacts, sticks, slides, forces(state, law)[1].slip))

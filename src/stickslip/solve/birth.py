@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError, eigvals
+from scipy.linalg import LinAlgError, eigvals, svd
 from scipy.sparse.linalg import eigs, splu
 
 from ..core.arguments import checked
@@ -39,22 +39,23 @@ from ..core.contacts.forces import forces
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.mechanics import FREE
 from ..core.laws.builtin import Law, damping_model
-from ..core.measure import branch_vectors, touching
+from ..core.measure import overlaps, touching
 from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
 from .freedom import (
+    ZERO_BELOW,
     Freedom,
     backbone,
     displaced,
     dynamical_matrix,
     jacobian,
     residual_vector,
-    translations,
     unsupported_grains,
 )
-from .linear import DENSE_BELOW, one_thread
-from .stability import stability
+from .linear import DENSE_BELOW, one_thread, suitable_threads
+from .spectrum import SOFTEST, near_zero
+from .stability import DENSE_UP_TO, stability
 
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
@@ -74,7 +75,7 @@ class Motion(NamedTuple):
     matrix: sparse.csr_array  # (n, n) A
     force: Callable[[np.ndarray], np.ndarray]  # −A y + N(y)
     tangent: Callable[[np.ndarray], sparse.csr_array]  # −∂force/∂y at y
-    rigid: np.ndarray  # (n, k) zero modes that are held fixed
+    zero: np.ndarray  # (n, k) zero modes, which are held fixed
 
 
 class Balance(NamedTuple):
@@ -180,7 +181,8 @@ class BirthForm(NamedTuple):
 def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     """Normal form of a complex pair near its birth: bursts or runaway, and the contact that is lost first.
 
-    Forces are those of the trial memory around the accepted state. Rattlers are held fixed.
+    Forces are those of the trial memory around the accepted state. Rattlers, which nothing holds, stay where they are,
+    and collisions with them do not count.
 
     Parameters
     ----------
@@ -196,7 +198,9 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     See the module: doi:10.1006/jdeq.1993.1034.
     """
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the normal form is that of motion without them; omit damping")
+        raise ValueError(
+            "a law with dashpots was given: the normal form is that of motion without them, leave them out"
+        )
     state = with_modes_under(state, law)
     residual, at_limit = imbalance(state, law), int(_at_limit(state, law).sum())
     if not residual <= BALANCED_BELOW:
@@ -215,7 +219,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     motion = _motion(state, law, free)
     plane = invariant_plane(motion.matrix, pairs[pair])
     root = np.sqrt(free.mass)
-    size = _mean_overlap(state) * root.max() / np.abs(plane.u0).max()
+    size = np.abs(overlaps(state)[touching(state)]).mean() * root.max() / np.abs(plane.u0).max()
     changes = first_changes(state, law, free, ellipse(plane), SMALLEST * size)
     value, omega = plane.value, np.sqrt(plane.value.real)
     sigma, exact = value.imag / (2 * omega), np.sqrt(value)
@@ -266,7 +270,19 @@ def _motion(state: State, law: Law, free: Freedom) -> Motion:
         return sparse.csr_array(-scale @ jacobian(displaced(state, free, y / root), law, free, memory=FREE) @ scale)
 
     matrix = dynamical_matrix(state, law, free)
-    return Motion(matrix, force, tangent, translations(matrix, free))
+    return Motion(matrix, force, tangent, zero_modes(matrix))
+
+
+def zero_modes(matrix) -> np.ndarray:
+    """(n, k) orthonormal zero modes: translations, and motions without resistance, such as a disk that rolls."""
+    if matrix.shape[0] <= DENSE_UP_TO:
+        with suitable_threads(matrix.shape[0]):
+            _, size, vectors = svd(matrix.toarray())
+        return vectors[size <= ZERO_BELOW * size[0]].T
+    values, vectors, scale = near_zero(matrix, SOFTEST, ZERO_BELOW)
+    found = vectors[:, np.abs(values) < ZERO_BELOW * scale]
+    basis, _, _ = svd(np.hstack([found.real, found.imag]), full_matrices=False)
+    return basis[:, : found.shape[1]]
 
 
 def invariant_plane(matrix, value: complex) -> Plane:
@@ -319,7 +335,7 @@ def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float
     ]
     cubic = (second[0] - 4 * second[1]) / 3  # −C(u₀, u₀, u₀)
     forced = -(quadratic @ u0)
-    mean = _solver(motion.matrix, 0.0, motion.rigid, motion.rigid)(forced)
+    mean = _solver(motion.matrix, 0.0, motion.zero, motion.zero)(forced)
     double = _solver(motion.matrix, 4 * square)(0.5 * forced)
     grown = (2 * np.sqrt(square) - 1j * plane.value.imag / np.sqrt(square)) ** 2
     growing = splu(sparse.csc_array(motion.matrix - grown * sparse.eye_array(len(u0)))).solve(0.5 * forced + 0j).real
@@ -339,7 +355,7 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
     weights = np.full(half + 1, 1.0 / half)
     weights[[0, -1]] *= 0.5
     u, w = np.stack([plane.u0, plane.u1], axis=1), np.stack([plane.w0, plane.w1], axis=1)
-    solvers = [_solver(motion.matrix, 0.0, motion.rigid, motion.rigid), _solver(motion.matrix, square, u, w)]
+    solvers = [_solver(motion.matrix, 0.0, motion.zero, motion.zero), _solver(motion.matrix, square, u, w)]
     solvers += [_solver(motion.matrix, h * h * square) for h in harmonics[2:]]
     rest, slaved = motion.force(0 * plane.u0), np.zeros((len(harmonics), len(plane.u0)))
     squares, kept, shapes = [plane.value.imag**2 / (4 * square)], [0.0], [slaved]
@@ -463,11 +479,3 @@ def balanced_motion(plane: Plane, balance: Balance, sigma: float):
         return a**2 * (waves @ slaved) + 2 * a * turning
 
     return motion
-
-
-def _mean_overlap(state: State) -> float:
-    """Mean overlap of touching contacts [length]."""
-    rows, contacts = touching(state), state.contacts
-    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    apart = np.linalg.norm(branch_vectors(state)[rows], axis=1)
-    return float(np.abs(radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())

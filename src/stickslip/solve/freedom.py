@@ -10,12 +10,13 @@ from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
 from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.contacts.mechanics import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
-from ..core.laws.builtin import MU, Law
-from ..core.measure import branch_vectors, contact_forces, rattlers, volume
+from ..core.laws.builtin import Law
+from ..core.measure import branch_vectors, contact_forces, least_supports, rattlers, volume
 from ..core.readable import readable
 from ..core.state import State, groups
 
 ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
+PAIR_ABOVE = 1e-9  # share of the largest |λ| above which |Im λ| is more than round-off
 
 
 @readable
@@ -108,7 +109,7 @@ def freedom(state: State) -> Freedom:
 
 def unsupported_grains(state: State, law: Law) -> np.ndarray:
     """(N,) mask of rattlers, given the number of contacts that a grain needs under this law."""
-    return rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
+    return rattlers(state, least_supports(law, state.cell.dim))
 
 
 @checked

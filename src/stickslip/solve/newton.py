@@ -10,8 +10,8 @@ from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.laws.builtin import MU, Law
-from ..core.measure import branch_vectors
+from ..core.laws.builtin import Law
+from ..core.measure import branch_vectors, least_supports
 from ..core.outcome import Outcome, Status
 from ..core.scales import natural_scales
 from ..core.state import OPEN, State, reset_reached
@@ -146,7 +146,7 @@ def approach(
     patience = iterations if patience is None else patience
     require_not_negative(iterations=iterations, patience=patience)
     free, loose = freedom(state), _unloaded_grains(state)
-    least = 2 if law.table[..., MU].any() else state.cell.dim + 1
+    least = least_supports(law, state.cell.dim)
     here = _evaluate(with_neighbor_list(state, law), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):

@@ -9,14 +9,14 @@ from scipy.linalg import eig, eigvals
 from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks, linearise
 from ..core.contacts.mechanics import FREE
-from ..core.laws.builtin import Law
+from ..core.laws.builtin import Law, damping_model
 from ..core.measure import contact_forces, touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
-from .freedom import ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
+from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
 from .linear import suitable_threads
-from .stability import PAIR_ABOVE, contacts_at_limit
+from .stability import LEFT_OUT, contacts_at_limit, joined
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes
 WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
@@ -115,7 +115,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that are pressed together. If any one of their contacts opens, they become rattlers:
+    Three disks that loads press together. If any one of their contacts opens, the chain that is left buckles:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -124,7 +124,7 @@ def contact_sensitivity(
     >>> three = ss.packings.from_arrays(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
     >>> found = contact_sensitivity(three, law)
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
-    ['falls apart', 'falls apart', 'falls apart']
+    ['buckles', 'buckles', 'buckles']
     """
     free = backbone(state, law)
     if not len(free):
@@ -153,8 +153,8 @@ def contact_sensitivity(
             after[one], words[one] = _assess(_eigenvalues_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
-    if len(contacts_at_limit(state, law)):
-        scope = "; ".join([*filter(None, [scope]), "contacts at the Coulomb limit are assumed to keep sliding"])
+    sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(contacts_at_limit(state, law)) else ""
+    scope = joined(scope, LEFT_OUT if damping_model(law) else "", sliding)
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
     last = _rank_changes(growth, verdict, after, words, slope)

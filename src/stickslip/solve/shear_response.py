@@ -19,7 +19,7 @@ from ..core.contacts.jacobian import contact_blocks, linearise
 from ..core.contacts.mechanics import HELD
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import MU, Law
-from ..core.measure import branch_vectors, touching, volume
+from ..core.measure import branch_vectors, overlaps, touching, volume
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .freedom import Freedom, assembled, backbone, freedom, incidence, residual_vector
@@ -65,8 +65,7 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     i, j = contacts.i[:count], contacts.j[:count]
     rows, kept, touches = touching(state), np.zeros(count, bool), np.zeros(count, bool)
     touches[rows] = True
-    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    overlap = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1)
+    overlap = overlaps(state)
     kept[rows] = overlap[rows] >= prune * overlap[rows].mean() if len(rows) else False
     while True:
         number = np.bincount(np.append(i[kept], j[kept]), minlength=state.n_bodies)[:n]

@@ -140,7 +140,7 @@ def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     -------
     (k,) negative λ, sorted [1/time²]; int; (n, k) eigenvectors of the matrix
     """
-    values, vectors, scale = _near_zero(matrix, count, tolerance)
+    values, vectors, scale = near_zero(matrix, count, tolerance)
     zero = np.abs(values) < ZERO_BELOW * scale
     negative = np.flatnonzero(~zero & (values.real < 0) & (np.abs(values.imag) <= REAL_BELOW * scale))
     negative = negative[np.argsort(values.real[negative])]
@@ -158,12 +158,12 @@ def softest_eigenvalue(matrix, count: int = SOFTEST, tolerance: float = 1e-10) -
         values = eigvals(matrix.toarray())
         scale = np.abs(values).max(initial=0.0)
     else:
-        values, _, scale = _near_zero(matrix, count, tolerance)
+        values, _, scale = near_zero(matrix, count, tolerance)
     values = values[np.abs(values) >= ZERO_BELOW * scale]
     return complex(values[np.argmin(values.real)]) if len(values) else complex("nan")
 
 
-def _near_zero(matrix, count: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
+def near_zero(matrix, count: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Eigenvalues nearest to zero, their eigenvectors, and the largest entry of the matrix."""
     size, scale = matrix.shape[0], np.abs(matrix.data).max()
     shift = -1e-7 * scale

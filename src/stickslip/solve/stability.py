@@ -8,7 +8,7 @@ from scipy.linalg import eig
 
 from ..core.arguments import checked
 from ..core.contacts.jacobian import linearise
-from ..core.laws.builtin import SHARP, Law, rescales
+from ..core.laws.builtin import SHARP, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.readable import pluralize, readable
 from ..core.state import SLIDE, STICK, State
@@ -21,17 +21,27 @@ from .balance import (
     with_modes_under,
 )
 from .certificate import certificate_seconds, format_seconds
+from .damped import check_damped_method, growing_exponents
 from .fastest import fastest_pair
-from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, translations, unsupported_grains
+from .freedom import (
+    PAIR_ABOVE,
+    ZERO_BELOW,
+    Freedom,
+    backbone,
+    dynamical_matrix,
+    freedom,
+    translations,
+    unsupported_grains,
+)
 from .linear import suitable_threads
 from .pairs import complex_pairs
 from .spectrum import SOFTEST, soft_modes
 
-PAIR_ABOVE = 1e-9  # of the largest |λ|
 MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
 )
 UNLOADED = "decreasing overlaps, for which this law shortens slips, were not considered: overlaps were assumed to grow"
+LEFT_OUT = "the dashpots of the law were left out"
 DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # coordinates: LAPACK is the fastest below the first
 METHODS = {  # what was computed, in words
     "dense": "all eigenvalues by LAPACK",
@@ -45,7 +55,8 @@ METHODS = {  # what was computed, in words
 class Stability(NamedTuple):
     """Stability of the linearised motion around a state, without rattlers.
 
-    It is a verdict only if the forces balance. Otherwise it describes how the motion begins.
+    It is a verdict only if the forces balance. Otherwise it describes how the motion begins. With dashpots, λ = −s² for
+    the growing exponents s of M q̈ = J q + C q̇.
     """
 
     n: int  # number of grains
@@ -64,6 +75,8 @@ class Stability(NamedTuple):
     causes: tuple[str, ...]  # possible reasons why forces do not balance, see `likely_causes`; empty if they do
     at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
+    undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
+    slowest: complex | None = None  # exponent of the slowest decay with dashpots, if all were computed [1/time]
 
     @property
     def way(self) -> str:
@@ -87,6 +100,11 @@ class Stability(NamedTuple):
         None away from equilibrium, or if a mode grows only while contacts at the Coulomb limit keep sliding.
         """
         return combine_stability(self.grows, self.if_stuck) if self.balanced else None
+
+    @property
+    def exponents(self) -> np.ndarray:
+        """(P + K,) growing exponents s = −i√λ of exp(st), one of each pair, in the order of `modes` [1/time]."""
+        return -1j * np.sqrt(np.append(self.pairs, self.negative.astype(complex)))
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -150,7 +168,7 @@ def combine_motions(count: int, found, stuck) -> str:
 
 
 @checked
-def stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability:
+def stability(state: State, law: Law, *, method: str = "auto", dashpots: bool = True, report=None) -> Stability:
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
     A state with a residual above `BALANCED_BELOW` of the mean contact force is not in equilibrium. Then `stable` is
@@ -160,12 +178,18 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     such contacts slide, and `if_stuck` assumes that all of them stick; the verdict states both results if they differ.
     Under a law with `rescaled=True`, the spectrum assumes that no contact is being unloaded, and `scope` says so.
 
+    Dashpots of the law may stabilise a packing or destabilise it. They are included: the verdict is that of the
+    exponents s of M q̈ = J q + C q̇, and `undamped` holds the analysis without them.
+
     Parameters
     ----------
+    dashpots : if False, dashpots of the law are left out, and every complex pair grows
     method : what is asked: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
         coordinates, "fastest" beyond). Each takes the cheapest way, which `Stability.method` names: LAPACK up to 1500
-        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) name a way themselves
+        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) name a way themselves. With dashpots,
+        all exponents are computed of up to 1250 coordinates (with "dense", 4000); in larger packings, those near the
+        exponents of the undamped motion, which are found with this method. There is no certificate then
     report : called as report(stage, share done, words)
 
     Raises
@@ -175,7 +199,8 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
 
     Source
     ------
-    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, Sec. II C and III A.
+    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, Sec. II C and III A; with dashpots, Tisseur & Meerbergen,
+    doi:10.1137/S0036144500381988, Sec. 3.4.
 
     Examples
     --------
@@ -187,13 +212,26 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     """
     if method not in (known := ("auto", "fastest", "all", "certify", "dense", "pairs")):
         raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
-    state = with_modes_under(state, law)
-    found, rows = _analyse(state, law, method, report), contacts_at_limit(state, law)
+    state, has_dashpots = with_modes_under(state, law), bool(damping_model(law))
+    found = _analyse(state, law, method, has_dashpots and dashpots, report)
+    if has_dashpots and not dashpots:
+        found = found._replace(scope=joined(found.scope, LEFT_OUT))
+    rows = contacts_at_limit(state, law)
     if not len(rows):
         return found
-    scope = f"{found.scope}; {MIXED}" if found.scope else MIXED
-    stuck = _analyse(with_sticking(state, rows), law, method, report)
-    return found._replace(at_limit=len(rows), if_stuck=stuck, scope=scope)
+    stuck = _analyse(with_sticking(state, rows), law, method, has_dashpots and dashpots, report)
+    found, undamped = (_with_stuck(*both, len(rows)) for both in ((found, stuck), (found.undamped, stuck.undamped)))
+    return found._replace(undamped=undamped)
+
+
+def joined(*scope: str) -> str:
+    """Scope from its parts, without empty ones."""
+    return "; ".join(filter(None, scope))
+
+
+def _with_stuck(found: Stability | None, stuck: Stability | None, count: int) -> Stability | None:
+    """Stability with contacts at the Coulomb limit sliding, and with them sticking."""
+    return found and found._replace(at_limit=count, if_stuck=stuck, scope=joined(found.scope, MIXED))
 
 
 def unloading_scope(law: Law) -> str:
@@ -218,14 +256,16 @@ def with_sticking(state: State, rows: np.ndarray) -> State:
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
-def _analyse(state: State, law: Law, method: str, report) -> Stability:
+def _analyse(state: State, law: Law, method: str, dashpots: bool, report) -> Stability:
     """Stability with every contact held in its mode."""
     loose = unsupported_grains(state, law)
     free = backbone(state, law)
     size = len(free)
     if not size:
         raise ValueError("the packing has only rattlers: stability needs grains that support each other")
-    method = _cheapest_way(method, size)
+    asked, method = method, _cheapest_way(method, size)
+    if dashpots:
+        check_damped_method(asked, size)
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
         pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
@@ -235,13 +275,25 @@ def _analyse(state: State, law: Law, method: str, report) -> Stability:
         negative, zero_modes, soft = soft_modes(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
-    scope = "; ".join(filter(None, [scope, unloading_scope(law)]))
+    scope = joined(scope, unloading_scope(law))
     residual, moves = imbalance(state, law), motion_imbalance(state, law)
     causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
-    return Stability(
+    found = Stability(
         len(loose), len(touching(state)), np.flatnonzero(loose), residual, moves, pairs, negative, zero_modes, rigid,
         modes, free, method, scope, causes,
+    )  # fmt: skip
+    return _with_dashpots(found, state, law, asked, report) if dashpots else found
+
+
+def _with_dashpots(undamped: Stability, state: State, law: Law, method: str, report) -> Stability:
+    """Stability from the exponents with dashpots."""
+    s, modes, slowest, near = growing_exponents(state, law, undamped.free, undamped.exponents, method, report)
+    swings = s.imag < 0
+    scope = joined(near, undamped.scope if near else unloading_scope(law))
+    return undamped._replace(
+        pairs=-(s[swings] ** 2), negative=-(s[~swings].real ** 2), modes=modes[:, np.argsort(~swings, kind="stable")],
+        scope=scope, undamped=undamped, slowest=slowest,
     )  # fmt: skip
 
 

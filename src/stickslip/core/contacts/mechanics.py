@@ -279,4 +279,6 @@ def contact_forces(
         tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
         if viscous:
             tx, ty, tz = with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz)
+    if acts_across_gaps(kind):  # a pair without friction across a gap does not touch: it does not slide either
+        slides = slides and (limit > 0.0 or overlap > 0.0)
     return fn, tx, ty, tz, sx, sy, sz, limit, slides

@@ -13,6 +13,7 @@ from ..contacts.geometry import normal_and_overlap, pair_vector
 from ..contacts.rows import EVENT_COLUMNS, OPENED
 from ..control import spring_forces
 from ..laws.builtin import MU
+from ..measure import supports
 from ..options import INNER
 from ..readable import readable
 from ..state import OPEN, SLIDE, Contacts, State, groups
@@ -33,6 +34,8 @@ class Sample(NamedTuple):
     inertia: np.ndarray  # (N,)
     reference: np.ndarray  # (N, 3)
     vectors: np.ndarray  # (3, 3)
+    unit: np.ndarray  # (B,) and the number of supports: see `measure.supports`
+    supports: np.ndarray  # (B,)
     time: float
 
 
@@ -139,8 +142,8 @@ def _coordination(s, out):
 
 @observable()
 def _held_coordination(s, out):
-    rattlers, held = _count_rattlers(s)
-    out[0] = held / max(len(s.mass) - rattlers, 1)
+    _, held, bearing = _count_rattlers(s)
+    out[0] = held / max(bearing, 1)
 
 
 @observable()
@@ -150,29 +153,37 @@ def _rattlers(s, out):
 
 @njit(**INNER)
 def _count_rattlers(s):
-    """Number of rattlers, and of contacts of the other grains; see `measure.rattlers`."""
-    n, bodies = len(s.mass), len(s.bodies.radius)
+    """Number of rattlers, of contacts of the other grains, and of those that have any; see `measure.rattlers`."""
+    n, bodies, unit = len(s.mass), len(s.bodies.radius), s.unit
     least = 2 if _has_friction(s.table) else s.dim + 1
     loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
     while True:
         for a in range(bodies):
-            number[a] = 0
+            number[a] = s.supports[a]
         for c in range(s.contacts.count[0]):
-            i, j = s.contacts.i[c], s.contacts.j[c]
-            if s.contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
+            i, j = unit[s.contacts.i[c]], unit[s.contacts.j[c]]
+            if s.contacts.mode[c] != OPEN and i != j and not loose[i] and not loose[j]:
                 number[i] += 1
                 number[j] += 1
         peeled = False
-        for a in range(n):
-            if number[a] < least and not loose[a]:
+        for a in range(bodies):
+            if number[unit[a]] < least and not loose[a]:
                 loose[a] = peeled = True
         if not peeled:
             break
-    rattlers = held = 0
+    for a in range(bodies):
+        number[a] = 0
+    for c in range(s.contacts.count[0]):
+        i, j = s.contacts.i[c], s.contacts.j[c]
+        if s.contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
+            number[i] += 1
+            number[j] += 1
+    rattlers = held = bearing = 0
     for a in range(n):
         rattlers += loose[a]
         held += number[a]
-    return rattlers, held
+        bearing += number[a] > 0
+    return rattlers, held, bearing
 
 
 @njit(**INNER)
@@ -229,6 +240,8 @@ class RecordBuffers(NamedTuple):
 
     every: int
     reference: np.ndarray  # (N, 3)
+    unit: np.ndarray  # (B,) and the number of supports: see `measure.supports`
+    supports: np.ndarray  # (B,)
     probes: np.ndarray  # (P,)
     series: np.ndarray  # (T, columns of all observables)
     groups: np.ndarray  # (T, G, 4, 3) of rigid groups: position, velocity, force of contacts, force of springs
@@ -259,8 +272,9 @@ _write_observables = _all_observables()
 def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
     """Write row k of the observables and of the tracks."""
     sample = Sample(
-        kind, coulomb, dim, p, bodies, contacts, shift, plan.mass, plan.inertia, writing.reference, vectors, time
-    )
+        kind, coulomb, dim, p, bodies, contacts, shift, plan.mass, plan.inertia, writing.reference, vectors,
+        writing.unit, writing.supports, time,
+    )  # fmt: skip
     row = writing.series[k]
     for m in range(len(row)):  # a loop instead of a whole array compiles faster: it has no error message
         row[m] = 0.0
@@ -295,7 +309,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
         raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     return RecordBuffers(
-        every, reference, probes, np.zeros((samples, _ENDS[-1])),
+        every, reference, *supports(state), probes, np.zeros((samples, _ENDS[-1])),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
     )  # fmt: skip

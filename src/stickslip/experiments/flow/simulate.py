@@ -14,7 +14,7 @@ from ...core.contacts.mechanics import FROZEN
 from ...core.contacts.neighbors import without_walls
 from ...core.dynamics.run import run
 from ...core.laws.builtin import Law
-from ...core.measure import contact_forces, coordination, elastic_energy, touching
+from ...core.measure import contact_forces, coordination, elastic_energy, least_supports, touching
 from ...core.readable import readable
 from ...core.state import SLIDE, State
 from ...core.units import Fields
@@ -242,7 +242,7 @@ def _measure(state: State, start: Poured, walls: tuple[str, ...], number: int, e
         "elastic_energy": elastic_energy(state, start.law),
         "speed": np.linalg.norm(velocity, axis=1).mean(),
         "unbalanced": pull / between.mean() if len(rows) and between.mean() > 0 else np.inf,
-        "coordination": coordination(state),
+        "coordination": coordination(state, least_supports(start.law, state.cell.dim)),
         "sliding_fraction": (state.contacts.mode[rows] == SLIDE).mean() if len(rows) else 0.0,
         "center": mass @ position / mass.sum(),
         "low": np.quantile(position, 1 - ENCLOSED, axis=0),

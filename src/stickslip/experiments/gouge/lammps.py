@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core.contacts.forces import accept, forces
 from ...core.laws.builtin import MU
-from ...core.measure import coordination, elastic_energy, fabric
+from ...core.measure import coordination, elastic_energy, fabric, least_supports
 from ...core.state import State, empty_contacts
 from ..lammps.leg import Leg
 from ..lammps.process import error_line, require_lammps, run_lammps
@@ -216,7 +216,7 @@ def _series(gouge: Gouge, states: list[State], plate: np.ndarray, pairs: list[np
         np.array([gouge._replace(state=state).thickness for state in states]),
         0.5 * ((v**2).sum(axis=2) @ mass + (spin**2).sum(axis=2) @ inertia),
         (v[..., 1] ** 2 + v[..., 2] ** 2) @ mass / (2 * mass.sum()),
-        np.array([coordination(state, 2 if mu > 0 else state.cell.dim + 1) for state in states]),
+        np.array([coordination(state, least_supports(gouge.law, state.cell.dim)) for state in states]),
         np.array([np.mean(p[:, 1] >= AT_LIMIT * mu * np.abs(p[:, 0])) if len(p) else 0.0 for p in pairs]),
         np.array([fabric(state) for state in states]),
     )

@@ -14,7 +14,7 @@ from ...core.control import factors_at
 from ...core.dynamics.record import Record
 from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
-from ...core.measure import branch_vectors, elastic_energy, touching
+from ...core.measure import elastic_energy, overlaps, touching
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, load_or_compute
 from ...friction.measure import steady_mean
@@ -400,9 +400,7 @@ def _series(record: Record, gouge: Gouge, load_point: np.ndarray) -> Series:
 def _mean_overlap(state: State) -> float:
     """Mean overlap of all contacts [m]."""
     rows = touching(state)
-    i, j, radius = state.contacts.i[rows], state.contacts.j[rows], state.grains.radius
-    distance = np.linalg.norm(branch_vectors(state)[rows], axis=1)
-    return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
+    return float(overlaps(state)[rows].mean()) if len(rows) else 0.0
 
 
 STICKSLIP = Engine(

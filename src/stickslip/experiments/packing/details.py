@@ -7,7 +7,6 @@ from rich.table import Table
 
 from ...core.laws.builtin import Law
 from ...core.state import State
-from ...solve.damped import DampedStability
 from ...solve.density import participation_ratio
 from ...solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ...solve.sensitivity import ContactSensitivity, contact_sensitivity
@@ -30,7 +29,7 @@ class Details(NamedTuple):
     contacts: ContactSensitivity | str
 
 
-def compute_details(state: State, law: Law, found: Stability | DampedStability, *, report=None) -> Details:
+def compute_details(state: State, law: Law, found: Stability, *, report=None) -> Details:
     """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
     participation = participation_ratio(found.modes, found.free)
     if not found.balanced:
@@ -99,9 +98,8 @@ def _contact_dict(s: ContactSensitivity, k: int) -> dict:
     }  # fmt: skip
 
 
-def show(more: Details, found: Stability | DampedStability) -> None:
+def show(more: Details, found: Stability) -> None:
     """Print the details."""
-    static = found.undamped if isinstance(found, DampedStability) else found
     if len(more.participation):
         ratios = ", ".join(f"{p:.3g}" for p in more.participation[:SHOWN])
         rest = " …" if len(more.participation) > SHOWN else ""
@@ -109,7 +107,7 @@ def show(more: Details, found: Stability | DampedStability) -> None:
     for name, part, shown in (
         ("elastic moduli", more.moduli, _show_moduli),
         ("transient growth", more.transient, _show_transient),
-        ("decisive contacts", more.contacts, lambda s: _show_contacts(s, static.n, isinstance(found, DampedStability))),
+        ("decisive contacts", more.contacts, lambda s: _show_contacts(s, found.n)),
     ):
         if isinstance(part, str):
             console.print(f"\n{name}: none, {part}")
@@ -140,11 +138,11 @@ def _show_transient(t: TransientGrowth) -> None:
     )
 
 
-def _show_contacts(s: ContactSensitivity, n: int, damped: bool) -> None:
+def _show_contacts(s: ContactSensitivity, n: int) -> None:
     count, verified = int(s.turns.sum()), int(s.verified.sum())
-    turned, note = "unstable" if s.verdict == "stable" else "stable", " (dashpots left out)" if damped else ""
+    turned = "unstable" if s.verdict == "stable" else "stable"
     console.print(
-        f"\ndecisive contacts{note}: {count} of {verified} changes whose spectrum was computed make the packing "
+        f"\ndecisive contacts: {count} of {verified} changes whose spectrum was computed make the packing "
         f"{turned}" + (f"; {s.scope}" if s.scope else "")
     )
     slope = dict(zip(s.contacts, s.growth_derivative, strict=True)) if len(s.derivative) else {}

@@ -24,24 +24,14 @@ from ...figures.grains import bare_frame, packing
 from ...figures.quantities import DISPLACEMENT
 from ...figures.style import png
 from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
-from ...solve.damped import DampedStability
-from ...solve.stability import DENSE_UP_TO
+from ...solve.stability import DENSE_UP_TO, stability
 from .. import claims as claims_table
 from ..registry import EXPERIMENTS
 from ..run_folder import CHART, CLAIMS, FILM, NUMBERS, list_files
 from ..sweep.cycles import FIGURE as CYCLES
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
 from .page_output import staged_file
-from .report import (
-    Settling,
-    analyse_stability,
-    describe_law,
-    find_birth_form,
-    growing_modes,
-    likely_causes,
-    settled,
-    verdict,
-)
+from .report import Settling, describe_law, find_birth_form, growing_modes, likely_causes, settled, verdict
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 SEARCHED = 30_000  # coordinates up to which the verdict takes about a minute, and is sought without being asked for
@@ -77,16 +67,18 @@ class PageContent(NamedTuple):
 
 
 def load_content(
-    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool | None = True,
-    trust: bool = False,
+    place: Path, *, modes: Path | None, options: dict, settle: bool = False, dashpots: bool = True, report=None,
+    search: bool | None = True, trust: bool = False,
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
 
     With `trust`, the law file of a run may be executed.
     """
     if not place.is_dir() and (place.is_file() or place.suffix):
-        return packing_content(place, modes=modes, options=options, settle=settle, search=search, report=report)
-    own = (*options.items(), ("modes", modes), ("settle", settle or None))
+        return packing_content(
+            place, modes=modes, options=options, settle=settle, dashpots=dashpots, search=search, report=report
+        )
+    own = (*options.items(), ("modes", modes), ("settle", settle or None), ("no-dashpots", None if dashpots else True))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
         raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: it is only for packing files")
@@ -228,7 +220,7 @@ def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, 
             if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
                 why = f"{name}: {no_equilibrium_message(rest)}" if asked else why
                 continue
-            mine = growing_modes(analyse_stability(state, law))
+            mine = growing_modes(stability(state, law))
         except (ValueError, ArithmeticError):  # only rattlers, or an eigenvalue problem without a solution
             continue
         if mine and max(s.real for *_, s in mine) > best:
@@ -342,7 +334,7 @@ def _sweep_content(folder: Path) -> PageContent:
 
 def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
-    search: bool | None = True, report=None,
+    dashpots: bool = True, search: bool | None = True, report=None,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -351,6 +343,7 @@ def packing_content(
     modes : file written by `stickslip stability`; without it, the verdict is computed
     options : options of `read_packing`
     settle : if True, the packing is settled first
+    dashpots : if False, dashpots of the law are left out
     search : if False and no file of modes is given, no verdict and no modes are computed; None: if that takes minutes
     """
     (state, law, words), warnings = capture_warnings(read_packing, file, **options)
@@ -363,7 +356,7 @@ def packing_content(
     large = search is None and n * (3 if state.cell.dim == 2 else 6) > SEARCHED
     if modes is None and search is not False and not large:
         try:
-            found = analyse_stability(state, law, method=method, report=report)
+            found = stability(state, law, method=method, dashpots=dashpots, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing that is not in equilibrium are no instabilities, so none is shown
@@ -371,7 +364,7 @@ def packing_content(
         if found.balanced:
             sentence = verdict(found, calm)
             if mine and len(found.free) <= DENSE_UP_TO:
-                form = find_birth_form(state, law)
+                form = find_birth_form(state, law, dashpots=dashpots)
                 facts.append(["after the instability", form if isinstance(form, str) else form.verdict])
         else:
             why = found.verdict
@@ -406,8 +399,8 @@ def _read_modes(path: Path, n: int) -> list:
 
 
 def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
-    static = found.undamped if isinstance(found, DampedStability) else found
-    out = [["verdict", verdict(found, calm)], ["method", static.way], ["rattlers", str(len(static.rattlers))]]
+    out = [["verdict", verdict(found, calm)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
+    out += [["without the dashpots", found.undamped.motion]] if found.undamped else []
     limit = f"at most {BALANCED_BELOW:g} in equilibrium"
     out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
     if found.grows and not found.balanced:

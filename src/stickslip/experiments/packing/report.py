@@ -18,10 +18,9 @@ from ...core.state import State
 from ...data.atomic import replace_atomically
 from ...solve.balance import BALANCED_BELOW, imbalance
 from ...solve.birth import BirthForm, birth_form
-from ...solve.damped import DampedStability, damped_stability
 from ...solve.equilibrate import equilibrate
 from ...solve.freedom import backbone
-from ...solve.stability import Stability, stability
+from ...solve.stability import Stability
 from ..terminal import STYLE, console, show_table
 from . import details as stability_more
 
@@ -50,15 +49,10 @@ class Settling(NamedTuple):
         )
 
 
-def analyse_stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
-    """Analyse stability with the spectrum that suits the law: the damped one if there are dashpots."""
-    return (damped_stability if damping_model(law) else stability)(state, law, method=method, report=report)
-
-
-def find_birth_form(state: State, law: Law) -> BirthForm | str:
+def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthForm | str:
     """Return the normal form of the fastest pair, or the reason why there is none."""
     try:
-        return birth_form(state, law)
+        return birth_form(state, law if dashpots else law._replace(damping=0))
     except ValueError as problem:
         return str(problem)
 
@@ -83,12 +77,12 @@ def settled(state: State, law: Law) -> tuple[State, Settling]:
     return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
-def verdict(found: Stability | DampedStability, calm: Settling | None = None) -> str:
+def verdict(found: Stability, calm: Settling | None = None) -> str:
     """Return the verdict in one sentence, which says so if the packing was settled."""
     return f"{found.verdict}; {calm}" if calm else found.verdict
 
 
-def likely_causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
+def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, inferred from the packing and the options given for its law."""
     known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
@@ -101,41 +95,33 @@ def likely_causes(found: Stability | DampedStability, options: dict, words: list
 
 
 def to_dict(
-    found: Stability | DampedStability, more: stability_more.Details | None = None,
+    found: Stability, more: stability_more.Details | None = None,
     form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(),
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
-    static = found.undamped if isinstance(found, DampedStability) else found
-    if isinstance(found, DampedStability):
-        swings = found.exponents.imag > 0
-        pairs = [
-            {"re_s": float(s.real), "im_s": float(s.imag), "omega": float(s.imag), "growth_rate": float(s.real)}
-            for s in found.exponents[swings]
-        ]
-        negative = [float(v) for v in found.exponents[~swings].real]
-    else:
-        pairs = [
-            {"re_lambda": float(p.real), "im_lambda": float(p.imag), "omega": float(w), "growth_rate": float(g)}
-            for p, w, g in zip(found.pairs, found.frequency, found.growth_rate, strict=True)
-        ]
-        negative = [float(v) for v in found.negative]
+    damped = found.undamped is not None
+    pairs = [
+        ({"re_s": g, "im_s": w} if damped else {"re_lambda": p.real, "im_lambda": p.imag})
+        | {"omega": w, "growth_rate": g}
+        for p, w, g in zip(*(x.tolist() for x in (found.pairs, found.frequency, found.growth_rate)), strict=True)
+    ]
     out = {
-        "n": static.n,
-        "contacts": static.contacts,
-        "rattlers": len(static.rattlers),
-        "residual": static.residual if np.isfinite(static.residual) else None,
+        "n": found.n,
+        "contacts": found.contacts,
+        "rattlers": len(found.rattlers),
+        "residual": found.residual if np.isfinite(found.residual) else None,
         "tolerance": BALANCED_BELOW,
         "balanced": found.balanced,
         "causes": list(why),
         "settled": None if calm is None else _settling_dict(calm),
         "stable": found.stable,
-        "at_limit": static.at_limit,
+        "at_limit": found.at_limit,
         "if_stuck": found.if_stuck.motion if found.if_stuck else None,
         "pairs": pairs,
-        "growing" if isinstance(found, DampedStability) else "negative": negative,
-        "zero_modes": static.zero_modes,
-        "spectrum": "damped" if isinstance(found, DampedStability) else "undamped",
-        "method": static.method,
+        "growing" if damped else "negative": (np.sqrt(-found.negative) if damped else found.negative).tolist(),
+        "zero_modes": found.zero_modes,
+        "spectrum": "damped" if damped else "undamped",
+        "method": found.method,
         "scope": found.scope,
     }
     if more:
@@ -163,20 +149,19 @@ def _settling_dict(calm: Settling) -> dict:
 
 
 def show(
-    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.Details | None = None,
+    found: Stability, law: Law, words: list[str], more: stability_more.Details | None = None,
     form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
     Also print `why` and `remedy` if the packing is not in equilibrium.
     """
-    static = found.undamped if isinstance(found, DampedStability) else found
     for line in words:
         console.print(line, style="yellow")
     console.print(f"law: {describe_law(law)}")
     console.print(
-        f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
-        f"{static.residual:.2g} of the mean normal contact force"
+        f"{found.n} grains, {found.contacts} contacts, {len(found.rattlers)} rattlers, residual "
+        f"{found.residual:.2g} of the mean normal contact force"
     )
     if calm:
         console.print(str(calm), style="bold yellow")
@@ -184,19 +169,16 @@ def show(
     console.print(found.verdict, style=f"bold {color}")
     if not found.balanced:
         _show_imbalance(found, why, remedy)
-    if isinstance(found, DampedStability):
+    if found.undamped:
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
-        console.print(f"without the dashpots it would be: {static.motion}")
-    console.print(f"method: {static.way}")
+        console.print(f"without the dashpots it would be: {found.undamped.motion}")
+    console.print(f"method: {found.way}")
     if found.scope:
         console.print(f"scope: {found.scope}")
-    if len(static.rattlers):
-        some = ", ".join(map(str, static.rattlers[:20])) + (" …" if len(static.rattlers) > 20 else "")
+    if len(found.rattlers):
+        some = ", ".join(map(str, found.rattlers[:20])) + (" …" if len(found.rattlers) > 20 else "")
         console.print(f"rattlers (excluded): {some}")
-    if isinstance(found, DampedStability):
-        _show_exponents(found)
-    else:
-        _show_pairs(found)
+    _show_exponents(found) if found.undamped else _show_pairs(found)
     if more:
         stability_more.show(more, found)
     if form:
@@ -224,7 +206,7 @@ def _show_form(form: BirthForm | str) -> None:
         show_table(table)
 
 
-def _show_imbalance(found: Stability | DampedStability, why, remedy: str) -> None:
+def _show_imbalance(found: Stability, why, remedy: str) -> None:
     console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
     for cause in why:
         console.print(f"  - {cause}")
@@ -253,12 +235,13 @@ def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     return table
 
 
-def _show_exponents(found: DampedStability) -> None:
-    if len(found.exponents):
+def _show_exponents(found: Stability) -> None:
+    if found.grows:
         table = _make_table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
-        for s in found.exponents[:SHOWN]:
-            period = f"{2 * np.pi / s.imag:.4g}" if s.imag > 0 else "–"
-            table.add_row(f"{s.real:.5g}", f"{s.imag:.5g}", period, f"{1 / s.real:.4g}")
+        for s in sorted(found.exponents, key=lambda s: -s.real)[:SHOWN]:
+            frequency = abs(s.imag)
+            period = f"{2 * np.pi / frequency:.4g}" if frequency > 0 else "–"
+            table.add_row(f"{s.real:.5g}", f"{frequency:.5g}", period, f"{1 / s.real:.4g}")
         show_table(table)
     elif found.slowest is not None:
         s = found.slowest
@@ -297,38 +280,29 @@ def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
     raise ValueError(f"modes would replace {path}, which does not contain modes: give --modes, or move it away")
 
 
-def write_modes(path: Path, found: Stability | DampedStability) -> Path:
+def write_modes(path: Path, found: Stability) -> Path:
     """Write the growing modes: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
 
     The motion is Re(mode exp(st)), with s = −i√λ of the damped or the undamped spectrum. A rotation is R·angle; modes
     have unit norm in the mass-weighted metric. Rattlers and constrained coordinates are zero.
     """
-    static = found.undamped if isinstance(found, DampedStability) else found
-    values, exponents, full = _expand_modes(found)
+    full = _expand_modes(found)
     with replace_atomically(path) as part, part.open("wb") as file:
         np.savez(
-            file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
-            rattlers=static.rattlers,
+            file, eigenvalue=-(found.exponents**2), exponent=found.exponents, translation=full[..., :3],
+            rotation=full[..., 3:], rattlers=found.rattlers,
         )  # fmt: skip
     return path
 
 
-def growing_modes(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+def growing_modes(found: Stability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
     """Return translation, rotation (N, 3) complex and exponent s of each growing mode, fastest first."""
-    _, exponents, full = _expand_modes(found)
+    full, exponents = _expand_modes(found), found.exponents
     order = np.argsort(-exponents.real, kind="stable")
     return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
 
 
-def _expand_modes(found: Stability | DampedStability) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return eigenvalues λ and exponents s (K,), and modes (K, N, 6) with zeros for constrained coordinates."""
-    static = found.undamped if isinstance(found, DampedStability) else found
+def _expand_modes(found: Stability) -> np.ndarray:
+    """(K, N, 6) growing modes, with zeros for constrained coordinates."""
     count = found.modes.shape[1]
-    full = np.array([found.free.spread(mode)[: static.n] for mode in found.modes.T]).reshape(count, static.n, 6)
-    if isinstance(found, DampedStability):
-        exponents = found.exponents
-        values = -(exponents**2)
-    else:
-        values = np.concatenate([found.pairs, found.negative.astype(complex)])
-        exponents = -1j * np.sqrt(values)
-    return values, exponents, full
+    return np.array([found.free.spread(mode)[: found.n] for mode in found.modes.T]).reshape(count, found.n, 6)

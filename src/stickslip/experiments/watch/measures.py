@@ -5,14 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.laws.builtin import Law
-from ...core.measure import coordination, stress, touching
+from ...core.measure import coordination, least_supports, stress, touching
 from ...core.state import SLIDE, State
 from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
-from ...solve.damped import DampedStability
 from ...solve.freedom import backbone, dynamical_matrix
 from ...solve.spectrum import softest_eigenvalue
-from ...solve.stability import DENSE_UP_TO, Stability
-from ..packing.report import analyse_stability, to_dict
+from ...solve.stability import DENSE_UP_TO, Stability, stability
+from ..packing.report import to_dict
 
 METHODS = ("auto", "none", "fastest", "all", "dense", "pairs")
 TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
@@ -72,8 +71,8 @@ def measure_frame(
     mode = state.contacts.mode[: state.contacts.count[0]]
     row = Row(
         step, digest, len(state.grains.radius), len(touching(state)),
-        coordination=coordination(state), sliding=int((mode == SLIDE).sum()) if memory else None,
-        residual=imbalance(state, law),
+        coordination=coordination(state, least_supports(law, state.cell.dim)),
+        sliding=int((mode == SLIDE).sum()) if memory else None, residual=imbalance(state, law),
     )  # fmt: skip
     row = _add_stress(row, state, law)
     free = backbone(state, law)
@@ -83,7 +82,7 @@ def measure_frame(
     if method == "none" or (large and not row.residual <= BALANCED_BELOW):
         row = _without_spectrum(row)
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
-    found = analyse_stability(state, law, method="fastest" if large else method, report=report)
+    found = stability(state, law, method="fastest" if large else method, report=report)
     return _add_spectrum(row, found, softest_eigenvalue(dynamical_matrix(with_modes_under(state, law), law, free)))
 
 
@@ -108,12 +107,12 @@ def _without_spectrum(row: Row) -> Row:
     return row._replace(balanced=balanced, verdict=verdict)
 
 
-def _add_spectrum(row: Row, found: Stability | DampedStability, softest: complex) -> Row:
+def _add_spectrum(row: Row, found: Stability, softest: complex) -> Row:
     """Row with the numbers of a spectrum, as `stickslip stability --json` has them."""
     known = to_dict(found)
     grow = known["pairs"]
     negative = known["negative"] if "negative" in known else known["growing"]
-    static = found.undamped if isinstance(found, DampedStability) else found
+    static = found.undamped or found
     least = min([softest.real, *map(float, static.negative)]) if np.isfinite(softest.real) else None
     return row._replace(
         rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
