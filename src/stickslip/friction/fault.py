@@ -16,6 +16,7 @@ from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
 SHEARS = ("antiplane", "in-plane")
 NUMBERS = ("mu0", "v0", "shear_modulus", "wave_speed", "poisson", "plate_rate", "thickness", "v1", "v2")
 LONGEST_CELL = 1 / 3  # over the cohesive length
+SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 
 
 @readable(head=lambda fault: f"{fault.shear}, {len(fault.depth)} cells of {fault.cell:g} m, {fault.law} law")
@@ -78,6 +79,15 @@ class Fault(NamedTuple):
     def weakening(self) -> np.ndarray:
         """Rate at which friction falls with slip behind the tip of a rupture, b/D_c + b2/D_c2 (N,) [1/m]."""
         return self.b / self.dc + self.b2 / np.asarray(self.dc2)
+
+    def sliding_at(self, velocity: float) -> "Fault":
+        """Fault without cut-off velocities that has the same slopes of friction in steady sliding at V [m/s].
+
+        Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1), its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
+        b2/(1 + V/V2).
+        """
+        direct, state = 1 + velocity / self.v1, 1 + velocity / self.v2
+        return self._replace(a=self.a / direct, b=self.b / state, b2=self.b2 / state, v1=np.inf, v2=np.inf)
 
     @property
     def width(self) -> float:
@@ -205,8 +215,12 @@ def _check_geometry(fault: Fault) -> None:
 
 
 def _check_cells(fault: Fault) -> None:
-    """Reject cells that do not resolve the tip of a rupture in a velocity-weakening part."""
-    weak = fault.a < fault.evolution
+    """Reject cells that do not resolve the tip of a rupture where friction weakens with velocity, slow or fast.
+
+    With cut-off velocities, A/B changes monotonically with velocity.
+    """
+    fast = fault.sliding_at(SEISMIC)
+    weak = (fault.a < fault.evolution) | (fast.a < fast.evolution)
     if not weak.any():
         return
     length = fault.modulus / (fault.weakening * fault.normal)[weak]
