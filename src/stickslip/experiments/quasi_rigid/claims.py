@@ -89,9 +89,9 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
             "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"', True,
             not wrong if checked else None, "", 0.0,
             f"{f'not in {wrong[0]}, elsewhere ' if wrong else ''}exactly one under the load of the test in each of "
-            f"{checked} states with 1 to 10 critical contacts that are stable (the premise); {number - checked} more have "
-            f"an eigenvalue of k that is not positive, for example where rattlers have just been wedged; no consistent "
-            f"status at the end of {ends} of {len(main.tested)} paths", quantifier=ALWAYS,
+            f"{checked} states with 1 to 10 critical contacts that are stable (the premise); {number - checked} more "
+            f"have an eigenvalue of k that is not positive, for example where rattlers have just been wedged; no "
+            f"consistent status at the end of {ends} of {len(main.tested)} paths", quantifier=ALWAYS,
         ),
         claim(
             "non-unique-example", "Sec. V A: unstable states, not treated", None, bool(example), "", 0.0,
