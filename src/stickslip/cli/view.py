@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, app, examples, finish
+from .app import AsJson, OverwriteFile, Quiet, app, examples, finish, number_option
 from .packings import with_packing_options
 
 REPORT = examples(
@@ -106,7 +106,7 @@ def movie(
         ),
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
-    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,

@@ -30,10 +30,11 @@ from .ratestate import RateState
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
-    "the residuals vary as slowly as the signal: the law does not describe these data, or their noise is too slow; the "
-    "values are the best fit, but intervals cannot be given"
+    "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is that "
+    "slow, and the data cannot tell which; the values are the best fit, but intervals cannot be given"
 )
-# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law
+# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
+# noise that is correlated over much of a leg, it may be exceeded by the right law, too
 MAX_EXCESS = 1.0
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors

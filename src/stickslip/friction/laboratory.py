@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.arguments import checked
 from ..core.readable import readable
-from ..core.text import read_text, shortened
+from ..core.text import parse_number, read_text, shortened
 from .fitting import Data
 from .loads import check_times, load_steps
 
@@ -88,6 +88,8 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
             raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
         values["friction"] = values["shear_stress"] / values["normal_stress"]
     values.pop("shear_stress", None)
+    if (values["friction"] < 0).all():
+        raise ValueError(f"{path}: friction is negative throughout: is its sign reversed? give positive values")
     try:
         check_times(values["time"])
     except ValueError as problem:
@@ -218,7 +220,7 @@ def _check_columns(path: Path, found: dict) -> None:
 def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
     line, fields = row
     try:
-        value = float(fields[k])
+        value = parse_number(fields[k])
     except ValueError:
         raise ValueError(
             f"{path}, line {line}: {name} is {shortened(fields[k])!r}, not a number: correct or remove the line"

@@ -79,8 +79,9 @@ def posterior(
     ValueError
         if the input is not valid.
     RuntimeError
-        if the data do not determine all parameters, if the law does not describe them, or if the chain is shorter than
-        50 autocorrelation times. Nothing is returned then, since the draws would not represent the posterior.
+        if the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
+        shorter than 50 autocorrelation times. Nothing is returned then, since the draws would not represent the
+        posterior.
     MissingExtraError
         if emcee is not installed.
 
