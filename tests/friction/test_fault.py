@@ -490,19 +490,25 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"b2": 0.001, "dc2": 0.0}, "dc2 = 0 was given"),
         ({"b2": 0.001}, "b2 was given without dc2"),
         ({"b2": [(0, "x")]}, "b2 = [(0, 'x')] was given: use a number, or pairs"),
-        ({"v2": "1"}, "v2 = '1' was given: use a number"),
+        ({"v2": "1"}, "v2 must be a number, but a value of type str was given"),
+        ({"v3": 1.0}, "'v3' was given: the other fields of a fault are mu0"),
+        ({"poisson": None}, "poisson must be a number, but None was given"),
         ({"plate_rate": 0.0}, "plate_rate = 0.0 was given"),
         ({"poisson": 0.5}, "poisson = 0.5 was given"),
     ],
 )
 def test_bad_faults_are_refused_with_one_sentence(change, words):
-    with pytest.raises(ValueError, match=re.escape(words)):
+    with pytest.raises((ValueError, TypeError), match=re.escape(words)):
         small(**change)
 
 
 def test_bad_lengths_and_recordings():
     with pytest.raises(ValueError, match="three whole cells"):
         friction.line_fault(1e3, 300.0, **SHORT)
+    with pytest.raises(ValueError, match="use at most 1,000,000 cells"):
+        friction.line_fault(1e3, 1e-100, **SHORT)
+    with pytest.raises(ValueError, match=r"years = 1e[+]09 was given: use at most"):
+        friction.simulate_fault(small(), 1e9)
     with pytest.raises(ValueError, match="station at 6000 m"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(stations=(6e3,)))
     with pytest.raises(ValueError, match="larger threshold"):

@@ -250,7 +250,7 @@ def test_alpha_is_fitted_with_two_states():
         (lambda: spring_slider(USUAL._replace(form="x"), Spring(1.0), LEGS), "form = 'x' was given"),
         (lambda: spring_slider(USUAL._replace(b2=-0.1), Spring(1.0), LEGS), "b2 = -0.1 was given"),
         (lambda: spring_slider(USUAL._replace(v1=0.0), Spring(1.0), LEGS), "v1 = 0.0 was given"),
-        (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 = nan was given"),
+        (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 is NaN"),
         (lambda: spring_slider(USUAL._replace(v1=1.0, form="regularized"), Spring(1.0), LEGS), "cut-off velocities"),
         (lambda: closed.stiff_healing(USUAL._replace(b2=0.1), 1e-6, 1.0), "this closed form is for"),
     ],

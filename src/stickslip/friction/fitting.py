@@ -5,11 +5,13 @@ and filtered out of both data and model (generalised least squares). Intervals a
 problem.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
@@ -86,9 +88,9 @@ def fit(
     *,
     law: str = "aging",
     form: str = "logarithmic",
-    fixed: dict | None = None,
-    free: tuple[str, ...] = (),
-    own: tuple[str, ...] = OWN,
+    fixed: dict[str, float] | None = None,
+    free: Iterable[str] = (),
+    own: Iterable[str] = OWN,
     windows=None,
     noise: str = "correlated",
 ) -> Fit:
@@ -147,9 +149,11 @@ class Solution(NamedTuple):
     adequate: bool
 
 
+@checked
 def solve_fit(
-    data, *, law="aging", form="logarithmic", fixed=None, free=(), own=OWN, windows=None, noise="correlated"
-) -> Solution:
+    data: Data | list[Data], *, law: str = "aging", form: str = "logarithmic", fixed: dict[str, float] | None = None,
+    free: Iterable[str] = (), own: Iterable[str] = OWN, windows=None, noise: str = "correlated",
+) -> Solution:  # fmt: skip
     """Find the best parameters; the arguments are those of `fit`."""
     records = [data] if isinstance(data, Data) else list(data)
     if not records:

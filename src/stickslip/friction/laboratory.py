@@ -45,7 +45,12 @@ class LabRecord(NamedTuple):
     velocity: np.ndarray | None = None
     theta: np.ndarray | None = None
 
+    def check_entries(self) -> None:
+        """Check the types of all fields by their annotations."""
+        checked(type(self))(*self)
 
+
+@checked
 def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabRecord:
     """Read a record from a CSV file.
 
@@ -143,7 +148,10 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
 
 def read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Read the fields of the header, and the line number and fields of each row."""
-    text = read_text(path, remedy="give a CSV file", fallback="cp1252")
+    try:
+        text = read_text(path, remedy="give a CSV file", fallback="cp1252")
+    except OSError as problem:
+        raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(
