@@ -3,11 +3,13 @@
     python -m benchmarks.catalogue FOLDER               # runs what is not yet there: several core-hours, one process
     python -m benchmarks.catalogue FOLDER sharp-0.5 …   # only these, or gouge; other laws may run beside
     python -m benchmarks.catalogue FOLDER --draw        # only the tables and figures, from what is finished
+    python -m benchmarks.catalogue --estimate           # classes and exponents anew, from the stored eigenvalues
 
 Every law is run in parts, each in a folder of its own. A run that was stopped continues with the packing at which it
 was stopped. Tables, figures and the summary of `docs/catalogue.md` are written to `docs/reference/catalogue`.
 """
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -24,6 +26,8 @@ from stickslip.experiments.catalogue.tables import Table, joined_tables, read_ta
 from stickslip.experiments.writer import write_result
 from stickslip.figures import catalogue as figures
 from stickslip.figures.style import save
+from stickslip.loading.event_class import fit_power, vanishes
+from stickslip.loading.events import FINER
 
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
 PAGE = Path(__file__).parents[1] / "docs/catalogue.md"
@@ -122,6 +126,33 @@ def write_reference(folder: Path, out: Path = OUT) -> None:
         _fill_page(_progress(folder) + summary(events, steps, found))
 
 
+def estimate_again(out: Path = OUT) -> None:
+    """Classes and exponents of saddle nodes from the stored eigenvalues; margins of pairs are not stored.
+
+    An event that is no longer a saddle node is unresolved: its states, in which a contact was sought, are not stored.
+    """
+    events = read_table(out / "events.csv")
+    for row in np.flatnonzero(np.isin(events["kind"], ["saddle_node", "sliding", "opening", "unresolved"])):
+        known = np.isfinite(events["softest"][row])
+        width = (events["strain"][row] - events["below"][row]) / FINER
+        found = fit_power(events["distances"][row, known], events["softest"][row, known], width)
+        if vanishes(*found):
+            events["kind"][row], events["exponent"][row], events["exponent_error"][row] = "saddle_node", *found
+        elif events["kind"][row] == "saddle_node":
+            events["kind"][row], events["exponent"][row], events["exponent_error"][row] = "unresolved", np.nan, np.nan
+    write_table(out / "events.csv", events, digits=7)
+    page, counts = PAGE.read_text(encoding="utf-8"), {}
+    for law in dict.fromkeys(law_label(run.scenario(0)) for run in RUNS.values()):
+        if (rows := events["law"] == _plain(law)).any():
+            table = rows_of(events, rows)
+            counts[law] = class_counts(table)
+            cells = rf"(\| {_plain(law)}(?: \|[^|]*){{3}}) \|(?:[^|]*\|){{{len(counts[law]) + 1}}}"
+            page = re.sub(cells, rf"\1 | {_classes_and_exponent(table)} |", page, count=1)
+    PAGE.write_text(page, encoding="utf-8")
+    save(figures.eigenvalue_before_events(events), out / "eigenvalue.png")
+    save(figures.classes(counts), out / "classes.png")
+
+
 def _progress(folder: Path) -> str:
     """Sentence about the parts that are not finished; empty without any."""
     parts = [folder / f"{name}-{part}" / "events.csv" for name, run in RUNS.items() for part in range(run.parts)]
@@ -181,18 +212,20 @@ def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, 
 
 
 def _row_of_classes(law: str, table: Table, steps: Table) -> str:
-    counts = " | ".join(str(number) for number in class_counts(table).values())
     paths = [steps["strain"][steps["sample"] == one] for one in np.unique(steps["sample"])]
     strain = sum(path[-1] + path[1] - path[0] for path in paths)
-    exponents = rows_of(table, table["kind"] == "saddle_node")["exponent"]
-    exponents = exponents[np.isfinite(exponents)]
-    low, middle, high = np.quantile(exponents, [0.25, 0.5, 0.75]) if len(exponents) else [np.nan] * 3
-    exponent = f"{middle:.3f} ({low:.2f}–{high:.2f})" if len(exponents) else "–"
-    drop = np.nanmedian(table["stress_drop"])
     return (
-        f"| {_plain(law)} | {len(np.unique(steps['sample']))} | {strain:.3g} | {len(table['strain'])} | {counts} | "
-        f"{exponent} | {drop:.2g} |"
+        f"| {_plain(law)} | {len(np.unique(steps['sample']))} | {strain:.3g} | {len(table['strain'])} | "
+        f"{_classes_and_exponent(table)} | {np.nanmedian(table['stress_drop']):.2g} |"
     )
+
+
+def _classes_and_exponent(table: Table) -> str:
+    """Cells with the number of events in each class, and the median exponent at saddle nodes with its quartiles."""
+    exponents = table["exponent"][table["kind"] == "saddle_node"]
+    low, middle, high = np.quantile(exponents, [0.25, 0.5, 0.75]) if len(exponents) else [np.nan] * 3
+    cells = [*map(str, class_counts(table).values()), f"{middle:.3f} ({low:.2f}–{high:.2f})" if len(exponents) else "–"]
+    return " | ".join(cells)
 
 
 def _row_of_areas(law: str, several: list[Skill]) -> str:
@@ -224,6 +257,8 @@ def _area(one: Skill) -> str:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--estimate"]:
+        sys.exit(estimate_again())
     if len(sys.argv) < 2:
         sys.exit("give the folder of the runs, as in python -m benchmarks.catalogue results/catalogue")
     if unknown := set(sys.argv[2:]) - {*RUNS, "gouge", "--draw"}:

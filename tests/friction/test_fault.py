@@ -490,19 +490,25 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"b2": 0.001, "dc2": 0.0}, "dc2 = 0 was given"),
         ({"b2": 0.001}, "b2 was given without dc2"),
         ({"b2": [(0, "x")]}, "b2 = [(0, 'x')] was given: use a number, or pairs"),
-        ({"v2": "1"}, "v2 = '1' was given: use a number"),
+        ({"v2": "1"}, "v2 must be a number, but a value of type str was given"),
+        ({"v3": 1.0}, "'v3' was given: the other fields of a fault are mu0"),
+        ({"poisson": None}, "poisson must be a number, but None was given"),
         ({"plate_rate": 0.0}, "plate_rate = 0.0 was given"),
         ({"poisson": 0.5}, "poisson = 0.5 was given"),
     ],
 )
 def test_bad_faults_are_refused_with_one_sentence(change, words):
-    with pytest.raises(ValueError, match=re.escape(words)):
+    with pytest.raises((ValueError, TypeError), match=re.escape(words)):
         small(**change)
 
 
 def test_bad_lengths_and_recordings():
     with pytest.raises(ValueError, match="three whole cells"):
         friction.line_fault(1e3, 300.0, **SHORT)
+    with pytest.raises(ValueError, match="use at most 1,000,000 cells"):
+        friction.line_fault(1e3, 1e-100, **SHORT)
+    with pytest.raises(ValueError, match=r"years = 1e[+]09 was given: use at most"):
+        friction.simulate_fault(small(), 1e9)
     with pytest.raises(ValueError, match="station at 6000 m"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(stations=(6e3,)))
     with pytest.raises(ValueError, match="larger threshold"):
@@ -522,3 +528,78 @@ def test_a_fault_that_cannot_nucleate_says_so():
     assert not friction.nucleation(small(dc=1e-2)).possible
     assert "no earthquake is expected" in friction.nucleation(small(dc=1e-2)).sentence
     assert friction.nucleation(small()).possible
+
+
+def fastest_growth(fault, velocity):
+    """Largest real part of the eigenvalues of uniform steady sliding, linearised by hand with a dense matrix [1/s]."""
+    n, v, a = len(fault.depth), velocity, fault.a / (1 + velocity / fault.v1)
+    states = [(fault.b, fault.dc), (fault.b2, fault.dc2)][: fault.states]
+    change = np.hstack([
+        stress_matrix(n, fault.cell, fault.modulus, fault.boundary),
+        *(-np.diag(np.broadcast_to(fault.normal * b / (1 + v / fault.v2), n)) for b, _ in states),
+    ])  # fmt: skip
+    change /= (fault.normal * a + fault.damping * v)[:, None]  # of ln V with slip and ln θ
+    rows = [v * change]
+    for k, (_, dc) in enumerate(states, 1):
+        own = np.hstack([np.eye(n) if j == k else np.zeros((n, n)) for j in range(1 + len(states))])
+        rows.append(-v / np.broadcast_to(dc, n)[:, None] * (change + own))
+    return np.linalg.eigvals(np.vstack(rows)).real.max()
+
+
+@pytest.mark.parametrize(
+    ("change", "unstable", "words"),
+    [
+        ({"v1": 1e-10}, True, "earthquakes can nucleate"),
+        ({"v1": 1e-10, "b": 0.010, "b2": 0.005, "dc2": 3e-3}, True, "earthquakes can nucleate"),
+        ({"v1": 1e-7}, False, "the fault is velocity-strengthening (a ≥ b with the cut-offs) everywhere at"),
+        ({"v1": 1e-7, "v2": 1e-9}, False, "no earthquake can nucleate: the fault is velocity-strengthening everywhere"),
+        ({"a": 0.010, "v2": 5e-9}, True, "slip above 2.5e-09 m/s strengthens and may stay slow"),
+        ({"a": 0.010, "v2": 1e-9}, False, "no earthquake can nucleate: the fault is velocity-strengthening everywhere"),
+        ({"a": 0.010, "b": 0.006, "b2": 0.009, "dc2": 3e-3, "v2": 1e-9}, False, "no earthquake can nucleate"),
+    ],
+)
+def test_nucleation_counts_cut_offs_at_the_plate_rate(change, unstable, words):
+    fault = small(**({"a": 0.020, "form": "logarithmic"} | change))
+    found = friction.nucleation(fault)
+    assert words in found.sentence
+    assert found.possible == unstable == (fastest_growth(fault, fault.plate_rate) > 0)
+    fixed = fault.sliding_at(fault.plate_rate)
+    assert fastest_growth(fixed, fault.plate_rate) == pytest.approx(fastest_growth(fault, fault.plate_rate), rel=1e-6)
+    assert np.array_equal(friction.nucleation(fixed)[:4], found[:4])
+
+
+def test_earthquakes_are_simulated_where_cut_offs_allow_them():
+    """Weakening at the plate rate: events without help. Weakening above 3e-8 m/s: only a disturbance starts them."""
+
+    def events(change, disturbance):
+        fault = small(**({"a": 0.020, "form": "logarithmic"} | change))
+        state = initial_state(fault)
+        start = perturbed_state(fault, state, disturbance * np.cos(np.pi * fault.depth / 5e3))
+        return len(friction.simulate_fault(fault, 25.0, start=start).events.start)
+
+    assert events({"v1": 1e-10}, 0.2) > 0
+    assert events({"v1": 1e-7}, 0.2) == 0
+    assert (
+        "a disturbance can make it an earthquake"
+        in friction.nucleation(small(a=0.020, form="logarithmic", v1=1e-7)).sentence
+    )
+    assert events({"v1": 1e-7}, 8.0) > 0
+
+
+def test_cells_resolve_ruptures_that_only_cut_offs_allow():
+    with pytest.raises(ValueError, match="but the cohesive length"):
+        small(500.0, a=0.020, form="logarithmic", v1=1e-10)
+    small(500.0, a=0.020, form="logarithmic")  # strengthens at all velocities
+
+
+def test_lengths_at_a_velocity():
+    """With cut-offs, the critical wavelength is where the eigenvalues of the slider at that velocity cross zero."""
+    fault = small(a=0.020, form="logarithmic", v1=3e-8)
+    surface = RateState(0.020, 0.015, 1.5e-3, form="logarithmic", v1=3e-8)
+    at = fault.sliding_at(1e-7)
+    wave = friction.critical_wavelength(G, at.a[0], at.b[0], 1.5e-3, 10e6)
+    for share, grows in ((1.01, True), (0.99, False)):
+        found = steady_sliding(surface, Spring(np.pi * G / (wave * share) / 10e6), 1e-7)
+        assert found.stable == (not grows) == (found.growth_rate < 0)
+    half = friction.nucleation_half_length(G, at.a[0], at.b[0], 1.5e-3, 10e6)
+    assert friction.nucleation(fault, 1e-7).half_length == pytest.approx(half, rel=1e-12)

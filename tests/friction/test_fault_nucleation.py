@@ -12,7 +12,7 @@ G, B, DC, NORMAL = 32e9, 0.015, 1e-3, 50e6
 LENGTH = G * DC / (B * NORMAL)  # L_b
 
 
-def nucleate(ratio: float, law: str, levels, spread: float, shear: str = "antiplane"):
+def nucleate(ratio: float, law: str, levels, spread: float, shear: str = "antiplane", v1: float = np.inf):
     """Accelerate a patch of a uniform, quasi-static fault; half-lengths of the zone, over L_b, at slip velocities.
 
     Parameters
@@ -22,7 +22,7 @@ def nucleate(ratio: float, law: str, levels, spread: float, shear: str = "antipl
     """
     fault = friction.line_fault(
         24 * LENGTH, LENGTH / 20, a=ratio * B, b=B, dc=DC, normal=NORMAL, law=law, form="logarithmic", shear=shear,
-        boundary="infinite", shear_modulus=G * (0.75 if shear == "in-plane" else 1.0), wave_speed=np.inf,
+        boundary="infinite", shear_modulus=G * (0.75 if shear == "in-plane" else 1.0), wave_speed=np.inf, v1=v1,
     )  # fmt: skip
     bump = 2 * np.exp(-(((fault.depth - 12 * LENGTH) / LENGTH) ** 2))
     state = perturbed_state(fault, initial_state(fault, stress=steady_stress(fault, 1e-9)), bump)
@@ -61,6 +61,14 @@ def test_zones_of_the_aging_law_approach_a_length_that_grows_with_a_over_b(shear
     theory = friction.nucleation_half_length(G, 0.7 * B, B, DC, NORMAL) / LENGTH
     assert theory == pytest.approx(1 / (np.pi * 0.09))
     assert nucleate(0.7, "aging", (100.0,), 0.1, shear)[0] == pytest.approx(theory, rel=0.05)
+
+
+def test_zones_far_above_the_cut_off_of_the_direct_effect_approach_those_of_slip_weakening():
+    """A = a/(1 + V/V1) vanishes: 0.579 L_b (Uenishi and Rice 2003), below the 1.3774 L_b of a constant, small A/B.
+
+    With a = 0.7 b at all velocities it were 3.54 L_b. Slip velocity is a tenth of the largest near the edge: 10 %.
+    """
+    assert nucleate(0.7, "aging", (1e-4,), 0.1, v1=2e-9)[0] == pytest.approx(0.579, rel=0.15)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.7])

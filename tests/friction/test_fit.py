@@ -380,7 +380,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {"free": ("stiffness",), "windows": ((1, 1.1),)}, "at least 8"),
         (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "start before end"),
         (GOOD._replace(friction=np.full(50, 0.4)), {"free": ("stiffness",)}, "friction never changes"),
-        (GOOD._replace(friction=np.full(50, np.nan)), {}, "50 finite numbers"),
+        (GOOD._replace(friction=np.full(50, np.nan)), {}, "friction holds NaN or infinity"),
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),
         (GOOD._replace(time=GOOD.time * 2), {}, "must cover the data"),
         (GOOD._replace(legs=()), {}, "give exactly one"),

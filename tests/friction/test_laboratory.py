@@ -91,6 +91,9 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
         (HEAD, ROWS[:5], "has 5 rows"),
         (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields but the header has 3"),
         (HEAD, [*ROWS, "12, 120, n/a"], "line 14: friction is 'n/a', not a number"),
+        (HEAD, [*ROWS, "12, 1_20, 0.6"], "line 14: load_point is '1_20', not a number"),
+        (HEAD, [*ROWS, "12, ١٢٠, 0.6"], "line 14: load_point is '١٢٠', not a number"),
+        (HEAD, [row.replace(", 0.6", ", -0.6") for row in ROWS], "friction is negative throughout: is its sign rever"),
         (HEAD, [*ROWS, "12, nan, 0.6"], "line 14: load_point is nan, not a finite number"),
         (HEAD, [*ROWS, "11, 110, 0.6"], "time must increase, but sample 13"),
         (

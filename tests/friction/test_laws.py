@@ -156,6 +156,16 @@ def test_critical_stiffness_is_where_an_eigenvalue_crosses_zero(rs, law, damping
     assert growth(critical * 0.1) > 0 > growth(critical * 10)
 
 
+@pytest.mark.parametrize("second", [{}, {"b2": 0.002, "dc2": 3e-5}])
+def test_the_sentence_on_stable_sliding_gives_the_effects_at_its_velocity(second):
+    """b = 0.015 exceeds a = 0.010, but not at V = 9 V2, where it is a tenth."""
+    surface = RateState(0.010, 0.015, 1e-5, v2=1e-7, **second)
+    found = steady_sliding(surface, Spring(100.0), 9e-7)
+    name = "b + b2" if second else "b"
+    assert found.stable
+    assert f"{name} at this velocity = {0.1 * (0.015 + surface.b2):.4g} does not exceed" in found.sentence
+
+
 def test_two_states_have_the_critical_stiffness_of_each_alone():
     one = critical_stiffness(USUAL)
     assert critical_stiffness(USUAL._replace(b2=1e-12, dc2=3e-4)) == pytest.approx(one, rel=1e-6)
@@ -240,7 +250,7 @@ def test_alpha_is_fitted_with_two_states():
         (lambda: spring_slider(USUAL._replace(form="x"), Spring(1.0), LEGS), "form = 'x' was given"),
         (lambda: spring_slider(USUAL._replace(b2=-0.1), Spring(1.0), LEGS), "b2 = -0.1 was given"),
         (lambda: spring_slider(USUAL._replace(v1=0.0), Spring(1.0), LEGS), "v1 = 0.0 was given"),
-        (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 = nan was given"),
+        (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 is NaN"),
         (lambda: spring_slider(USUAL._replace(v1=1.0, form="regularized"), Spring(1.0), LEGS), "cut-off velocities"),
         (lambda: closed.stiff_healing(USUAL._replace(b2=0.1), 1e-6, 1.0), "this closed form is for"),
     ],

@@ -88,7 +88,8 @@ def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
     ("call", "sentence"),
     [
         (lambda: steady_mean([1.0, 2.0]), "at least 8"),
-        (lambda: steady_mean([1.0] * 9 + [np.nan]), "non-finite"),
+        (lambda: steady_mean([1.0] * 9 + [np.nan]), "holds NaN or infinity"),
+        (lambda: steady_start(np.ones(40), batch=0), "batch = 0 was given"),
         (lambda: healing([1, 1, 2], [0, 0, 0]), "2 different holds"),
         (lambda: healing([0, 1, 2], [0, 0, 0]), "positive and finite"),
         (lambda: hold_response([0, 1, 2], [0, 0, 0], (LoadStep(2, 1),)), "no hold"),

@@ -96,6 +96,26 @@ def test_whole_numbers_of_thousands_of_digits_in_scenarios(tmp_path, name):
     refused(f"the scenario {name}, line 2, contains an integer of 5000 digits", "cite", name, cwd=tmp_path)
 
 
+@pytest.mark.parametrize("number", ["1_0", "١٠"])
+def test_numbers_that_only_python_reads_are_refused_everywhere(tmp_path, number):
+    """`float` and `int` take an underscore between digits, and the digits of all scripts."""
+    (tmp_path / "a.csv").write_text(SERIES + f"{number}0,200,0.4\n", encoding="utf-8")
+    refused(f"line 22: time is '{number}0', not a number", "fit", "a.csv", "--free-stiffness", cwd=tmp_path)
+    (tmp_path / "a.csv").write_text(SERIES, encoding="utf-8")
+    refused(f"'{number}' is not a number", "fit", "a.csv", "--stiffness", number, cwd=tmp_path)
+    refused("", "fit", "a.csv", "--columns", f"time=0,load_point=1,friction={number}", cwd=tmp_path)
+    data = data_file(tmp_path)
+    for name, text, old, new in (
+        ("a.dump", DUMP, "1.9 1 1", f"1.9 1 {number}"), ("a.dump", DUMP, "0 3", f"0 {number}"),
+        ("a.dump", DUMP, "ATOMS\n2", f"ATOMS\n{number}"), ("p.data", data, "timestep = 0", f"timestep = {number}"),
+        ("p.data", data, "1.9", f"1.{number}"),
+    ):  # fmt: skip
+        assert old in text
+        (tmp_path / name).write_text(text.replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(ss.packings.PackingError):
+            read_packing(tmp_path / name, law="linear")
+
+
 @pytest.mark.parametrize("entry", ["seed = X", "samples.number = X", "samples.noise = X", "seed = [X]", "x = X"])
 @pytest.mark.parametrize("value", ["0x" + "f" * 5000, "-" + "9" * 4000, "1" + "0" * 400])
 def test_whole_numbers_that_are_read_and_too_long_for_a_sentence(tmp_path, entry, value):

@@ -86,9 +86,13 @@ def near(paper: float, measured: float, tolerance: float, error: float | None) -
     else:
         away = max(measured / paper, paper / measured) - 1 if measured * paper > 0 else np.inf
         edge = tolerance / (1 + tolerance)  # the nearer one, below
-    if error is None or error > edge * (abs(paper) or 1.0) * (1 + 1e-9):
+    if error is None:
         return "undecided"
-    return "reproduced" if away <= tolerance * (1 + 1e-9) else "partly" if away <= 2 * tolerance else "not reproduced"
+    if away <= 2 * tolerance * (1 + 1e-9) and error <= edge * (abs(paper) or 1.0) * (1 + 1e-9):
+        return "reproduced" if away <= tolerance * (1 + 1e-9) else "partly"
+    ends = sorted([paper / (1 + tolerance), paper * (1 + tolerance)])
+    low, high = ends if tolerance >= 0.5 else (paper - tolerance * abs(paper), paper + tolerance * abs(paper))
+    return "not reproduced" if max(low - measured, measured - high) > 2 * error else "undecided"
 
 
 def test_every_claim_is_there_with_exactly_the_agreed_keys(claims):

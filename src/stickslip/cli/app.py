@@ -45,6 +45,20 @@ First steps:
 All commands: stickslip --help. One command, with examples: stickslip run --help."""
 
 
+def number_option(*names: str, help: str):
+    """Option whose value is a number, read as in files."""
+    return typer.Option(*names, help=help, parser=_parse_option, metavar="<float>")
+
+
+def _parse_option(word: str | float) -> float:
+    from ..core.text import parse_number
+
+    try:
+        return parse_number(str(word))
+    except ValueError:
+        raise typer.BadParameter(f"{word!r} is not a number: write it as in 0.5 or 1e-3") from None
+
+
 def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
     """Shell completion from names and their descriptions, or from a function that returns them."""
 

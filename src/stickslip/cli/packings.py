@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish
+from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish, number_option
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -53,17 +53,17 @@ def _packing_options(
         ),
     ] = None,
     coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None,
-    kn: Annotated[float | None, typer.Option(help="Normal stiffness.")] = None,
-    kt: Annotated[float | None, typer.Option(help="Tangential stiffness.")] = None,
-    mu: Annotated[float | None, typer.Option(help="Friction coefficient.")] = None,
-    young: Annotated[float | None, typer.Option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
-    poisson: Annotated[float | None, typer.Option(help="Poisson's ratio.")] = None,
+    kn: Annotated[float | None, number_option(help="Normal stiffness.")] = None,
+    kt: Annotated[float | None, number_option(help="Tangential stiffness.")] = None,
+    mu: Annotated[float | None, number_option(help="Friction coefficient.")] = None,
+    young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
+    poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None,
     damping: Annotated[
         str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=complete_from(DAMPING))
     ] = None,
-    damping_n: Annotated[float | None, typer.Option(help="Coefficient of the normal dashpots.")] = None,
-    damping_t: Annotated[float | None, typer.Option(help="Coefficient of the tangential dashpots.")] = None,
-    i0: Annotated[float | None, typer.Option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None,
+    damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None,
+    damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None,
+    i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None,
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None,
     contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None,
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
@@ -191,7 +191,7 @@ def convert(
     modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
     mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period.")] = 48,
-    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     grow: Annotated[bool, typer.Option("--grow", help="Include the growth of the mode.")] = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,

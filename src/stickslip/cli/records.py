@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Out, Quiet, app, check_choice, complete_from, examples
+from .app import Out, Quiet, app, check_choice, complete_from, examples, number_option
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -28,14 +28,15 @@ def fit(
         str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))
     ] = "both",
     stiffness: Annotated[
-        float | None, typer.Option("--stiffness", help="Known stiffness, friction per displacement [1/m].")
+        float | None, number_option("--stiffness", help="Known stiffness, friction per displacement [1/m].")
     ] = None,
     free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False,
     v0: Annotated[
-        float | None, typer.Option("--v0", help="Velocity at which friction is mu0; default: the first velocity [m/s].")
+        float | None,
+        number_option("--v0", help="Velocity at which friction is mu0; default: the first velocity [m/s]."),
     ] = None,
     before: Annotated[
-        float | None, typer.Option("--before", help="Slip velocity before the record starts [m/s].")
+        float | None, number_option("--before", help="Slip velocity before the record starts [m/s].")
     ] = None,
     detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False,
     normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False,

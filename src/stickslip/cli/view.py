@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, Trust, app, examples, finish
+from .app import AsJson, OverwriteFile, Quiet, Trust, app, examples, finish, number_option
 from .packings import Dashpots, with_packing_options
 
 REPORT = examples(
@@ -55,7 +55,8 @@ def report(
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, dashpots=dashpots, report=tell, search=verdict, trust=trust,
+            place, modes=modes, options=options, settle=settle, dashpots=dashpots, report=tell, search=verdict,
+            trust=trust,
         )  # fmt: skip
         look.write_page(found, path, colour=colour)
     words = [found.warning] if found.warning else []
@@ -107,7 +108,7 @@ def movie(
         ),
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
-    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     trust: Trust = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,

@@ -1,51 +1,106 @@
 """Checks of the arguments that users pass to public functions, made once per call.
 
-`checked` compares arguments with annotations such as `State`, `Law`, `int` or `float | None`. It does so only when a
-user calls the package, not when public functions call each other. Other annotations are ignored.
+`checked` compares arguments with annotations. It does so only when a user calls the package, not when public functions
+call each other. Parts of a state, laws and other values with a method `check_entries` are asked to check themselves,
+because compiled code does not look beyond the ends of arrays.
+
+Annotations that are understood: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
+standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]` and `Annotated[…]` with an `Array`,
+a `Requirement` or a `Result`. All others are ignored.
 """
 
 import inspect
 import threading
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
-from numbers import Integral, Real
-from typing import ParamSpec, TypeVar, get_args, get_origin
+from numbers import Complex, Integral, Real
+from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+from .fields import LARGEST
 from .text import bounded
 
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
+_LARGEST_INTEGER = 2**64 - 1
+
+
+class Array(NamedTuple):
+    """Annotation of numbers that are converted with `np.asarray`; all must be finite."""
+
+    ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
+    kinds: str = "buif"  # of types
+    empty: bool = True  # whether there may be no numbers
+
+
+class Requirement(NamedTuple):
+    """Annotation of a value that must also pass a check of its name and itself, which raises ValueError."""
+
+    check: Callable[[str, Any], None]
+
+
+class Result(NamedTuple):
+    """Annotation of a value with the attributes or keys of a class that cannot be imported where it is used."""
+
+    name: str
+    attributes: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
+
+
+def require_filled(name: str, value) -> None:
+    """Raise ValueError with a one-sentence message if a list or dictionary is empty."""
+    if not len(value):
+        raise ValueError(f"{name} is empty: give at least one entry")
+
+
+def _require_seed(name: str, value: int) -> None:
+    if value < 0:
+        raise ValueError(f"{name} = {value} was given: it must be zero or positive")
+
+
+Seed = Annotated[int, Requirement(_require_seed)]
+Numbers = Annotated[Any, Array()]
+Several = Annotated[Any, Array((0, 1))]  # a number, or some in a row
+Values = Annotated[Any, Array((0, 1), empty=False)]  # a number, or at least one in a row
+Series = Annotated[Any, Array((1,), empty=False)]  # numbers in a row
+Bodies = Annotated[Any, Array((0, 1), kinds="bui")]  # numbers of bodies, or a mask
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Check arguments by their annotations when a user calls the function.
+    """Check arguments by their annotations when a user calls the function; whole numbers become `int`.
 
     Raises
     ------
     TypeError
-        if an argument has another type, with a one-sentence message; arguments are not converted.
+        if an argument has another type, with a one-sentence message.
     ValueError
-        if a number is NaN or not whole where it must be, or if the arrays of a state do not fit together.
+        if a number is NaN or not whole where it must be, or if an entry of a state is not allowed.
     """
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if getattr(_door, "passed", False):
             return function(*args, **kwargs)
-        given = []
-        for place, name, classes in _checkable(function):
-            if place < len(args) or name in kwargs:
-                given.append(args[place] if place < len(args) else kwargs[name])
-                _check(name, given[-1], classes)
-        for value in given:
+        given: list[Any] = list(args)
+        for place, name, check in _parameters(function):
+            if place < len(given):
+                given[place] = check(name, given[place])
+            elif name in kwargs:
+                kwargs[name] = check(name, kwargs[name])
+        everything = [*given, *kwargs.values()]
+        for value in everything:
             if hasattr(value, "check_belongs"):
-                value.check_belongs(given)
+                value.check_belongs(everything)
         _door.passed = True
         try:
-            return function(*args, **kwargs)
+            return function(*given, **kwargs)  # type: ignore[arg-type]
+        except TypeError as problem:
+            if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it has not even started
+                names = ", ".join(inspect.signature(function).parameters)
+                raise TypeError(f"{problem}: the arguments are {names}") from None
+            raise
         except ValueError as problem:
             if type(problem) is ValueError and len(problem.args) == 1:
                 problem.args = (bounded(str(problem)),)
@@ -56,52 +111,225 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
+_KEYWORD = 10**6  # index of parameters that are given by name only
+_MOST = 16  # values of *arguments that are checked
+
+
 @cache
-def _checkable(function) -> list[tuple[int, str, tuple[type, ...]]]:
-    """Index, name and allowed classes of the parameters whose annotations can be checked."""
-    found = []
+def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
+    """Index, name and check of the parameters whose annotations can be checked."""
+    places = []
     for place, one in enumerate(inspect.signature(function).parameters.values()):
-        several = isinstance(one.annotation, types.UnionType) or get_origin(one.annotation) is list
-        classes = get_args(one.annotation) if several else (one.annotation,)
-        if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD) and all(map(_is_checkable, classes)):
-            classes = (list, *classes) if get_origin(one.annotation) is list else classes
-            found.append((place if one.kind is not one.KEYWORD_ONLY else 10**6, one.name, classes))
-    return found
+        if one.kind is one.VAR_KEYWORD or one.annotation is one.empty:
+            continue
+        check = _check_of(one.annotation)
+        if check is not None and one.kind is not one.VAR_POSITIONAL:
+            places.append((place if one.kind is not one.KEYWORD_ONLY else _KEYWORD, one.name, check))
+        elif check is not None:
+            places += [(place + k, f"{one.name}[{k}]", check) for k in range(_MOST)]
+    return places
+
+
+def _check_of(annotation) -> Callable[[str, Any], Any] | None:
+    """Function (name, value) that returns the checked value, or None if an annotation cannot be checked."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _check_of_annotated(*parts)
+    if origin in (types.UnionType, Union):
+        return _check_of_union(parts)
+    if origin in (list, dict) or (origin is tuple and parts):
+        return _check_of_container(origin, parts)
+    if origin is Iterable:
+        return lambda name, value: _check_of_container(list, parts)(name, _listed(name, value))
+    if origin is Callable or annotation is Callable:
+        return _check_callable
+    if annotation is np.ndarray:
+        return lambda name, value: _check_array(name, value, Array(kinds="buifc"))
+    if annotation is None or isinstance(annotation, type):
+        kind = type(None) if annotation is None else annotation
+        return (lambda name, value: _check_class(name, value, (kind,))) if _is_checkable(kind) else None
+    return None
 
 
 def _is_checkable(kind) -> bool:
-    noun = isinstance(kind, type) and kind.__module__.startswith("stickslip.")
-    return kind in (int, float, type(None)) or noun
+    return isinstance(kind, type) and kind not in (object, np.ndarray)
 
 
-def _check(name: str, value, classes: tuple[type, ...]) -> None:
-    if classes[0] is list:
-        if not isinstance(value, list | tuple) or not all(isinstance(one, classes[1]) for one in value):
-            kind = "something else" if type(value) in (list, tuple) else f"a value of type {type(value).__name__}"
-            raise TypeError(f"{name} must be a list of {classes[1].__name__}, but {kind} was given")
-        return
-    if isinstance(value, classes):
-        if hasattr(value, "check_lengths"):
-            value.check_lengths()
-        elif isinstance(value, float) and value != value:
-            raise ValueError(f"{name} is NaN: give a number")
-        return
-    if isinstance(value, np.ndarray) and not value.shape:
+def _check_of_annotated(kind, known):
+    if isinstance(known, Requirement):
+        base = _check_of(kind)
+
+        def check(name, value):
+            value = base(name, value)
+            known.check(name, value)
+            return value
+
+        return check
+    checks = {Array: _check_array, Result: _check_result}
+    return (lambda name, value: checks[type(known)](name, value, known)) if type(known) in checks else None
+
+
+def _check_of_union(parts):
+    if all(map(_is_checkable, parts)):
+        return lambda name, value: _check_class(name, value, parts)
+    checks = [_check_of(part) for part in parts]
+    if None in checks:
+        return None
+    words = " or ".join(map(_words, parts))
+
+    def check(name, value):
+        problems = []
+        for one in checks:
+            try:
+                return one(name, value)
+            except (TypeError, ValueError) as problem:
+                problems.append(problem)
+        for problem in problems:  # of the right type, but with a wrong entry
+            if isinstance(problem, ValueError):
+                raise problem
+        raise TypeError(f"{name} must be {words}, but {_described(value)} was given")
+
+    return check
+
+
+def _check_of_container(origin, parts):
+    checks = [_check_of(part) for part in parts if part is not Ellipsis]
+    words = _words(origin[parts])
+
+    def check(name, value):
+        if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
+            raise TypeError(f"{name} must be {words}, but {_described(value)} was given")
+        if origin is dict:
+            return {_part(checks[0], name, k): _part(checks[1], f"{name}[{k!r}]", v) for k, v in value.items()}
+        fixed = origin is tuple and Ellipsis not in parts
+        if fixed and len(value) != len(parts):
+            raise ValueError(f"{name} has {len(value)} entries where {len(parts)} are needed")
+        pairs = zip(checks if fixed else checks[:1] * len(value), value, strict=True)
+        made = [_part(one, f"{name}[{k}]", part) for k, (one, part) in enumerate(pairs)]
+        return tuple(made) if isinstance(value, tuple) else made
+
+    return check
+
+
+def _listed(name: str, value) -> list:
+    if not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
+        raise TypeError(f"{name} must be a list, but {_described(value)} was given")
+    return list(value)
+
+
+def _part(check, name, value):
+    return value if check is None else check(name, value)
+
+
+_WORDS = {int: "a whole number", float: "a number", bool: "True or False", type(None): "None", str: "a word"}
+
+
+def _words(annotation) -> str:
+    """What an annotation allows, in words."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return f"a {parts[1].name}" if isinstance(parts[1], Result) else _words(parts[0])
+    if origin in (types.UnionType, Union):
+        return " or ".join(map(_words, parts))
+    if origin in (list, tuple, dict):
+        inner = " and ".join(_words(part).removeprefix("a ") for part in parts if part is not Ellipsis)
+        return f"a {origin.__name__} of {inner}"
+    if annotation is Any:
+        return "numbers"
+    return _WORDS.get(annotation, f"a {getattr(annotation, '__name__', annotation)}")
+
+
+def _check_class(name: str, value, classes: tuple[Any, ...]):
+    if isinstance(value, np.ndarray) and not value.shape and value.dtype.kind in "biuf":
         value = value[()]
+    if isinstance(value, classes) and not isinstance(value, Complex):
+        if hasattr(value, "check_entries"):
+            value.check_entries()
+        return value
+    if bool in classes and isinstance(value, bool | np.bool_ | Integral) and value in (0, 1):
+        return bool(value)
     if float in classes and isinstance(value, Real):
-        if value != value:
-            raise ValueError(f"{name} is NaN: give a number")
-    elif int in classes and isinstance(value, Real):
-        if not isinstance(value, Integral) and value != int(value if np.isfinite(value) else 0):
-            raise ValueError(f"{name} = {value} was given, but it must be a whole number")
-    else:
-        raise TypeError(_mismatch(name, value, classes))
+        return _check_float(name, value)
+    if int in classes and isinstance(value, Real):
+        return _check_integer(name, value)
+    if complex in classes and isinstance(value, Complex):
+        if isinstance(value, Real):
+            return _check_float(name, value)
+        if not np.isfinite(value):
+            raise ValueError(f"{name} = {value} was given: it must be finite")
+        return value
+    raise TypeError(_mismatch(name, value, classes))
 
 
-def _mismatch(name: str, value, classes: tuple[type, ...]) -> str:
-    words = {int: "a whole number", float: "a number", type(None): "None"}
-    allowed = " or ".join(words.get(kind, f"a {kind.__name__}") for kind in classes)
-    nouns = tuple(kind for kind in classes if kind not in words)
+def _check_float(name: str, value):
+    if value != value:
+        raise ValueError(f"{name} is NaN: give a number")
+    if isinstance(value, Integral) and abs(value) > _LARGEST_INTEGER:
+        raise ValueError(f"{name} is a whole number beyond {_LARGEST_INTEGER}: give a float")
+    return value
+
+
+def _check_integer(name: str, value):
+    if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
+        raise ValueError(f"{name} = {value} was given, but it must be a whole number")
+    if abs(value) > _LARGEST_INTEGER:
+        raise ValueError(
+            f"{name} is a number of {len(str(abs(int(value))))} digits: at most {_LARGEST_INTEGER} is allowed"
+        )
+    return int(value)
+
+
+def _check_callable(name: str, value):
+    if not callable(value):
+        raise TypeError(f"{name} must be a function, but {_described(value)} was given")
+    return value
+
+
+def _check_array(name: str, value, wanted: Array):
+    if isinstance(value, slice):
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} has rows of different lengths: give an array") from None
+    kind = array.dtype.kind
+    if kind == "O":
+        kind = "c" if any(isinstance(v, complex) for v in array.flat) else "f" if _are_numbers(array) else "O"
+    if kind not in wanted.kinds and array.size:
+        words = {"f": "fractions", "c": "complex numbers", "U": "words", "M": "dates", "m": "time differences"}
+        got = words.get(kind, "things other than numbers")
+        needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
+        raise ValueError(f"{name}: {got} were given where {needed} are needed")
+    if array.dtype.kind in "fc" and not np.isfinite(array).all():
+        raise ValueError(f"{name} holds NaN or infinity: give finite numbers")
+    if wanted.ndim is not None and array.ndim not in wanted.ndim:
+        allowed = " or ".join(map(str, wanted.ndim))
+        raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
+    if not (array.size or wanted.empty):
+        raise ValueError(f"{name} is empty: give at least one number")
+    return array if kind in "buifc" else array.astype(float)
+
+
+def _are_numbers(array: np.ndarray) -> bool:
+    return all(isinstance(v, Real) for v in array.flat)
+
+
+def _check_result(name: str, value, wanted: Result):
+    absent = [f".{one}" for one in wanted.attributes if not hasattr(value, one)]
+    absent += [repr(one) for one in wanted.keys if not isinstance(value, Mapping) or one not in value]
+    if absent:
+        kind = _described(value)
+        raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
+    return value
+
+
+def _described(value) -> str:
+    return "None" if value is None else f"a value of type {type(value).__name__}"
+
+
+def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
+    allowed = " or ".join(map(_words, classes))
+    nouns = tuple(kind for kind in classes if kind not in _WORDS)
     remedy = ""
     if type(value) is tuple and any(isinstance(part, nouns) for part in value):
         k = next(k for k, part in enumerate(value) if isinstance(part, nouns))
@@ -109,19 +337,34 @@ def _mismatch(name: str, value, classes: tuple[type, ...]) -> str:
     elif type(value).__module__.startswith("stickslip."):
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
-    kind = "None" if value is None else f"a value of type {type(value).__name__}"
-    return f"{name} must be {allowed}, but {kind} was given{remedy}"
+    return f"{name} must be {allowed}, but {_described(value)} was given{remedy}"
+
+
+def require_index(count: int, **values) -> None:
+    """Raise ValueError with a one-sentence message if a value does not number one of `count` things, from 0."""
+    for name, value in values.items():
+        if not 0 <= value < count:
+            raise ValueError(f"{name} = {value} was given: it must be between 0 and {count - 1}")
+
+
+def require_shape(shape: tuple[int, ...], **values) -> None:
+    """Raise ValueError with a one-sentence message if a value has another shape."""
+    for name, value in values.items():
+        if np.shape(value) != shape:
+            raise ValueError(f"{name} has shape {np.shape(value)} where {shape} is needed")
 
 
 def require_positive(**values) -> None:
-    """Raise ValueError with a one-sentence message if a value is not positive and finite."""
+    """Raise ValueError with a one-sentence message if a value is not positive and within the range of a state."""
     for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value} was given: it must be positive")
+        if not 1 / LARGEST <= value <= LARGEST:
+            range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
+            raise ValueError(f"{name} = {value} was given: it must be positive{range_}")
 
 
 def require_not_negative(**values) -> None:
     """Raise ValueError with a one-sentence message if a value is negative or not finite; None is ignored."""
     for name, value in values.items():
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} = {value} was given: it must be zero or positive")
+        if value is not None and not 0 <= value <= LARGEST:
+            range_ = f", at most {LARGEST:g}" if value > 0 else ""
+            raise ValueError(f"{name} = {value} was given: it must be zero or positive{range_}")

@@ -1,8 +1,11 @@
-"""Reading text files written by users: UTF-8, with or without a byte order mark."""
+"""Text written by users: files in UTF-8, with or without a byte order mark, and the numbers in them."""
 
 import codecs
 import re
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 LONGEST = 1000  # of a message [characters]
 _MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
@@ -58,6 +61,7 @@ def parse_integer(word: str) -> int:
 
     The message of the ValueError raised on failure can be part of a sentence.
     """
+    _check_digits(word)
     if len(word.strip()) > _MAX_DIGITS:
         raise ValueError(f"{word.strip()[:20]!r} … has {len(word.strip())} digits: at most {_MAX_DIGITS} are allowed")
     return int(word)
@@ -77,6 +81,24 @@ def bounded(sentence: str) -> str:
     sentence = re.sub(rf"\S{{{LONGEST // 10},}}", lambda word: shortened(word[0]), sentence)
     cut = LONGEST // 2 - 2
     return sentence if len(sentence) <= LONGEST else f"{sentence[:cut]} … {sentence[-cut:]}"
+
+
+def parse_number(word: str) -> float:
+    """Convert a word in a file to a number; `float` takes 1_1 for 11, and the digits of other scripts."""
+    _check_digits(word)
+    return float(word)
+
+
+def parse_numbers(words: Sequence[str]) -> np.ndarray:
+    """Convert words in a file to an array of numbers, as `parse_number` does."""
+    _check_digits("".join(words))
+    return np.array(words, float)
+
+
+def _check_digits(text: str) -> None:
+    if "_" in text or not text.isascii():
+        odd = next(letter for letter in text if letter == "_" or not letter.isascii())
+        raise ValueError(f"{odd!r} is not part of a number: use the digits 0 to 9, signs, a point and e")
 
 
 def shortened(word: str, most: int = 60) -> str:

@@ -9,9 +9,11 @@ import numpy as np
 from scipy.stats import t as student
 
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "partly", "not reproduced"
-REFUTED, UNDECIDED, NO_REFERENCE = "refuted", "undecided", "no reference"
-VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, REFUTED, UNDECIDED, NO_REFERENCE)
+REFUTED, NOT_REFUTED = "refuted", "not refuted"
+UNDECIDED, NO_REFERENCE = "undecided", "no reference"
+VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, REFUTED, NOT_REFUTED, UNDECIDED, NO_REFERENCE)
 IS, CAN, ALWAYS = "is", "can", "always"  # kinds of statements: true in this case, possible, true in every case
+DECISIVE = 2.0  # distance to the band in standard errors, above which a number is not reproduced
 FACTOR = 0.5  # tolerances from this value on are factors in both directions; below it, bands are symmetric
 NEGLIGIBLE = 5e-4  # relative error below which it does not show in the three digits of a table
 ROUND_OFF = 1e-12  # relative slack at the edges of a band: 1.1 − 1.0 is more than 0.1 in floating point
@@ -54,7 +56,7 @@ def claim(
     source : "PLACE: words", where PLACE is a figure, equation, table or section of the paper
     error : one standard error of a number, 0 if it is deterministic; with None the claim stays undecided
     quantifier : "is"; "can": one instance suffices, and without one the claim stays undecided; "always": one
-        counterexample refutes it
+        counterexample refutes it, and cases without one do not prove it
 
     Examples
     --------
@@ -81,17 +83,20 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     """Compare a measurement with the paper's value and return one of `VERDICTS`.
 
     reproduced
-        A number within the tolerance of the paper's; a statement that holds (for "can": in at least one instance).
+        A number within the tolerance of the paper's, with a standard error that does not exceed the tolerance (the
+        distance to the nearer edge of its band); a statement that holds (for "can": in at least one instance).
     partly
-        A number within twice the tolerance; a window with one end within the tolerance.
+        A number within twice the tolerance, with such an error; a window with one end within the tolerance.
     not reproduced
-        A number beyond that; a window with both ends outside the tolerance, or one that was searched for and not
-        found (an empty list); a statement that does not hold.
+        A number beyond that, and more than two standard errors away from the band; a window with both ends outside the
+        tolerance, or one that was searched for and not found (an empty list); a statement that does not hold.
     refuted
         A statement claimed always to hold, with a counterexample in the note.
+    not refuted
+        A statement claimed always to hold, without a counterexample in the cases that were examined.
     undecided
-        The standard error exceeds the tolerance (the distance to the nearer edge of its band) or is unknown, as for a
-        single realization; nothing was measured; something possible was not observed.
+        Any other number, or one whose error is unknown, as for a single realization; nothing was measured; something
+        possible was not observed.
     no reference
         The paper prints nothing to compare with, even if another reference is given.
 
@@ -121,8 +126,8 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
     if isinstance(target, bool) or isinstance(measured, bool):
         if not (isinstance(target, bool) and isinstance(measured, bool)):
             raise ValueError(f"{measured!r} was measured but {target!r} is printed: compare statements with statements")
-        otherwise = {IS: NOT_REPRODUCED, CAN: UNDECIDED, ALWAYS: REFUTED}[quantifier]
-        return REPRODUCED if measured == target else otherwise
+        holds = NOT_REFUTED if quantifier == ALWAYS else REPRODUCED
+        return holds if measured == target else {IS: NOT_REPRODUCED, CAN: UNDECIDED, ALWAYS: REFUTED}[quantifier]
     if isinstance(target, list) != isinstance(measured, list) or (
         measured and isinstance(target, list) and len(measured) != len(target)
     ):
@@ -141,12 +146,12 @@ def _compare_numbers(target: float, measured: float, tolerance: float, error: fl
         return UNDECIDED
     low, high = band(target, tolerance)
     slack = ROUND_OFF * abs(target)
-    if error > min(high - target, target - low) + slack:
-        return UNDECIDED
-    if low - slack <= measured <= high + slack:
-        return REPRODUCED
-    low, high = band(target, tolerance, times=2)
-    return PARTLY if low - slack <= measured <= high + slack else NOT_REPRODUCED
+    precise = error <= min(high - target, target - low) + slack
+    for times, word in ((1, REPRODUCED), (2, PARTLY)):
+        least, most = band(target, tolerance, times)
+        if precise and least - slack <= measured <= most + slack:
+            return word
+    return NOT_REPRODUCED if max(low - measured, measured - high) > DECISIVE * error + slack else UNDECIDED
 
 
 def band(target: float, tolerance: float, times: int = 1) -> tuple[float, float]:
@@ -168,14 +173,18 @@ def undecided_reason(made: Claim) -> str:
         return "no instance was observed"
     if made.error is None:
         return "its error is unknown"
-    return f"its error {made.error:.1e} exceeds the tolerance"
+    low, high = band(made.paper, made.tolerance) if isinstance(made.paper, int | float) else (-math.inf, math.inf)
+    if low <= made.measured <= high if isinstance(made.measured, int | float) else True:
+        return f"its error {made.error:.1e} exceeds the tolerance"
+    return f"it is less than {DECISIVE:g} errors of {made.error:.1e} beyond the tolerance"
 
 
 def _describe_reference(made: Claim) -> str:
     if made.reference is None:
         return ""
     word = _compare(made.reference, made.measured, made.tolerance, made.error, made.quantifier)
-    relation = {REPRODUCED: "agrees with", PARTLY: "is within twice the tolerance of"}.get(word, "differs from")
+    relation = {PARTLY: "is within twice the tolerance of"}.get(word, "differs from")
+    relation = "agrees with" if word in (REPRODUCED, NOT_REFUTED) else relation
     relation = "cannot be compared with" if word == UNDECIDED else relation
     value = "" if _is_statement(made) else f" {format_value(made.reference)}"
     return f"it {relation} the reference{value} ({made.reference_source})"

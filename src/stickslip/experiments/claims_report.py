@@ -12,6 +12,7 @@ from .claims import (
     CAN,
     FACTOR,
     NO_REFERENCE,
+    NOT_REFUTED,
     NOT_REPRODUCED,
     PARTLY,
     REFUTED,
@@ -30,9 +31,10 @@ Shows = dict[str, tuple[str, str]]  # figure of the paper: its content, and the 
 MEANING = {
     REPRODUCED: "within the tolerance; a statement that holds",
     PARTLY: "within twice the tolerance; one end of a window",
-    NOT_REPRODUCED: "beyond that; a statement that does not hold",
+    NOT_REPRODUCED: "beyond that, by more than two errors from the tolerance; a statement that does not hold",
     REFUTED: "claimed always to hold, with a counterexample in the note",
-    UNDECIDED: "the error exceeds the tolerance or is unknown; not measured; possible, but not observed",
+    NOT_REFUTED: "claimed always to hold, without a counterexample in the cases of the note",
+    UNDECIDED: "the error is too large to tell, or unknown; not measured; possible, but not observed",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
 WIDE = 120  # columns from which on each line includes the content of the figure
@@ -106,7 +108,7 @@ def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
     judged = [c for c in own if c.verdict != NO_REFERENCE]
     count = Counter(c.verdict for c in judged)
     others = [f"{count[PARTLY]} in part", f"{count[NOT_REPRODUCED]} not", f"{count[REFUTED]} refuted",
-              f"{count[UNDECIDED]} undecided"]  # fmt: skip
+              f"{count[NOT_REFUTED]} not refuted", f"{count[UNDECIDED]} undecided"]  # fmt: skip
     others = [words for words in others if not words.startswith("0 ")]
     lacking = len(own) - len(judged)
     verb = "is" if count[REPRODUCED] == 1 else "are"
@@ -144,7 +146,7 @@ def _undecided_cause(made: Claim) -> str:
         return "its interval leaves it open" if made.paper is True else "nothing could be measured"
     if made.quantifier == CAN:
         return "no instance was observed"
-    return "its error is unknown" if made.error is None else "its error exceeds the tolerance"
+    return "its error is unknown" if made.error is None else "its error is too large"
 
 
 def _quote(made: Claim) -> str:

@@ -14,6 +14,7 @@ MARKS = {  # colour, marker, filled: distinguishable without colours
     "partly": (ORANGE, "D", True),
     "not reproduced": (RED, "X", True),
     "refuted": (PURPLE, "P", True),
+    "not refuted": (GREEN, "^", False),
     "undecided": (BLUE, "s", False),
     "no reference": (GREY, "o", False),
 }

@@ -18,6 +18,7 @@ from .fault_state import FaultState, Machine, check_state, initial_state
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
 TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
+MOST_YEARS = 1e6  # some 10,000 earthquakes
 REPORTED = 2000  # steps between two reports
 ALONE = ("fault", "station", "profile_depth", "events", "energy", "state", "steps", "rejected")  # fields without M or P
 
@@ -102,6 +103,8 @@ def simulate_fault(
     """
     check_fault(fault)
     require_positive(years=years, tolerance=tolerance)
+    if years > MOST_YEARS:
+        raise ValueError(f"years = {years:g} was given: use at most {MOST_YEARS:g}")
     recording = recording or Recording()
     check_recording(fault, recording)
     state = initial_state(fault) if start is None else start

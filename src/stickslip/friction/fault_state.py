@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Values, checked, require_positive
 from ..core.readable import readable
 from . import fault_kernel as kernel
 from . import laws
@@ -88,7 +88,7 @@ def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.
 
 
 @checked
-def initial_state(fault: Fault, *, velocity: float | None = None, stress=None) -> FaultState:
+def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | None = None) -> FaultState:
     """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
 
     A second state is in the same ratio to its steady state as the first one.
@@ -163,7 +163,7 @@ def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: fl
 
 
 @checked
-def perturbed_state(fault: Fault, state: FaultState, log_velocity) -> FaultState:
+def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> FaultState:
     """Change slip velocities at constant stress, by a change of θ; for studies of nucleation.
 
     The first state changes, and the second one where the first has no effect (b = 0).

@@ -5,11 +5,13 @@ and filtered out of both data and model (generalised least squares). Intervals a
 problem.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
@@ -30,10 +32,11 @@ from .ratestate import RateState
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
-    "the residuals vary as slowly as the signal: the law does not describe these data, or their noise is too slow; the "
-    "values are the best fit, but intervals cannot be given"
+    "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is that "
+    "slow, and the data cannot tell which; the values are the best fit, but intervals cannot be given"
 )
-# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law
+# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
+# noise that is correlated over much of a leg, it may be exceeded by the right law, too
 MAX_EXCESS = 1.0
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
@@ -85,9 +88,9 @@ def fit(
     *,
     law: str = "aging",
     form: str = "logarithmic",
-    fixed: dict | None = None,
-    free: tuple[str, ...] = (),
-    own: tuple[str, ...] = OWN,
+    fixed: dict[str, float] | None = None,
+    free: Iterable[str] = (),
+    own: Iterable[str] = OWN,
     windows=None,
     noise: str = "correlated",
 ) -> Fit:
@@ -146,9 +149,11 @@ class Solution(NamedTuple):
     adequate: bool
 
 
+@checked
 def solve_fit(
-    data, *, law="aging", form="logarithmic", fixed=None, free=(), own=OWN, windows=None, noise="correlated"
-) -> Solution:
+    data: Data | list[Data], *, law: str = "aging", form: str = "logarithmic", fixed: dict[str, float] | None = None,
+    free: Iterable[str] = (), own: Iterable[str] = OWN, windows=None, noise: str = "correlated",
+) -> Solution:  # fmt: skip
     """Find the best parameters; the arguments are those of `fit`."""
     records = [data] if isinstance(data, Data) else list(data)
     if not records:

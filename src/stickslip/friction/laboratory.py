@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.arguments import checked
 from ..core.readable import readable
-from ..core.text import read_text, shortened
+from ..core.text import parse_number, read_text, shortened
 from .fitting import Data
 from .loads import check_times, load_steps
 
@@ -45,7 +45,12 @@ class LabRecord(NamedTuple):
     velocity: np.ndarray | None = None  # [m/s]
     theta: np.ndarray | None = None  # [s]
 
+    def check_entries(self) -> None:
+        """Check the types of all fields by their annotations."""
+        checked(type(self))(*self)
 
+
+@checked
 def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabRecord:
     """Read a record from a CSV file.
 
@@ -88,6 +93,8 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
             raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
         values["friction"] = values["shear_stress"] / values["normal_stress"]
     values.pop("shear_stress", None)
+    if (values["friction"] < 0).all():
+        raise ValueError(f"{path}: friction is negative throughout: is its sign reversed? give positive values")
     try:
         check_times(values["time"])
     except ValueError as problem:
@@ -141,7 +148,10 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
 
 def read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Read the fields of the header, and the line number and fields of each row."""
-    text = read_text(path, remedy="give a CSV file", fallback="cp1252")
+    try:
+        text = read_text(path, remedy="give a CSV file", fallback="cp1252")
+    except OSError as problem:
+        raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(
@@ -218,7 +228,7 @@ def _check_columns(path: Path, found: dict) -> None:
 def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
     line, fields = row
     try:
-        value = float(fields[k])
+        value = parse_number(fields[k])
     except ValueError:
         raise ValueError(
             f"{path}, line {line}: {name} is {shortened(fields[k])!r}, not a number: correct or remove the line"

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import Series, checked, require_positive
 from ..core.readable import readable
 
 
@@ -18,7 +18,7 @@ class LoadStep(NamedTuple):
 
 
 @checked
-def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
+def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ...]:
     """Legs at successive velocities, each over the same load-point displacement.
 
     Parameters
@@ -31,15 +31,16 @@ def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
     >>> velocity_steps([1e-6, 1e-5], distance=1e-4)[1]
     LoadStep: duration = 10, velocity = 1e-05, normal = 1
     """
-    if not (distance > 0 and np.isfinite(distance)):
-        raise ValueError(f"distance = {distance} was given: use a positive, finite length for each leg")
+    require_positive(distance=distance)
     for v in velocities:
-        _check_positive("velocity", v)
+        require_positive(velocity=v)
     return tuple(LoadStep(float(distance / v), float(v)) for v in velocities)
 
 
 @checked
-def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float | None = None) -> tuple[LoadStep, ...]:
+def slide_hold_slide(
+    holds: Series, *, velocity: float, distance: float, reslide: float | None = None
+) -> tuple[LoadStep, ...]:
     """Legs of a slide-hold-slide test, which begins and ends with sliding.
 
     Parameters
@@ -54,20 +55,19 @@ def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float 
     >>> [leg.velocity for leg in slide_hold_slide([1.0, 10.0], velocity=1e-5, distance=1e-4)]
     [1e-05, 0.0, 1e-05, 0.0, 1e-05]
     """
-    _check_positive("velocity", velocity)
     again = velocity if reslide is None else reslide
-    _check_positive("reslide", again)
-    if not (distance > 0 and np.isfinite(distance)):
-        raise ValueError(f"distance = {distance} was given: use a positive, finite length between holds")
+    require_positive(velocity=velocity, reslide=again, distance=distance)
     legs = [LoadStep(float(distance / velocity), float(velocity))]
     for hold in holds:
-        _check_positive("hold", hold)
+        require_positive(hold=hold)
         legs += [LoadStep(float(hold), 0.0), LoadStep(float(distance / again), float(again))]
     return tuple(legs)
 
 
 @checked
-def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tuple[LoadStep, ...]:
+def load_steps(
+    time: Series, load_point: Series, normal: Series | None = None, *, roughness: float = 1e-3
+) -> tuple[LoadStep, ...]:
     """Legs of a measured load-point displacement, which is interpolated linearly between samples.
 
     Neighbouring intervals are merged into one leg as long as a straight line from its first sample passes all others to
@@ -109,7 +109,10 @@ def _end_of_line(time, place, factor, first: int, slack: float) -> int:
 
 def leg_arrays(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Check legs and return their durations, velocities and normal factors."""
-    table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
+    try:
+        table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
+    except (TypeError, ValueError):
+        raise ValueError("a leg holds something other than numbers: give LoadStep(duration, velocity)") from None
     if len(table) == 0:
         raise ValueError("no legs were given: a load history needs at least one LoadStep(duration, velocity)")
     for k, (duration, velocity, normal) in enumerate(table, start=1):
@@ -136,8 +139,3 @@ def check_times(time) -> None:
             f"time must increase, but sample {k + 2} ({time[k + 1]:g}) is not later than sample {k + 1} ({time[k]:g}): "
             "sort the samples and remove duplicates"
         )
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not (value > 0 and np.isfinite(value)):
-        raise ValueError(f"{name} = {value} was given: use a positive, finite number")

@@ -1,12 +1,14 @@
 """Model-free measurements on a record: steady means with standard errors, peaks after holds, healing."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
-from ..core.arguments import checked
+from ..core.arguments import Series, checked, require_positive
 from ..core.readable import readable
+from .loads import LoadStep, leg_arrays
 
 
 @readable
@@ -38,7 +40,8 @@ class HoldResponse(NamedTuple):
     excess: np.ndarray  # peak after the hold, above `steady`
 
 
-def steady_mean(values) -> Mean:
+@checked
+def steady_mean(values: Series) -> Mean:
     """Mean of a stationary series, with a standard error that accounts for correlation.
 
     error² = s² 2τ/N with the integrated autocorrelation time τ = ½ + Σ ρ_l, summed up to the first lag above 5τ
@@ -71,7 +74,7 @@ def steady_mean(values) -> Mean:
 
 
 @checked
-def steady_start(values, *, batch: int = 5) -> int:
+def steady_start(values: Series, *, batch: int = 5) -> int:
     """Index from which a series with an initial transient can be considered steady.
 
     The cut d minimises Σ_{i≥d} (x_i − mean)²/(N − d)², computed from means of `batch` values, and removes at most half
@@ -81,6 +84,7 @@ def steady_start(values, *, batch: int = 5) -> int:
     ----------
     values : (N,), evenly sampled
     """
+    require_positive(batch=batch)
     x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
     count = np.arange(1, len(means) + 1)
@@ -89,7 +93,8 @@ def steady_start(values, *, batch: int = 5) -> int:
     return int(np.argmin(score)) * batch
 
 
-def healing(hold, excess) -> Healing:
+@checked
+def healing(hold: Series, excess: Series) -> Healing:
     """Least-squares fit of peak excess against ln(hold time), with a 95 % confidence interval from Student's t
     distribution.
 
@@ -113,7 +118,7 @@ def healing(hold, excess) -> Healing:
 
 
 @checked
-def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
+def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, before: float = 0.2) -> HoldResponse:
     """Drop in friction during every hold of a record, and the peak after it.
 
     Parameters
@@ -122,8 +127,11 @@ def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
     legs : legs of the load point; a hold is a leg of velocity 0 between two others
     before : final fraction of the leg before a hold, over which steady friction is averaged
     """
-    time, friction = np.asarray(time, float), np.asarray(friction, float)
-    ends = np.cumsum([leg.duration for leg in legs])
+    legs = tuple(legs)
+    time, friction, ends = np.asarray(time, float), np.asarray(friction, float), np.cumsum(leg_arrays(legs)[0])
+    if friction.shape != time.shape:
+        raise ValueError(f"friction has shape {friction.shape}, time {time.shape}: give one value per time")
+    require_positive(before=before)
     found = []
     for k in range(1, len(legs) - 1):
         if legs[k].velocity != 0.0:
@@ -146,6 +154,4 @@ def _check_series(values, least: int) -> np.ndarray:
     x = np.asarray(values, float)
     if x.ndim != 1 or len(x) < least:
         raise ValueError(f"values have shape {x.shape}: give a one-dimensional array of at least {least}")
-    if not np.isfinite(x).all():
-        raise ValueError("the series contains non-finite values: remove them")
     return x

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import checked
 from ..core.readable import readable
 from . import kernel
 from .laws import EVOLUTIONS, form_code
-from .loads import check_times, leg_arrays
+from .loads import LoadStep, check_times, leg_arrays
 
 TOLERANCE = 1e-10
 NAMES = ("a", "b", "dc", "mu0", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend")
@@ -25,10 +26,16 @@ class Data(NamedTuple):
 
     time: np.ndarray  # (N,) increasing, from the start of the legs [time]
     friction: np.ndarray  # (N,)
-    legs: tuple = ()  # of the load point, see `LoadStep`; it pulls the surface through the spring
+    legs: (
+        list[LoadStep] | tuple[LoadStep, ...]
+    ) = ()  # of the load point, see `LoadStep`; it pulls the surface through the spring
     velocity: np.ndarray | None = None  # (N,) measured slip velocity, positive; instead of legs [length/time]
     sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is uniform
     before: float | None = None  # slip velocity before the start; None for that of the first leg [length/time]
+
+    def check_entries(self) -> None:
+        """Check the types of all fields by their annotations."""
+        checked(type(self))(*self)
 
 
 class Prepared(NamedTuple):
@@ -97,9 +104,15 @@ def prepare(data: Data, windows=None) -> Prepared:
 
 def _in_windows(time, windows) -> np.ndarray:
     used = np.zeros(len(time), bool)
+    try:
+        windows = np.asarray(windows, float).reshape(-1, 2)
+    except (TypeError, ValueError):
+        raise ValueError(f"windows = {windows!r} was given: use pairs (start, end) of times") from None
     for window in windows:
-        if len(window) != 2 or not window[0] < window[1]:
-            raise ValueError(f"the window {tuple(window)} was given: use pairs (start, end) with start before end")
+        if not window[0] < window[1]:
+            raise ValueError(
+                f"the window {tuple(window.tolist())} was given: use pairs (start, end) with start before end"
+            )
         used |= (time >= window[0]) & (time <= window[1])
     return used
 

@@ -5,16 +5,17 @@ doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p
 variable, cut-off velocities, and a form that is regular at rest.
 """
 
+from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import Series, checked, require_positive
 from ..core.readable import readable
 from . import kernel
 from .laws import EVOLUTIONS, FORMS, form_code
-from .loads import check_times, leg_arrays
+from .loads import LoadStep, check_times, leg_arrays
 
 EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
 
@@ -52,6 +53,10 @@ class RateState(NamedTuple):
     v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
     v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
 
+    def check_entries(self) -> None:
+        """Check the types of all fields by their annotations."""
+        checked(type(self))(*self)
+
 
 @readable
 class Spring(NamedTuple):
@@ -59,6 +64,10 @@ class Spring(NamedTuple):
 
     stiffness: float  # k, stress per displacement over the reference normal stress [1/length]
     damping: float = 0.0  # η, radiation damping over the reference normal stress; 0 is quasi-static [time/length]
+
+    def check_entries(self) -> None:
+        """Check the types of all fields by their annotations."""
+        checked(type(self))(*self)
 
 
 class End(Enum):
@@ -116,9 +125,9 @@ def check(rs: RateState) -> None:
 def spring_slider(
     rs: RateState,
     spring: Spring,
-    legs,
+    legs: Iterable[LoadStep],
     *,
-    times=None,
+    times: Series | None = None,
     before: float | None = None,
     theta: float | None = None,
     tolerance: float = 1e-10,
@@ -155,6 +164,7 @@ def spring_slider(
     check(rs)
     duration, velocity, normal = leg_arrays(legs)
     check_spring(spring)
+    require_positive(tolerance=tolerance)
     start = float(velocity[0]) if before is None else before
     if not (start > 0 and np.isfinite(start)):
         raise ValueError(f"slip starts at the velocity {start}: give `before`, the positive slip velocity at the start")
@@ -221,7 +231,7 @@ def _default_times(duration, ends) -> np.ndarray:
 
 
 @checked
-def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> SlipHistory:
+def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
     """Friction of a surface with prescribed, piecewise constant slip velocity.
 
     Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law

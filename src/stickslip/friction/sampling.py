@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import Seed, checked
 from ..core.readable import readable
 from ..extras import require
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
@@ -79,8 +80,9 @@ def posterior(
     ValueError
         if the input is not valid.
     RuntimeError
-        if the data do not determine all parameters, if the law does not describe them, or if the chain is shorter than
-        50 autocorrelation times. Nothing is returned then, since the draws would not represent the posterior.
+        if the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
+        shorter than 50 autocorrelation times. Nothing is returned then, since the draws would not represent the
+        posterior.
     MissingExtraError
         if emcee is not installed.
 
@@ -95,6 +97,7 @@ def posterior(
     >>> found.names, bool(abs(found.percentiles["b"][2] - 0.006) < 1e-4)
     (('b', 'mu0'), True)
     """
+    _check_options(walkers, steps, seed, report)
     emcee = require("emcee", "posterior")
     solution = solve_fit(data, **options)
     found = build_fit(solution)
@@ -124,6 +127,11 @@ def posterior(
         )
     chain = sampler.get_chain(discard=sampler.iteration - length)
     return _summary(found, solution, chain, tau, acceptance)
+
+
+@checked
+def _check_options(walkers: int, steps: int, seed: Seed, report: Callable) -> None:
+    """Check the types of the options that `fit` does not have."""
 
 
 def _check(walkers: int, steps: int, m: int) -> None:

@@ -94,14 +94,18 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     critical = critical_stiffness(rs, velocity, spring.damping)
     growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())
     stable = spring.stiffness > critical
-    return Sliding(stable, critical, values, growth, frequency, _sentence(rs, spring, stable, critical, growth))
+    direct, *effects = steady_slopes(rs, velocity)
+    words = _sentence(rs, spring, stable, critical, growth, direct + spring.damping * velocity, sum(effects))
+    return Sliding(stable, critical, values, growth, frequency, words)
 
 
-def _sentence(rs, spring, stable: bool, critical: float, growth: float) -> str:
+def _sentence(rs, spring, stable: bool, critical: float, growth: float, direct: float, evolution: float) -> str:
     if critical <= 0:
-        effects = "b" if rs.b2 == 0 else "b + b2"
+        name = "b" if rs.b2 == 0 else "b + b2"
+        name += " at this velocity" * bool(np.isfinite([rs.v1, rs.v2]).any())
+        what = "direct effect and damping, " if spring.damping else "direct effect, "
         return (
-            f"steady sliding is stable with any spring: {effects} = {rs.b + rs.b2:g} does not exceed the direct effect"
+            f"steady sliding is stable with any spring: {name} = {evolution:.4g} does not exceed the {what}{direct:.4g}"
         )
     ratio = f"stiffness {spring.stiffness:.4g} is {spring.stiffness / critical:.4g} times the critical {critical:.4g}"
     if stable:

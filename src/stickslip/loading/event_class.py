@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.mechanics import FREE
@@ -18,8 +19,7 @@ from .event_path import TIME_STEP, Judge, Point, displacement
 from .event_types import Event, EventKind
 
 RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-FITTED, FALLS = 4, 1.2  # nearest distances to which an exponent is fitted; fall up to the second, or it is left out
-VANISHES = 0.25  # exponent over the nearest three distances, above which a quantity tends to zero at an event
+VANISHES, STEEPEST = 0.25, 8.0  # least exponent of a quantity that tends to zero at an event, and greatest sought
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
 NEAREST, ALMOST = 5, 0.99  # most mobilised sticking contacts that are tried, too, if their mobilisation is above this
@@ -105,38 +105,56 @@ def _softness(point: Point) -> tuple[float, float, float, float]:
     return softest(values), float(pairs.real[fastest]), float(rates[fastest]), rest
 
 
-def fit_power(distances: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Exponent of values ∝ distances^p (1 + O(values)) over the nearest distances, and its standard error.
+def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[float, float]:
+    """Exponent p of values ∝ distances^p, as the distances tend to zero, and its standard error.
 
-    Where a solution branch ends or a real part vanishes, both quantities are analytic in the same coordinate, so that
-    the first correction to the power is proportional to the values: log(values) = const + p log(distances) + b values.
+    The nearest three values determine 1/value = α distance^(−p) + β. Where a solution branch ends, or a real part
+    vanishes, both quantities are analytic in the same coordinate, so that the first correction to the power is
+    proportional to the values, which is the constant β; so is the leading effect of another mode that takes over far
+    from the event.
+
+    The error has two parts: the strain of the event is known to be within a bracket only, and corrections of higher
+    order are neglected. The latter count as the first correction, or as the change without the nearest value if that
+    is more. Where d = A λ² + B λ³, as where a contact with the stiffness √overlap is about to open, p is between 1/3
+    and 1/2 until A λ² dominates.
+
+    Parameters
+    ----------
+    distances, values : (K,) from far to near
+    width : of the bracket that contains the event, in whose middle the distances end
 
     Returns
     -------
     float, float
-        both NaN if a value is not positive, or with fewer than three; the error is NaN with three
+        both NaN if there are fewer than three values, or if these are not positive or do not fall
 
     Examples
     --------
     >>> d = np.array([512.0, 64.0, 8.0, 1.0])
-    >>> power, error = fit_power(d, 0.01 * d**0.5)
-    >>> round(power, 6), error < 1e-6
-    (0.5, True)
+    >>> power, error = fit_power(d, 0.01 * d**0.5, width=0.01)
+    >>> round(power, 6), round(error, 4)
+    (0.5, 0.0011)
     """
-    x, y = distances[-FITTED:], values[-FITTED:]
-    if len(x) == FITTED and y[0] < FALLS * y[1]:  # another mode was the softest there
-        x, y = x[1:], y[1:]
-    if len(x) < 3 or not (y > 0).all():
+    x, y = distances[-3:], values[-3:]
+    power = _power(x, y)
+    if np.isnan(power):
         return np.nan, np.nan
-    columns = np.stack([np.log(x), y / y.max()], axis=1)
-    columns -= columns.mean(axis=0)
-    size = np.linalg.norm(columns, axis=0)
-    columns /= np.where(size > 0, size, 1)
-    rise = np.log(y) - np.log(y).mean()
-    power, *_ = found = np.linalg.lstsq(columns, rise)[0]
-    free = len(x) - 3
-    square = ((rise - columns @ found) ** 2).sum() / free if free else np.nan
-    return float(power / size[0]), float(np.sqrt(square * np.linalg.pinv(columns.T @ columns)[0, 0]) / size[0])
+    ends = [_power(x + 0.5 * shift, y) for shift in (-width, width)]
+    rough = [np.log(y[1] / y[2]) / np.log(x[1] / x[2]), _power(distances[-4:-1], values[-4:-1])]
+    return power, float(np.hypot(np.ptp(ends) / np.sqrt(12), np.nanmax(np.abs(power - np.array(rough)))))
+
+
+def _power(x: np.ndarray, y: np.ndarray) -> float:
+    """Exponent p of 1/y = α x^(−p) + β through three points; NaN without one between ±STEEPEST."""
+    if len(x) < 3 or not (y > 0).all() or not (y[0] > y[1] > y[2]):
+        return np.nan
+    far, near = np.log(x[:-1] / x[1:])
+    wanted = np.log(np.divide(*np.diff(1 / y)[::-1]))
+
+    def excess(p: float) -> float:
+        return float(np.log(np.expm1(p * near) / -np.expm1(-p * far)) if p else np.log(near / far)) - wanted
+
+    return brentq(excess, -STEEPEST, STEEPEST) if excess(-STEEPEST) < 0 < excess(STEEPEST) else np.nan
 
 
 def _classify(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
@@ -144,10 +162,15 @@ def _classify(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, f
     if not found.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
-        x, y = profile.distances[-3:], values[-3:]
-        if len(x) == 3 and (y > 0).all() and np.log(y[0] / y[2]) >= VANISHES * np.log(x[0] / x[2]):
-            return kind, fit_power(profile.distances, values)
+        power, error = fit_power(profile.distances, values, found.upper - found.last.strain)
+        if vanishes(power, error):
+            return kind, (power, error)
     return EventKind.UNRESOLVED, (np.nan, np.nan)
+
+
+def vanishes(power: float, error: float) -> bool:
+    """Return True if a quantity with this exponent tends to zero at an event."""
+    return power >= VANISHES and power > 2 * error
 
 
 def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray] | None:

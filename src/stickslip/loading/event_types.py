@@ -27,7 +27,7 @@ class Event(NamedTuple):
     strain: float  # upper end of the bracket [1]
     below: float  # its lower end, the last strain that the path reaches without a jump or loss of stability
     kind: EventKind
-    exponent: float  # p of (γ_c − γ)^p, fitted to λ_min, for pairs to Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
+    exponent: float  # p of (γ_c − γ)^p for λ_min, for pairs Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
     exponent_error: float  # its standard error
     distances: np.ndarray  # (K,) strains before the event, step · 8^(−k)
     softest: np.ndarray  # (K,) smallest real eigenvalue λ_min there [1/time²]

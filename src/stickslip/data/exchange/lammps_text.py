@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.text import parse_integer, read_text
+from ...core.text import parse_integer, parse_numbers, read_text
 from ..sample import HUGE, PackingError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
@@ -27,7 +27,7 @@ class Table(NamedTuple):
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
         try:
-            found = np.array([self.columns[name] for name in names], float).T
+            found = np.stack([parse_numbers(self.columns[name]) for name in names]).T
         except ValueError:
             raise PackingError(f"column {' or '.join(names)} contains entries that are not numbers") from None
         return np.ascontiguousarray(found[:, 0] if len(names) == 1 else found)
@@ -90,7 +90,7 @@ def _parse_bounds(head: str, body: str):
     marks = head.split()[2:]
     flags = [mark for mark in marks if len(mark) == 2 and set(mark) <= set("pfsm")]
     periodic = np.array([mark == "pp" for mark in flags]) if len(flags) == 3 else None
-    rows = np.array([line.split() for line in body.strip().split("\n")[:3]], float)
+    rows = np.array([parse_numbers(line.split()) for line in body.strip().split("\n")[:3]])
     if "abc" in marks and rows.shape == (3, 4):  # general triclinic
         return rows[:, :3].copy(), rows[:, 3].copy(), periodic
     if rows.shape not in ((3, 2), (3, 3)):
@@ -164,7 +164,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         rows = _parse_rows(body, count, "Atoms")
         words = _check_style(path, style, asked, rows)
         vectors, corner = _parse_data_box(head)
-        step = re.search(r"timestep = (\d+)", first)
+        step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
@@ -221,7 +221,7 @@ def _parse_rows(body: str, rows: int, name: str) -> np.ndarray:
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
         raise ValueError(f"section {name} has {len(lines)} lines but the file declares {rows} atoms")
-    values = np.array(" ".join(lines).split(), float).reshape(rows, -1)
+    values = parse_numbers(" ".join(lines).split()).reshape(rows, -1)
     if not (np.abs(values) < HUGE).all():
         raise ValueError(f"section {name} contains NaN, infinity or numbers beyond {HUGE:g}")
     return values
@@ -230,7 +230,7 @@ def _parse_rows(body: str, rows: int, name: str) -> np.ndarray:
 def _parse_data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     def line(*names):
         found = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
-        values = None if found is None else np.array(found[1].split(), float)
+        values = None if found is None else parse_numbers(found[1].split())
         if values is not None and not (np.abs(values) < HUGE).all():
             raise ValueError(f"the box has {found[0].strip()!r}")
         return values

@@ -208,7 +208,8 @@ def _symmetry(result: GougeResult | None) -> Claim:
     sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (one, other)]
     halves = float(np.hypot(one[0].half, other[0].half))
     difference = sizes[0] - sizes[1]
-    alike = bool(abs(difference) <= halves) if np.mean(sizes) > halves else None
+    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # else it is not known
+    alike = False if abs(difference) > halves else True if same else None
     return _statement(
         "velocity-step-symmetry", where, alike,
         f"peaks after {v:g} → {w:g} and {w:g} → {v:g} m/s minus radiation damping: {sizes[0]:.4f} and {sizes[1]:.4f}, "

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
+from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
 from ...extras import require
 from ...figures import rate_state as figures
@@ -99,7 +100,7 @@ def _parse_columns(text: str | None) -> dict[str, int] | None:
     pairs = [item.rpartition("=") for item in text.split(",")]
     if not all(name.strip() and number.strip().isdecimal() for name, _, number in pairs):
         raise ValueError(f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, as in 'time=0,friction=3'")
-    return {name.strip(): int(number) for name, _, number in pairs}
+    return {name.strip(): parse_integer(number) for name, _, number in pairs}
 
 
 def _check_folder(out: Path, overwrite: bool) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.text import parse_number
 from ...data.dotted_keys import field_at
 from ...data.schema import LARGEST, ScenarioError
 from ...friction.laboratory import read_table
@@ -66,7 +67,7 @@ def _split_header(field: str) -> tuple[str, str]:
 def _parse(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
     number, fields = row
     try:
-        value = float(fields[k])
+        value = parse_number(fields[k])
     except ValueError:
         value = np.nan
     if not abs(value) <= LARGEST:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from ... import __version__
-from ...core.text import read_text
+from ...core.text import parse_number, read_text
 from ...data.atomic import write_atomically
 from ...data.exchange.follow import Source
 from ..packing.report import describe_law
@@ -76,4 +76,4 @@ def _parse(line: dict[str, str]) -> Row:
 def _number(text: str) -> int | float | bool | None:
     if text in ("", "True", "False"):
         return {"": None, "True": True, "False": False}[text]
-    return int(text) if text.lstrip("-").isdigit() else float(text)
+    return int(text) if text.lstrip("-").isdigit() else parse_number(text)
