@@ -5,7 +5,6 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.data.sound import validate_state
 from tests.conftest import make_law, make_packing, stirred
 
 NOUNS = ("grains", "walls", "cell", "contacts", "control")
@@ -38,7 +37,7 @@ def test_a_sound_state_comes_back(state, tmp_path):
     back = archive.read(tmp_path / "a.h5")["state"]
     assert np.array_equal(back.contacts.i, state.contacts.i[: state.contacts.count[0]])
     for dim in (2, 3):
-        assert validate_state(make_packing(dim)).cell.dim == dim
+        make_packing(dim).check_entries()
 
 
 @pytest.mark.parametrize("value", [-2, 10**4, 10**9])
@@ -58,10 +57,10 @@ def test_indices_out_of_range_are_refused(state, tmp_path, entry, value):
     bad = changed(state, noun, name, array)
     if name == "material" and value > 0:  # there are laws with any number of materials: this one is asked when it acts
         with pytest.raises(ValueError, match="material"):
-            ss.forces(validate_state(bad), make_law("hertz_mindlin", "sharp"))
+            ss.forces(bad, make_law("hertz_mindlin", "sharp"))
         return
     archive.write(tmp_path / "bad.h5", {"state": bad})
-    with pytest.raises(archive.ArchiveError, match=r"cannot be read as an archive .*outside"):
+    with pytest.raises(archive.ArchiveError, match=r"cannot be read as an archive .*(between|at least)"):
         archive.read(tmp_path / "bad.h5")
 
 
@@ -71,22 +70,22 @@ def test_contacts_of_others_are_refused(state):
         array = np.array(getattr(contacts, name))
         array[0] = array[-1] + 1
         assert not np.array_equal(array, getattr(contacts, name))
-        with pytest.raises(ValueError, match=r"not sorted|contacts\.[ij] has values"):
-            validate_state(state._replace(contacts=contacts._replace(**{name: array})))
+        with pytest.raises(ValueError, match=r"not sorted|contacts\.[ij]\[0\] is"):
+            state._replace(contacts=contacts._replace(**{name: array})).check_entries()
     with pytest.raises(ValueError, match=r"contacts.count"):
-        validate_state(state._replace(contacts=contacts._replace(count=contacts.count + 1)))
+        state._replace(contacts=contacts._replace(count=contacts.count + 1)).check_entries()
 
 
 def test_shapes_and_types_that_are_wrong_are_refused(state):
     state = state._replace(contacts=archive.trimmed(state.contacts))
     for name, bad in (("skin", np.ones(1)), ("gap", None), ("stale", 0.0), ("rolling", np.zeros((1, 7)))):
         with pytest.raises(ValueError, match=rf"contacts\.{name} has (type|shape)"):
-            validate_state(changed(state, "contacts", name, bad))
+            changed(state, "contacts", name, bad).check_entries()
     for noun, name in entries(state, "iufb"):
         array = np.asarray(getattr(getattr(state, noun), name))
         for bad in (array[:-1], array[..., None], array.astype(complex)):
             with pytest.raises(ValueError, match=r"\.|row"):
-                validate_state(changed(state, noun, name, np.ascontiguousarray(bad)))
+                changed(state, noun, name, np.ascontiguousarray(bad)).check_entries()
 
 
 @pytest.mark.parametrize(
@@ -102,5 +101,5 @@ def test_a_law_that_compiled_code_does_not_know_is_refused(tmp_path, entry, valu
     archive.write(tmp_path / "a.h5", {"law": law})
     assert archive.read(tmp_path / "a.h5")["law"]._replace(table=law.table) == law
     archive.write(tmp_path / "a.h5", {"law": law._replace(**{entry: value})})
-    with pytest.raises(archive.ArchiveError, match=rf"law\.{entry} (is|has|contains)"):
+    with pytest.raises(archive.ArchiveError, match=rf"law\.{entry}(\[0, 0, 0\])? (is|has)"):
         archive.read(tmp_path / "a.h5")

@@ -1,7 +1,12 @@
 """Checks of the arguments that users pass to public functions, made once per call.
 
-`checked` compares arguments with annotations such as `State`, `Law`, `int` or `float | None`. It does so only when a
-user calls the package, not when public functions call each other. Other annotations are ignored.
+`checked` compares arguments with annotations. It does so only when a user calls the package, not when public functions
+call each other. Parts of a state, laws and other values with a method `check_entries` are asked to check themselves,
+because compiled code does not look beyond the ends of arrays.
+
+Annotations that are understood: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
+standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]` and `Annotated[Any, …]` with an
+`Array` or a `Result`. All others are ignored.
 """
 
 import inspect
@@ -9,91 +14,262 @@ import threading
 import types
 from collections.abc import Callable
 from functools import cache, wraps
-from numbers import Integral, Real
-from typing import ParamSpec, TypeVar, get_args, get_origin
+from numbers import Complex, Integral, Real
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
+_LARGEST_INTEGER = 2**63 - 1
+
+
+class Array(NamedTuple):
+    """Annotation of numbers that are converted with `np.asarray`; all must be finite."""
+
+    ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
+    kinds: str = "buif"  # of types
+    empty: bool = True  # whether there may be no numbers
+
+
+class Result(NamedTuple):
+    """Annotation of a result whose class cannot be imported where it is used."""
+
+    name: str
+
+
+Numbers = Annotated[Any, Array()]
+Series = Annotated[Any, Array((1,), empty=False)]  # numbers in a row
+Vectors = Annotated[Any, Array((0, 1, 2))]  # numbers to be broadcast to one row for each body
+Bodies = Annotated[Any, Array((0, 1), kinds="bui")]
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Check arguments by their annotations when a user calls the function.
+    """Check arguments by their annotations when a user calls the function; whole numbers become `int`.
 
     Raises
     ------
     TypeError
-        if an argument has another type, with a one-sentence message; arguments are not converted.
+        if an argument has another type, with a one-sentence message.
     ValueError
-        if a number is NaN or not whole where it must be, or if the arrays of a state do not fit together.
+        if a number is NaN or not whole where it must be, or if an entry of a state is not allowed.
     """
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if getattr(_door, "passed", False):
             return function(*args, **kwargs)
-        given = []
-        for place, name, classes in _checkable(function):
-            if place < len(args) or name in kwargs:
-                given.append(args[place] if place < len(args) else kwargs[name])
-                _check(name, given[-1], classes)
-        for value in given:
+        given: list[Any] = list(args)
+        for place, name, check in _parameters(function):
+            if place < len(given):
+                given[place] = check(name, given[place])
+            elif name in kwargs:
+                kwargs[name] = check(name, kwargs[name])
+        everything = [*given, *kwargs.values()]
+        for value in everything:
             if hasattr(value, "check_belongs"):
-                value.check_belongs(given)
+                value.check_belongs(everything)
         _door.passed = True
         try:
-            return function(*args, **kwargs)
+            return function(*given, **kwargs)  # type: ignore[arg-type]
+        except TypeError as problem:
+            if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it has not even started
+                names = ", ".join(inspect.signature(function).parameters)
+                raise TypeError(f"{problem}: the arguments are {names}") from None
+            raise
         finally:
             _door.passed = False
 
     return call
 
 
+_KEYWORD = 10**6  # index of parameters that are given by name only
+_MOST = 16  # values of *arguments that are checked
+
+
 @cache
-def _checkable(function) -> list[tuple[int, str, tuple[type, ...]]]:
-    """Index, name and allowed classes of the parameters whose annotations can be checked."""
-    found = []
+def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
+    """Index, name and check of the parameters whose annotations can be checked."""
+    places = []
     for place, one in enumerate(inspect.signature(function).parameters.values()):
-        several = isinstance(one.annotation, types.UnionType) or get_origin(one.annotation) is list
-        classes = get_args(one.annotation) if several else (one.annotation,)
-        if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD) and all(map(_is_checkable, classes)):
-            classes = (list, *classes) if get_origin(one.annotation) is list else classes
-            found.append((place if one.kind is not one.KEYWORD_ONLY else 10**6, one.name, classes))
-    return found
+        if one.kind is one.VAR_KEYWORD or one.annotation is one.empty:
+            continue
+        check = _check_of(one.annotation)
+        if check is not None and one.kind is not one.VAR_POSITIONAL:
+            places.append((place if one.kind is not one.KEYWORD_ONLY else _KEYWORD, one.name, check))
+        elif check is not None:
+            places += [(place + k, f"{one.name}[{k}]", check) for k in range(_MOST)]
+    return places
+
+
+def _check_of(annotation) -> Callable[[str, Any], Any] | None:
+    """Function (name, value) that returns the checked value, or None if an annotation cannot be checked."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        known = parts[1]
+        if isinstance(known, Array):
+            return lambda name, value: _check_array(name, value, known)
+        return (lambda name, value: _check_result(name, value, known)) if isinstance(known, Result) else None
+    if origin in (types.UnionType, Union):
+        return _check_of_union(annotation, parts)
+    if origin in (list, dict) or (origin is tuple and parts):
+        return _check_of_container(origin, parts)
+    if origin is Callable or annotation is Callable:
+        return _check_callable
+    if annotation is np.ndarray:
+        return lambda name, value: _check_ndarray(name, value)
+    if annotation is None or isinstance(annotation, type):
+        kind = type(None) if annotation is None else annotation
+        return (lambda name, value: _check_class(name, value, (kind,))) if _is_checkable(kind) else None
+    return None
 
 
 def _is_checkable(kind) -> bool:
     noun = isinstance(kind, type) and kind.__module__.startswith("stickslip.")
-    return kind in (int, float, type(None)) or noun
+    return kind in (int, float, complex, bool, str, dict, list, tuple, Path, type(None)) or noun
 
 
-def _check(name: str, value, classes: tuple[type, ...]) -> None:
-    if classes[0] is list:
-        if not isinstance(value, list | tuple) or not all(isinstance(one, classes[1]) for one in value):
-            kind = "something else" if type(value) in (list, tuple) else f"a value of type {type(value).__name__}"
-            raise TypeError(f"{name} must be a list of {classes[1].__name__}, but {kind} was given")
-        return
-    if isinstance(value, classes):
-        if hasattr(value, "check_lengths"):
-            value.check_lengths()
-        elif isinstance(value, float) and value != value:
-            raise ValueError(f"{name} is NaN: give a number")
-        return
-    if isinstance(value, np.ndarray) and not value.shape:
+def _check_of_union(annotation, parts):
+    if all(map(_is_checkable, parts)):
+        return lambda name, value: _check_class(name, value, parts)
+    others = [part for part in parts if part is not type(None)]
+    checks = [_check_of(part) for part in others]
+    if None in checks:
+        return None
+
+    def check(name, value):
+        if value is None and type(None) in parts:
+            return value
+        for one in checks[:-1]:
+            try:
+                return one(name, value)
+            except (TypeError, ValueError):
+                continue
+        return checks[-1](name, value)
+
+    return check
+
+
+def _check_of_container(origin, parts):
+    checks = [_check_of(part) for part in parts if part is not Ellipsis]
+    words = f"a {origin.__name__} of {' and '.join(_words(part) for part in parts if part is not Ellipsis)}"
+
+    def check(name, value):
+        if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
+            raise TypeError(f"{name} must be {words}, but {_described(value)} was given")
+        if origin is dict:
+            return {_part(checks[0], name, k): _part(checks[1], f"{name}[{k!r}]", v) for k, v in value.items()}
+        fixed = origin is tuple and Ellipsis not in parts
+        if fixed and len(value) != len(parts):
+            raise ValueError(f"{name} has {len(value)} entries where {len(parts)} are needed")
+        pairs = zip(checks if fixed else checks[:1] * len(value), value, strict=True)
+        made = [_part(one, f"{name}[{k}]", part) for k, (one, part) in enumerate(pairs)]
+        return tuple(made) if isinstance(value, tuple) else made
+
+    return check
+
+
+def _part(check, name, value):
+    return value if check is None else check(name, value)
+
+
+def _words(part) -> str:
+    return {int: "whole numbers", float: "numbers", str: "words"}.get(part, getattr(part, "__name__", str(part)))
+
+
+def _check_class(name: str, value, classes: tuple[Any, ...]):
+    if isinstance(value, np.ndarray) and not value.shape and value.dtype.kind in "biuf":
         value = value[()]
+    if isinstance(value, classes) and not isinstance(value, Complex):
+        if hasattr(value, "check_entries"):
+            value.check_entries()
+        return value
+    if bool in classes and isinstance(value, bool | np.bool_ | Integral) and value in (0, 1):
+        return bool(value)
     if float in classes and isinstance(value, Real):
-        if value != value:
-            raise ValueError(f"{name} is NaN: give a number")
-    elif int in classes and isinstance(value, Real):
-        if not isinstance(value, Integral) and value != int(value if np.isfinite(value) else 0):
-            raise ValueError(f"{name} = {value} was given, but it must be a whole number")
-    else:
-        raise TypeError(_mismatch(name, value, classes))
+        return _check_float(name, value)
+    if int in classes and isinstance(value, Real):
+        return _check_integer(name, value)
+    if complex in classes and isinstance(value, Complex):
+        if not np.isfinite(value):
+            raise ValueError(f"{name} = {value} was given: it must be finite")
+        return value
+    raise TypeError(_mismatch(name, value, classes))
 
 
-def _mismatch(name: str, value, classes: tuple[type, ...]) -> str:
-    words = {int: "a whole number", float: "a number", type(None): "None"}
+def _check_float(name: str, value):
+    if value != value:
+        raise ValueError(f"{name} is NaN: give a number")
+    try:
+        float(value)
+    except OverflowError:
+        raise ValueError(f"{name} is a number beyond 1e308: give a smaller one") from None
+    return value
+
+
+def _check_integer(name: str, value):
+    if not np.isfinite(value) or value != int(value):
+        raise ValueError(f"{name} = {value} was given, but it must be a whole number")
+    if abs(value) > _LARGEST_INTEGER:
+        raise ValueError(f"{name} = {float(value):g} was given: at most {_LARGEST_INTEGER} is allowed")
+    return int(value)
+
+
+def _check_callable(name: str, value):
+    if not callable(value):
+        raise TypeError(f"{name} must be a function, but {_described(value)} was given")
+    return value
+
+
+def _check_ndarray(name: str, value):
+    if not isinstance(value, np.ndarray):
+        raise TypeError(f"{name} must be an array, but {_described(value)} was given")
+    return _check_array(name, value, Array(kinds="buifc"))
+
+
+def _check_array(name: str, value, wanted: Array):
+    if isinstance(value, slice | range):
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} has rows of different lengths: give an array") from None
+    kind = array.dtype.kind
+    if kind == "O":
+        kind = "c" if any(isinstance(v, complex) for v in array.flat) else "f" if _are_numbers(array) else "O"
+    if kind not in wanted.kinds and array.size:
+        words = {"f": "fractions", "c": "complex numbers", "U": "words", "M": "dates", "m": "time differences"}
+        got = words.get(kind, "things other than numbers")
+        needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
+        raise ValueError(f"{name}: {got} were given where {needed} are needed")
+    if array.dtype.kind in "fc" and not np.isfinite(array).all():
+        raise ValueError(f"{name} holds NaN or infinity: give finite numbers")
+    if wanted.ndim is not None and array.ndim not in wanted.ndim:
+        allowed = " or ".join(map(str, wanted.ndim))
+        raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
+    if not (array.size or wanted.empty):
+        raise ValueError(f"{name} is empty: give at least one number")
+    return value
+
+
+def _are_numbers(array: np.ndarray) -> bool:
+    return all(isinstance(v, Real) for v in array.flat)
+
+
+def _check_result(name: str, value, wanted: Result):
+    classes = (kind for kind in type(value).__mro__ if kind.__module__.startswith("stickslip."))
+    if wanted.name not in [kind.__name__ for kind in classes]:
+        raise TypeError(f"{name} must be a {wanted.name}, but {_described(value)} was given")
+    return value
+
+
+def _described(value) -> str:
+    return "None" if value is None else f"a value of type {type(value).__name__}"
+
+
+def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
+    words = {int: "a whole number", float: "a number", bool: "True or False", type(None): "None"}
     allowed = " or ".join(words.get(kind, f"a {kind.__name__}") for kind in classes)
     nouns = tuple(kind for kind in classes if kind not in words)
     remedy = ""
@@ -103,8 +279,7 @@ def _mismatch(name: str, value, classes: tuple[type, ...]) -> str:
     elif type(value).__module__.startswith("stickslip."):
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
-    kind = "None" if value is None else f"a value of type {type(value).__name__}"
-    return f"{name} must be {allowed}, but {kind} was given{remedy}"
+    return f"{name} must be {allowed}, but {_described(value)} was given{remedy}"
 
 
 def require_positive(**values) -> None:

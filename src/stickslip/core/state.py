@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .arguments import checked
+from .fields import COURSE_DTYPE, LARGEST, check_parts
 from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
-COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -29,6 +29,10 @@ class Grains(NamedTuple):
     inertia: np.ndarray  # (N,) [mass length²]
     material: np.ndarray  # (N,) row of the law's table
 
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"grains": self})
+
 
 @readable(head=lambda value: _describe_walls(value))
 class Walls(NamedTuple):
@@ -39,6 +43,10 @@ class Walls(NamedTuple):
     velocity: np.ndarray  # (W, 3) [length/time]
     mass: np.ndarray  # (W,) [mass]
     material: np.ndarray  # (W,)
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"walls": self})
 
 
 @readable(head=lambda value: _describe_cell(value))
@@ -52,6 +60,10 @@ class Cell(NamedTuple):
     periodic: np.ndarray  # (3,) bool
     dim: int
     rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"cell": self})
 
 
 @readable(head=lambda value: _describe_contacts(value))
@@ -79,6 +91,10 @@ class Contacts(NamedTuple):
     stale: bool  # whether the list does not fit the present positions, for example because the cell was deformed
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = None  # (C, 7) rolling memory, see `rolling`; None if the law has none
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"contacts": self})
 
 
 # fields of `Contacts` with one row for each pair
@@ -113,6 +129,10 @@ class Control(NamedTuple):
     anchor: np.ndarray  # (N + W, 3) of load points [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"control": self})
+
 
 @readable
 class Instant(NamedTuple):
@@ -140,25 +160,14 @@ class State(NamedTuple):
         """Number of grains plus number of walls."""
         return len(self.grains.radius) + len(self.walls.mass)
 
-    def check_lengths(self) -> None:
-        """Raise ValueError with a one-sentence message if arrays differ in length or name bodies that do not exist."""
-        n, bodies, contacts = len(self.grains.radius), self.n_bodies, self.contacts
-        wanted = [
-            (("grains", self.grains, self.grains._fields), n), (("walls", self.walls, self.walls._fields), bodies - n),
-            (("control", self.control, ("force", "torque", "free", "rate", "group")), bodies),
-            (("contacts", contacts, ("origin",)), bodies),
-            (("contacts", contacts, ("j", "image", "slip", "mode")), len(contacts.i)),
-        ]  # fmt: skip
-        for (part, arrays, names), length in wanted:
-            for name in names:
-                if len(getattr(arrays, name)) != length:
-                    raise ValueError(
-                        f"{part}.{name} has {len(getattr(arrays, name))} rows where {length} are needed: the parts of "
-                        f"a state with {n} grains and {bodies - n} walls must belong together"
-                    )
-        body = np.append(contacts.i[: contacts.count[0]], contacts.j[: contacts.count[0]])
-        if len(body) and not 0 <= body.min() <= body.max() < bodies:
-            raise ValueError(f"contacts name bodies other than 0 to {bodies - 1}: use the contacts of this state")
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed or if parts contradict each other."""
+        parts = {name: part for name, part in zip(self._fields, self, strict=True) if name != "time"}
+        if self.instant is None:
+            del parts["instant"]
+        check_parts(parts | {"": self})
+        _check_space(self)
+        _check_control(self)
 
 
 def as_numbers(value, dtype=float) -> np.ndarray:
@@ -379,10 +388,9 @@ def assembly(
     walls = flat_walls() if walls is None else walls
     cell = box(dim=2 if _are_disks(grains) else 3) if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
-    if not len(grains.radius):
-        raise ValueError("an assembly of 0 grains was given: at least 1 is needed")
-    skin = 0.2 * float(np.min(grains.radius)) if skin is None else skin
-    state = State(grains, walls, cell, empty_contacts(len(grains.radius) + len(walls.mass), 0, skin), control, time)
+    skin = 0.2 * float(np.min(grains.radius, initial=LARGEST)) if skin is None else skin
+    contacts = empty_contacts(len(grains.radius) + len(walls.mass), 0, skin)
+    state = State(grains, walls, cell, contacts, control, float(time))
     check(state)
     grain, wall = np.nonzero(heights(grains.position, walls) < 0)
     if len(grain):
@@ -402,42 +410,30 @@ def _are_disks(grains: Grains) -> bool:
 @checked
 def check(state: State) -> None:
     """Raise ValueError with a one-sentence message if a state is not valid."""
-    grains, walls, cell, contacts, control = state[:5]
-    n, b = len(grains.radius), state.n_bodies
-    for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
-        for name, array in zip(part._fields, part, strict=True):
-            if count is not None and len(array) != count:
-                raise ValueError(f"{noun}.{name} has {len(array)} rows where {count} are needed: one for each body")
-            if not np.isfinite(array).all():
-                raise ValueError(f"{noun}.{name} holds NaN or infinity: every entry must be a finite number")
-    for name in ("radius", "mass", "inertia"):
-        values = getattr(grains, name)
-        if not (values > 0).all():
-            bad = int(np.argmin(values))
-            raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
-    if n > MAX_IN_CUBE:
+    state.check_entries()
+    grains, skin = state.grains, state.contacts.skin
+    if len(grains.radius) > MAX_IN_CUBE:
         _check_crowding(grains)
-    if cell.dim not in (2, 3):
-        raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
-    for name in ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads"):
-        if len(getattr(control, name)) != b:
-            got = len(getattr(control, name))
-            raise ValueError(f"control.{name} has {got} rows where {b} are needed: one for each grain and wall")
-    _check_control(state)
-    if cell.vectors.shape != (3, 3) or cell.periodic.shape != (3,):
+    least = 1e-4 * float(grains.radius.min())
+    if not skin >= least:
         raise ValueError(
-            f"a cell of shape {cell.vectors.shape} was given: give three lengths, or three vectors as rows"
+            f"a skin of {skin:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
+            f"radius, or contact lists would be rebuilt at every step"
         )
+
+
+def _check_space(state: State) -> None:
+    """Raise ValueError with a one-sentence message if the cell and the walls are none."""
+    walls, cell = state.walls, state.cell
+    if not len(state.grains.radius):
+        raise ValueError("a state of 0 grains was given: at least 1 is needed")
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
         raise ValueError("a two-dimensional cell that is periodic or has walls along z was given: neither is allowed")
-    least = 1e-4 * float(grains.radius.min())
-    if not contacts.skin >= least:
-        raise ValueError(
-            f"a skin of {contacts.skin:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
-            f"radius, or contact lists would be rebuilt at every step"
-        )
+    size = np.linalg.norm(walls.normal, axis=1)
+    if not (abs(size - 1) < 1e-6).all():
+        raise ValueError(f"a wall's normal of length {size[abs(size - 1).argmax()]:g} was given: give a unit vector")
 
 
 def _check_crowding(grains: Grains) -> None:
@@ -468,16 +464,14 @@ def _check_control(state: State) -> None:
                 f"the rigid group of bodies {members[0]} … {members[-1]} has contradictory control: all its members "
                 f"must be free, frozen or driven alike along each direction, and none may rotate"
             )
-    columns = control.course.shape[1] if control.course.ndim == 2 else -1
-    if control.course.shape != (len(control.knots), columns) or (np.diff(control.knots) <= 0).any():
+    if (np.diff(control.knots) <= 0).any():
+        raise ValueError("knots that do not increase were given: each time must be later than the one before")
+    held = (control.spring > 0) & ~control.free[:, :3]
+    if held.any():
+        body, axis = np.argwhere(held)[0]
         raise ValueError(
-            f"courses of shape {control.course.shape} at {len(control.knots)} knots were given: one row for each knot "
-            f"is needed, and knots must increase"
+            f"a spring pulls body {body} along {'xyz'[axis]}, where it is frozen or driven: leave it free there"
         )
-    follows = np.concatenate([part.ravel() for part in (control.follows, control.cell_follows, control.leads)])
-    if ((follows < -1) | (follows >= columns)).any():
-        raise ValueError(f"course {follows.max()} is used, but only {columns} are defined: give its knots and factors")
-    _check_springs(control)
     if not deforms(state):
         return
     moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
@@ -487,20 +481,6 @@ def _check_control(state: State) -> None:
     if len(state.walls.mass) or (control.group >= 0).any():
         raise ValueError(
             "a deforming cell was given with walls or rigid groups, which cannot deform with it: omit one of them"
-        )
-    if not control.cell_mass >= 0:
-        raise ValueError(f"a cell mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
-
-
-def _check_springs(control: Control) -> None:
-    """Raise ValueError with a one-sentence message if a stiffness is negative, or a spring pulls a non-free body."""
-    held = (control.spring > 0) & ~control.free[:, :3]
-    if (control.spring < 0).any():
-        raise ValueError(f"a spring of stiffness {control.spring.min():g} was given: it must be positive")
-    if held.any():
-        body, axis = np.argwhere(held)[0]
-        raise ValueError(
-            f"a spring pulls body {body} along {'xyz'[axis]}, where it is frozen or driven: leave it free there"
         )
 
 

@@ -30,7 +30,7 @@ from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, describe_law, restore_kind
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from .atomic import write_atomically
-from .sound import restore_contacts, validate_law, validate_state
+from .older_contacts import restore_contacts
 from .units import unit_of
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
@@ -279,7 +279,9 @@ def _load(item, known: dict):
     if noun is Law and "own" in tree:
         tree["kind"] = _load_kind(tree["kind"], tree.pop("own"))
     made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
-    return validate_state(made) if noun is State else validate_law(made) if noun is Law else made
+    if noun in (State, Law):
+        made.check_entries()
+    return made
 
 
 def _load_kind(kind: int, about: dict) -> Kind:

@@ -5,7 +5,7 @@ scalar functions take real or complex arguments and branch on the real part. The
 complex-step differentiation, f'(x) = Im f(x + ih)/h, which is exact to round-off because nothing is subtracted.
 """
 
-from numbers import Real
+from numbers import Integral, Real
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from numba import njit
 
 from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ..arguments import checked
+from ..fields import LARGEST, Field, check_entry
 from ..options import INNER
 from ..readable import readable
 from .dispatch import Kind, by_kind, check_kind, find_user_law
@@ -41,6 +42,19 @@ class Law(NamedTuple):
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if compiled code does not know this law."""
+        dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
+        for name, known in (("kind", range(len(NAMES))), ("coulomb", COULOMB.values()), ("damping", dampings)):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or not (value in known or isinstance(value, Kind)):
+                raise ValueError(f"law.{name} is {value!r}: take a law from stickslip.laws")
+        sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
+        check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
+        for k, name in enumerate(names):
+            low = 1 / LARGEST if name == "kn" else 0.0 if name in PARAMETERS else -LARGEST
+            check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
 
 def hertz_mindlin(
@@ -145,7 +159,6 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def _make_law(kind, coulomb, damping, tension, *values) -> Law:
@@ -175,10 +188,10 @@ def check_parameter(name, value, names=PARAMETERS):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
         )
-    if abs(float(value)) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
+    if abs(float(value)) > LARGEST or (name == "kn" and value < 1 / LARGEST):
         raise ValueError(
-            f"{name} = {value:g} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
-            f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
+            f"{name} = {value:g} was given: at most {LARGEST:g} is allowed, and at least "
+            f"{1 / LARGEST:g} for kn, so that products stay finite; use other units"
         )
 
 

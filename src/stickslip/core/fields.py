@@ -1,0 +1,192 @@
+"""Fields of a state: type, shape, range, and what each of them numbers. All checks of states and of their parts follow.
+
+Compiled code does not check types, indices or lengths. `check_parts` is therefore called wherever a state or a part of
+one enters: at public functions (`arguments.checked`), at files, and when a state is built.
+"""
+
+from collections.abc import Mapping
+from numbers import Integral, Real
+from typing import Any, NamedTuple
+
+import numpy as np
+
+BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
+LARGEST = 1e100  # of any number in a state: products of a few of them are finite
+COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
+
+
+class Field(NamedTuple):
+    """Type, shape and range of an entry. Sizes and bounds may be names of sizes, see `_sizes`."""
+
+    dtype: type
+    shape: tuple[int | str, ...] | None = None  # None: a scalar
+    low: float | str = -LARGEST
+    high: float | str = LARGEST
+    optional: bool = False
+
+
+def _real(*shape, low: float = -LARGEST, optional: bool = False) -> Field:
+    return Field(np.float64, shape, low, optional=optional)
+
+
+def _positive(*shape) -> Field:
+    return _real(*shape, low=1 / LARGEST)
+
+
+FIELDS = {
+    "grains": {
+        "position": _real("grains", 3), "angle": _real("grains", 3), "velocity": _real("grains", 3),
+        "spin": _real("grains", 3), "radius": _positive("grains"), "mass": _positive("grains"),
+        "inertia": _real("grains", low=5e-324), "material": Field(np.int64, ("grains",), 0),
+    },
+    "walls": {
+        "point": _real("walls", 3), "normal": _real("walls", 3), "velocity": _real("walls", 3),
+        "mass": _positive("walls"), "material": Field(np.int64, ("walls",), 0),
+    },
+    "cell": {
+        "vectors": _real(3, 3), "periodic": Field(np.bool_, (3,)), "dim": Field(np.int64, None, 2, 3),
+        "rate": _real(3, 3),
+    },
+    "contacts": {
+        "i": Field(np.int32, ("rows",), 0, "last grain"), "j": Field(np.int32, ("rows",), 0, "last body"),
+        "image": Field(np.int16, ("rows", 3), -(1 << IMAGE_BITS - 1), (1 << IMAGE_BITS - 1) - 1),
+        "key": Field(np.int64, ("rows",), 0, np.inf), "slip": _real("rows", 3), "mode": Field(np.int8, ("rows",), 0, 2),
+        "pair": _real("rows", 3), "roll": _real("rows", 3), "reached": Field(np.bool_, ("rows",)),
+        "origin": _real("bodies", 3), "skin": Field(np.float64, None, 5e-324), "gap": Field(np.float64, None, 0),
+        "stale": Field(np.bool_, None), "count": Field(np.int64, (1,), 0, "rows"),
+        "rolling": _real("rows", 7, optional=True),
+    },
+    "control": {
+        "force": _real("bodies", 3), "torque": _real("bodies", 3), "free": Field(np.bool_, ("bodies", 6)),
+        "rate": _real("bodies", 6), "gravity": _real(3), "group": Field(np.int64, ("bodies",), -1, "last body"),
+        "cell_free": Field(np.bool_, (3, 3)), "cell_rate": _real(3, 3), "stress": _real(3, 3),
+        "cell_mass": Field(np.float64, None, 0), "knots": _real("knots"), "course": _real("knots", "courses"),
+        "follows": Field(COURSE_DTYPE, ("bodies", 6), -1, "last course"),
+        "cell_follows": Field(np.int64, (3, 3), -1, "last course"), "spring": _real("bodies", 3, low=0),
+        "anchor": _real("bodies", 3), "leads": Field(COURSE_DTYPE, ("bodies", 3), -1, "last course"),
+    },
+    "instant": {"force": _real("bodies", 6), "pull": _real(3, 3), "mark": Field(np.int64, None, -np.inf, np.inf)},
+    "": {"time": Field(np.float64)},
+}  # fmt: skip
+
+
+def check_parts(parts: Mapping[str, Any]) -> None:
+    """Raise ValueError with a one-sentence message if an entry of a state, or of parts of it, is not allowed.
+
+    Parameters
+    ----------
+    parts : the parts by their names in a state; the state itself by ""
+    """
+    entries = []
+    for part, noun in parts.items():
+        if part and getattr(noun, "_fields", None) != tuple(FIELDS[part]):
+            raise ValueError(f"{part} must be those of a State, but {type(noun).__name__} was given")
+        entries += [(f"{part}.{name}".strip("."), getattr(noun, name), field) for name, field in FIELDS[part].items()]
+    for entry in entries:
+        _check_type(*entry)
+    sizes = _sizes(parts)
+    for entry in entries:
+        _check_shape(*entry, sizes)
+    for entry in entries:
+        _check_range(*entry, sizes)
+    if "contacts" in parts:
+        _check_keys(parts["contacts"])
+
+
+def check_entry(name: str, value, field: Field, sizes: Mapping[str, int]) -> None:
+    """Raise ValueError with a one-sentence message if an entry does not have the type, shape and range of a field."""
+    _check_type(name, value, field)
+    _check_shape(name, value, field, sizes)
+    _check_range(name, value, field, sizes)
+
+
+def _sizes(parts: Mapping[str, Any]) -> dict[str, int]:
+    """Lengths of the arrays of a state, and the last index of what other arrays number.
+
+    Parts without the others tell what they can: a control knows the number of bodies, not that of grains.
+    """
+    known = {}
+    if "instant" in parts:
+        known["bodies"] = len(parts["instant"].force)
+    if "contacts" in parts:
+        contacts = parts["contacts"]
+        known |= {"bodies": len(contacts.origin), "rows": len(contacts.i)}
+        known["pairs"] = min(max(int(contacts.count[:1].sum()), 0), known["rows"])
+    if "control" in parts:
+        control = parts["control"]
+        known |= {"bodies": len(control.force), "knots": len(control.knots), "courses": control.course.shape[1]}
+        known["last course"] = known["courses"] - 1
+    if "walls" in parts:
+        known["walls"] = len(parts["walls"].mass)
+    if "grains" in parts:
+        known["grains"] = len(parts["grains"].radius)
+    if "grains" in parts and "walls" in parts:
+        known["bodies"] = known["grains"] + known["walls"]
+    known["last body"] = known.get("bodies", 0) - 1
+    known["last grain"] = known.get("grains", known.get("bodies", 0)) - 1
+    return known
+
+
+_SCALARS = {np.float64: (Real, "a number"), np.int64: (Integral, "a whole number"), np.bool_: (bool, "True or False")}
+
+
+def _check_type(name: str, value, field: Field) -> None:
+    if field.optional and value is None:
+        return
+    if field.shape is None:
+        kinds, words = _SCALARS[field.dtype]
+        if not isinstance(value, kinds) or (isinstance(value, bool) and field.dtype is not np.bool_):
+            raise ValueError(f"{name} has type {type(value).__name__}: it must be {words}")
+    elif not isinstance(value, np.ndarray) or value.dtype != field.dtype or value.ndim != len(field.shape):
+        got = f"{value.dtype} in {value.ndim} dimensions" if isinstance(value, np.ndarray) else type(value).__name__
+        raise ValueError(
+            f"{name} has type {got}: an array of {np.dtype(field.dtype)} in {len(field.shape)} dimensions is needed"
+        )
+
+
+def _check_shape(name: str, value, field: Field, sizes: Mapping[str, int]) -> None:
+    if value is None or field.shape is None:
+        return
+    shape = tuple([sizes.get(size, size) for size in field.shape])
+    if value.shape != shape:
+        parts = " and ".join(f"{sizes[key]} {key}" for key in ("grains", "walls") if key in sizes)
+        remedy = f": the parts of a state with {parts} must belong together" if parts else ""
+        raise ValueError(f"{name} has shape {value.shape} where {shape} is needed{remedy}")
+
+
+def _check_range(name: str, value, field: Field, sizes: Mapping[str, int]) -> None:
+    if value is None or field.dtype is np.bool_:
+        return
+    if field.shape and field.shape[0] == "rows":
+        value = value[: sizes["pairs"]]
+    if field.shape and not value.size:
+        return
+    low, high = (sizes.get(bound, bound) for bound in (field.low, field.high))
+    least, most = (f.reduce(value, axis=None) if field.shape else value for f in (np.minimum, np.maximum))
+    if not (low <= least and most <= high):
+        _refuse(name, np.asarray(value), field, low, high)
+
+
+def _refuse(name: str, value: np.ndarray, field: Field, low, high) -> None:
+    bad = np.argwhere(~((value >= low) & (value <= high)))[0]
+    place = f"[{', '.join(map(str, bad))}]" if len(bad) else ""
+    got = value[tuple(bad)]
+    shown = f"{got:g}"
+    if field.dtype is not np.float64:
+        shown = str(got)
+        words = f"between {low} and {high}" if high < LARGEST else f"at least {low}"
+    else:
+        sign = "positive and " if low > 0 else "zero or positive and " if low == 0 else ""
+        words = f"{sign}finite" if not abs(got) < np.inf or low >= 0 else ""
+        words = f"{words}, at most {LARGEST:g} in size".removeprefix(", ")
+    raise ValueError(f"{name}{place} is {shown}: it must be {words}")
+
+
+def _check_keys(contacts) -> None:
+    """Raise ValueError with a one-sentence message if pairs are not sorted by their keys."""
+    count = int(contacts.count[0])
+    key = contacts.i[:count].astype(np.int64) << BODY_BITS | contacts.j[:count]
+    for image in contacts.image[:count].T:
+        key = key << IMAGE_BITS | image + np.int64(1 << IMAGE_BITS - 1)
+    if not np.array_equal(key, contacts.key[:count]) or (key[1:] <= key[:-1]).any():
+        raise ValueError("contacts are not sorted, or their keys do not match them: use the contacts of this state")
