@@ -5,8 +5,8 @@ call each other. Parts of a state, laws and other values with a method `check_en
 because compiled code does not look beyond the ends of arrays.
 
 Annotations that are understood: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
-standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]` and `Annotated[Any, …]` with an
-`Array` or a `Result`. All others are ignored.
+standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]` and `Annotated[…]` with an `Array`,
+a `Requirement` or a `Result`. All others are ignored.
 """
 
 import inspect
@@ -31,6 +31,12 @@ class Array(NamedTuple):
     ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
     kinds: str = "buif"  # of types
     empty: bool = True  # whether there may be no numbers
+
+
+class Requirement(NamedTuple):
+    """Annotation of a value that must also pass a check, which raises ValueError."""
+
+    check: Callable[[Any], None]
 
 
 class Result(NamedTuple):
@@ -107,10 +113,7 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
     """Function (name, value) that returns the checked value, or None if an annotation cannot be checked."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        known = parts[1]
-        if isinstance(known, Array):
-            return lambda name, value: _check_array(name, value, known)
-        return (lambda name, value: _check_result(name, value, known)) if isinstance(known, Result) else None
+        return _check_of_annotated(*parts)
     if origin in (types.UnionType, Union):
         return _check_of_union(annotation, parts)
     if origin in (list, dict) or (origin is tuple and parts):
@@ -128,6 +131,19 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
 def _is_checkable(kind) -> bool:
     noun = isinstance(kind, type) and kind.__module__.startswith("stickslip.")
     return kind in (int, float, complex, bool, str, dict, list, tuple, Path, type(None)) or noun
+
+
+def _check_of_annotated(kind, known):
+    if isinstance(known, Requirement):
+        base = _check_of(kind)
+
+        def check(name, value):
+            known.check(base(name, value))
+            return value
+
+        return check
+    checks = {Array: _check_array, Result: _check_result}
+    return (lambda name, value: checks[type(known)](name, value, known)) if type(known) in checks else None
 
 
 def _check_of_union(annotation, parts):

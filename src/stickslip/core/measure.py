@@ -1,19 +1,50 @@
-"""Macroscopic quantities of a state: stress, pressure, coordination, rattlers, packing fraction."""
+"""Macroscopic quantities of a state: stress, pressure, coordination, rattlers, packing fraction.
+
+Contacts are those of the positions of the state. If the list of contacts or their memory belongs to other positions, a
+measure raises ValueError: commit the memory first, with `accept(state, forces(state, law)[1])`.
+"""
+
+from typing import Annotated
 
 import numpy as np
 from numba import njit
 
-from .arguments import checked, require_positive
-from .contacts.forces import bodies
+from .arguments import Requirement, checked, require_positive
+from .contacts.forces import bodies, check_materials
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
 from .contacts.mechanics import HELD, effective_values, out_of_range
+from .contacts.neighbors import body_radii, check_list
 from .laws.builtin import Law, normal_energy, row
+from .readable import pluralize
 from .state import OPEN, State
+
+ROUND_OFF = 1e-9  # share of the radius by which positions are uncertain: pairs that are closer to contact may do either
+
+
+def require_committed(state: State) -> None:
+    """Raise ValueError if the memory of contacts does not tell which bodies touch at the positions of the state.
+
+    Pairs within the range of a law may be in contact across a gap.
+    """
+    check_list(state)
+    contacts, count, radius = state.contacts, int(state.contacts.count[0]), body_radii(state)
+    i, j, known = contacts.i[:count], contacts.j[:count], contacts.mode[:count] != OPEN
+    overlap, slack = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1), ROUND_OFF * radius[i]
+    closed, opened = int((~known & (overlap > slack)).sum()), int((known & (overlap < -contacts.gap - slack)).sum())
+    if closed or opened:
+        number = f"{closed} have closed" if closed else f"{opened} have opened"
+        raise ValueError(
+            f"{number} of {pluralize(count, 'listed pair')} since the contacts were committed: equilibrate, or "
+            "accept(state, trial) first"
+        )
+
+
+Committed = Annotated[State, Requirement(require_committed)]
 
 
 @checked
-def touching(state: State) -> np.ndarray:
+def touching(state: Committed) -> np.ndarray:
     """Rows of touching contacts in the contact list."""
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
@@ -101,7 +132,7 @@ def wrapped(state: State) -> np.ndarray:
 
 
 @checked
-def fabric(state: State) -> np.ndarray:
+def fabric(state: Committed) -> np.ndarray:
     """Fabric tensor, (3, 3), the mean of n ⊗ n over touching contacts: trace 1, and 1/dim on the diagonal if isotropic.
 
     Source
@@ -155,7 +186,7 @@ def packing_fraction(state: State) -> float:
 
 
 @checked
-def contact_numbers(state: State) -> np.ndarray:
+def contact_numbers(state: Committed) -> np.ndarray:
     """Number of touching contacts of each grain, (N,), walls included."""
     n, rows = len(state.grains.radius), touching(state)
     ends = np.concatenate([state.contacts.i[rows], state.contacts.j[rows]])
@@ -163,7 +194,7 @@ def contact_numbers(state: State) -> np.ndarray:
 
 
 @checked
-def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
+def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """Rattlers, (N,) bool: grains with fewer than `least` contacts, after recursive removal of rattlers.
 
     Parameters
@@ -186,7 +217,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
 
 @checked
-def coordination(state: State, least: int = 2) -> float:
+def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that are not rattlers; zero if all grains are rattlers."""
     held = ~rattlers(state, least)
     n, rows = len(held), touching(state)
@@ -213,5 +244,6 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
 @checked
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
+    check_materials(state, law)
     shift = shifts(state.contacts, state.cell.vectors)
     return _elastic_energy(law.kind, state.cell.dim, bodies(state), state.contacts, shift, law.table)

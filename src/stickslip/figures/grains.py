@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
 from ..core.laws.builtin import Law
-from ..core.measure import branch_vectors, rattlers, wrapped
+from ..core.measure import Committed, branch_vectors, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
@@ -40,7 +40,7 @@ class Layout(NamedTuple):
 
 @styled
 def packing(
-    state: State, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
+    state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
     width: float = WIDTH, si: bool = False,
 ):  # fmt: skip
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
@@ -90,8 +90,7 @@ def packing(
 
 def bare_frame(state: State) -> Frame:
     """Frame of a state whose law is not known, with contacts but without forces."""
-    c = state.contacts
-    rows = np.flatnonzero(c.mode[: int(c.count[0])] != OPEN)
+    c, rows = state.contacts, touching(state)
     contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
     ends = np.concatenate([contacts["i"], contacts["j"]])
     n = len(state.grains.radius)

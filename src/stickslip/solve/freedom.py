@@ -11,7 +11,7 @@ from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.contacts.mechanics import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
 from ..core.laws.builtin import MU, Law
-from ..core.measure import branch_vectors, contact_forces, rattlers, volume
+from ..core.measure import Committed, branch_vectors, contact_forces, rattlers, volume
 from ..core.readable import readable
 from ..core.state import State, groups
 
@@ -112,7 +112,7 @@ def unsupported_grains(state: State, law: Law) -> np.ndarray:
 
 
 @checked
-def backbone(state: State, law: Law) -> Freedom:
+def backbone(state: Committed, law: Law) -> Freedom:
     """Free coordinates of a state without its rattlers."""
     loose = unsupported_grains(state, law)
     return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))

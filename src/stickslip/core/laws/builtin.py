@@ -159,8 +159,6 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-
-
 def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
