@@ -43,7 +43,7 @@ WRONG = [
     (lambda p, d: ss.control.fixed(p.control, [-1]), ValueError, "body -1 was given: bodies have numbers 0 to 29"),
     (lambda p, d: ss.control.fixed(p.control, [30]), ValueError, "body 30 was given"),
     (lambda p, d: ss.control.fixed(p.control, "floor"), ValueError, "give numbers of bodies, or a mask of all 30"),
-    (lambda p, d: ss.control.driven(p.control, [0], np.nan), ValueError, "a rate is NaN"),
+    (lambda p, d: ss.control.driven(p.control, [0], np.nan), ValueError, "rate holds NaN"),
     (lambda p, d: ss.packings.with_push(p, 1e-5, disk=99), ValueError, "body 99 was given"),
     (lambda p, d: ss.packings.without_walls(p, [0]), ValueError, "the state has 0 walls"),
     (lambda p, d: ss.packings.jammed(20, dim=4, packing_fraction=0.8), ValueError, "dim = 4 was given"),

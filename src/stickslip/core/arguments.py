@@ -12,7 +12,7 @@ a `Requirement` or a `Result`. All others are ignored.
 import inspect
 import threading
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, wraps
 from numbers import Complex, Integral, Real
 from pathlib import Path
@@ -22,7 +22,7 @@ import numpy as np
 
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
-_LARGEST_INTEGER = 2**63 - 1
+_LARGEST_INTEGER = 2**64 - 1
 
 
 class Array(NamedTuple):
@@ -34,21 +34,35 @@ class Array(NamedTuple):
 
 
 class Requirement(NamedTuple):
-    """Annotation of a value that must also pass a check, which raises ValueError."""
+    """Annotation of a value that must also pass a check of its name and itself, which raises ValueError."""
 
-    check: Callable[[Any], None]
+    check: Callable[[str, Any], None]
 
 
 class Result(NamedTuple):
-    """Annotation of a result whose class cannot be imported where it is used."""
+    """Annotation of a value with the attributes or keys of a class that cannot be imported where it is used."""
 
     name: str
+    attributes: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
 
 
+def require_filled(name: str, value) -> None:
+    """Raise ValueError with a one-sentence message if a list or dictionary is empty."""
+    if not len(value):
+        raise ValueError(f"{name} is empty: give at least one entry")
+
+
+def _require_seed(name: str, value: int) -> None:
+    if value < 0:
+        raise ValueError(f"{name} = {value} was given: it must be zero or positive")
+
+
+Seed = Annotated[int, Requirement(_require_seed)]
 Numbers = Annotated[Any, Array()]
+Values = Annotated[Any, Array((0, 1), empty=False)]  # a number, or several in a row
 Series = Annotated[Any, Array((1,), empty=False)]  # numbers in a row
-Vectors = Annotated[Any, Array((0, 1, 2))]  # numbers to be broadcast to one row for each body
-Bodies = Annotated[Any, Array((0, 1), kinds="bui")]
+Bodies = Annotated[Any, Array((0, 1), kinds="bui")]  # numbers of bodies, or a mask
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
@@ -115,13 +129,13 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
     if origin is Annotated:
         return _check_of_annotated(*parts)
     if origin in (types.UnionType, Union):
-        return _check_of_union(annotation, parts)
+        return _check_of_union(parts)
     if origin in (list, dict) or (origin is tuple and parts):
         return _check_of_container(origin, parts)
     if origin is Callable or annotation is Callable:
         return _check_callable
     if annotation is np.ndarray:
-        return lambda name, value: _check_ndarray(name, value)
+        return lambda name, value: _check_array(name, value, Array(kinds="buifc"))
     if annotation is None or isinstance(annotation, type):
         kind = type(None) if annotation is None else annotation
         return (lambda name, value: _check_class(name, value, (kind,))) if _is_checkable(kind) else None
@@ -138,7 +152,8 @@ def _check_of_annotated(kind, known):
         base = _check_of(kind)
 
         def check(name, value):
-            known.check(base(name, value))
+            value = base(name, value)
+            known.check(name, value)
             return value
 
         return check
@@ -146,30 +161,32 @@ def _check_of_annotated(kind, known):
     return (lambda name, value: checks[type(known)](name, value, known)) if type(known) in checks else None
 
 
-def _check_of_union(annotation, parts):
+def _check_of_union(parts):
     if all(map(_is_checkable, parts)):
         return lambda name, value: _check_class(name, value, parts)
-    others = [part for part in parts if part is not type(None)]
-    checks = [_check_of(part) for part in others]
+    checks = [_check_of(part) for part in parts]
     if None in checks:
         return None
+    words = " or ".join(map(_words, parts))
 
     def check(name, value):
-        if value is None and type(None) in parts:
-            return value
-        for one in checks[:-1]:
+        problems = []
+        for one in checks:
             try:
                 return one(name, value)
-            except (TypeError, ValueError):
-                continue
-        return checks[-1](name, value)
+            except (TypeError, ValueError) as problem:
+                problems.append(problem)
+        for problem in problems:  # of the right type, but with a wrong entry
+            if isinstance(problem, ValueError):
+                raise problem
+        raise TypeError(f"{name} must be {words}, but {_described(value)} was given")
 
     return check
 
 
 def _check_of_container(origin, parts):
     checks = [_check_of(part) for part in parts if part is not Ellipsis]
-    words = f"a {origin.__name__} of {' and '.join(_words(part) for part in parts if part is not Ellipsis)}"
+    words = _words(origin[parts])
 
     def check(name, value):
         if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
@@ -190,8 +207,22 @@ def _part(check, name, value):
     return value if check is None else check(name, value)
 
 
-def _words(part) -> str:
-    return {int: "whole numbers", float: "numbers", str: "words"}.get(part, getattr(part, "__name__", str(part)))
+_WORDS = {int: "a whole number", float: "a number", bool: "True or False", type(None): "None", str: "a word"}
+
+
+def _words(annotation) -> str:
+    """What an annotation allows, in words."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return f"a {parts[1].name}" if isinstance(parts[1], Result) else _words(parts[0])
+    if origin in (types.UnionType, Union):
+        return " or ".join(map(_words, parts))
+    if origin in (list, tuple, dict):
+        inner = " and ".join(_words(part).removeprefix("a ") for part in parts if part is not Ellipsis)
+        return f"a {origin.__name__} of {inner}"
+    if annotation is Any:
+        return "numbers"
+    return _WORDS.get(annotation, f"a {getattr(annotation, '__name__', annotation)}")
 
 
 def _check_class(name: str, value, classes: tuple[Any, ...]):
@@ -225,10 +256,12 @@ def _check_float(name: str, value):
 
 
 def _check_integer(name: str, value):
-    if not np.isfinite(value) or value != int(value):
+    if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
         raise ValueError(f"{name} = {value} was given, but it must be a whole number")
     if abs(value) > _LARGEST_INTEGER:
-        raise ValueError(f"{name} = {float(value):g} was given: at most {_LARGEST_INTEGER} is allowed")
+        raise ValueError(
+            f"{name} is a number of {len(str(abs(int(value))))} digits: at most {_LARGEST_INTEGER} is allowed"
+        )
     return int(value)
 
 
@@ -238,14 +271,8 @@ def _check_callable(name: str, value):
     return value
 
 
-def _check_ndarray(name: str, value):
-    if not isinstance(value, np.ndarray):
-        raise TypeError(f"{name} must be an array, but {_described(value)} was given")
-    return _check_array(name, value, Array(kinds="buifc"))
-
-
 def _check_array(name: str, value, wanted: Array):
-    if isinstance(value, slice | range):
+    if isinstance(value, slice):
         return value
     try:
         array = np.asarray(value)
@@ -266,7 +293,7 @@ def _check_array(name: str, value, wanted: Array):
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
-    return value
+    return array if kind in "buifc" else array.astype(float)
 
 
 def _are_numbers(array: np.ndarray) -> bool:
@@ -274,9 +301,11 @@ def _are_numbers(array: np.ndarray) -> bool:
 
 
 def _check_result(name: str, value, wanted: Result):
-    classes = (kind for kind in type(value).__mro__ if kind.__module__.startswith("stickslip."))
-    if wanted.name not in [kind.__name__ for kind in classes]:
-        raise TypeError(f"{name} must be a {wanted.name}, but {_described(value)} was given")
+    absent = [f".{one}" for one in wanted.attributes if not hasattr(value, one)]
+    absent += [repr(one) for one in wanted.keys if not isinstance(value, Mapping) or one not in value]
+    if absent:
+        kind = _described(value)
+        raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
     return value
 
 
@@ -285,9 +314,8 @@ def _described(value) -> str:
 
 
 def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
-    words = {int: "a whole number", float: "a number", bool: "True or False", type(None): "None"}
-    allowed = " or ".join(words.get(kind, f"a {kind.__name__}") for kind in classes)
-    nouns = tuple(kind for kind in classes if kind not in words)
+    allowed = " or ".join(map(_words, classes))
+    nouns = tuple(kind for kind in classes if kind not in _WORDS)
     remedy = ""
     if type(value) is tuple and any(isinstance(part, nouns) for part in value):
         k = next(k for k, part in enumerate(value) if isinstance(part, nouns))
@@ -296,6 +324,13 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
     return f"{name} must be {allowed}, but {_described(value)} was given{remedy}"
+
+
+def require_index(count: int, **values) -> None:
+    """Raise ValueError with a one-sentence message if a value does not number one of `count` things, from 0."""
+    for name, value in values.items():
+        if not 0 <= value < count:
+            raise ValueError(f"{name} = {value} was given: it must be between 0 and {count - 1}")
 
 
 def require_positive(**values) -> None:

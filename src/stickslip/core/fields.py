@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
-LARGEST = 1e100  # of any number in a state: products of a few of them are finite
+LARGEST = 1e150  # of any number in a state: squares are finite
 COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 
 
@@ -171,14 +171,17 @@ def _refuse(name: str, value: np.ndarray, field: Field, low, high) -> None:
     bad = np.argwhere(~((value >= low) & (value <= high)))[0]
     place = f"[{', '.join(map(str, bad))}]" if len(bad) else ""
     got = value[tuple(bad)]
-    shown = f"{got:g}"
+    shown = "NaN" if got != got else f"{got:g}"
     if field.dtype is not np.float64:
         shown = str(got)
         words = f"between {low} and {high}" if high < LARGEST else f"at least {low}"
     else:
         sign = "positive and " if low > 0 else "zero or positive and " if low == 0 else ""
-        words = f"{sign}finite" if not abs(got) < np.inf or low >= 0 else ""
-        words = f"{words}, at most {LARGEST:g} in size".removeprefix(", ")
+        words = (
+            f"{sign}finite"
+            if abs(got) < 1 / LARGEST or got < 0 <= low
+            else f"{sign}finite, at most {LARGEST:g} in size"
+        )
     raise ValueError(f"{name}{place} is {shown}: it must be {words}")
 
 

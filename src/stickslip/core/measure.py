@@ -22,7 +22,7 @@ from .state import OPEN, State
 ROUND_OFF = 1e-9  # share of the radius by which positions are uncertain: pairs that are closer to contact may do either
 
 
-def require_committed(state: State) -> None:
+def require_committed(name: str, state: State) -> None:
     """Raise ValueError if the memory of contacts does not tell which bodies touch at the positions of the state.
 
     Pairs within the range of a law may be in contact across a gap.

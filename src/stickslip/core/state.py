@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import checked
+from .arguments import Numbers, Series, checked
 from .fields import COURSE_DTYPE, LARGEST, check_parts
 from .readable import pluralize, readable
 
@@ -198,7 +198,11 @@ def as_rows(value, n, width=None, dtype=float):
         ) from None
 
 
-def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=0.0, angle=0.0) -> Grains:
+@checked
+def disks(
+    position: Numbers, radius: Numbers, *, mass: Numbers = 1.0, i0: Numbers = 0.5, material: Numbers = 0,
+    velocity: Numbers = 0.0, spin: Numbers = 0.0, angle: Numbers = 0.0,
+) -> Grains:  # fmt: skip
     """Grains, at rest by default, with moment of inertia i0 m R².
 
     Parameters
@@ -224,17 +228,25 @@ def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=
         as_rows(spin, n, 3),
         radius,
         mass,
-        i0 * mass * radius**2,
+        as_rows(i0, n) * mass * radius**2,
         as_rows(material, n, dtype=np.int64),
     )
 
 
-def spheres(position, radius, *, i0=0.4, **rest) -> Grains:
+@checked
+def spheres(
+    position: Numbers, radius: Numbers, *, mass: Numbers = 1.0, i0: Numbers = 0.4, material: Numbers = 0,
+    velocity: Numbers = 0.0, spin: Numbers = 0.0, angle: Numbers = 0.0,
+) -> Grains:  # fmt: skip
     """Like `disks`, with the moment of inertia of a homogeneous sphere."""
-    return disks(position, radius, i0=i0, **rest)
+    more = {"material": material, "velocity": velocity, "spin": spin, "angle": angle}
+    return disks(position, radius, mass=mass, i0=i0, **more)
 
 
-def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Walls:
+@checked
+def flat_walls(
+    point: Numbers = (), normal: Numbers = (), *, mass: Numbers = 1.0, material: Numbers = 0, velocity: Numbers = 0.0
+) -> Walls:
     """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
     point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
@@ -252,7 +264,10 @@ def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Wa
     )
 
 
-def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
+@checked
+def box(
+    size: Numbers = (1.0, 1.0, 1.0), periodic: tuple[bool, ...] | list[bool] | np.ndarray = (False,) * 3, dim: int = 3
+) -> Cell:
     """Cell without walls.
 
     Parameters
@@ -310,7 +325,9 @@ def reset_reached(contacts: Contacts) -> Contacts:
 
 
 @checked
-def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.0, 0.0, 0.0)) -> Control:
+def loads(
+    n_grains: int, n_walls: int = 0, *, force: Numbers = 0.0, torque: Numbers = 0.0, gravity: Series = (0.0, 0.0, 0.0)
+) -> Control:
     """Control with free grains, frozen walls, and the given loads on the grains.
 
     Parameters
@@ -326,7 +343,7 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((n, 3)),
         np.ones((n, 6), bool),
         np.zeros((n, 6)),
-        as_numbers(gravity).copy(),
+        as_rows(gravity, 1, 3)[0],
         np.full(n, -1),
         np.zeros((3, 3), bool),
         np.zeros((3, 3)),

@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import import_module
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from ..core.arguments import checked
+from ..core.arguments import Result, checked
 from ..core.readable import readable
 from . import local
 from .worker import SchedulerGoneError, describe_error
 
-Workers = int | str | None  # number of local processes, or a Dask scheduler's address; None: one process per core
+# number of local processes, or a Dask scheduler's address or client; None: one process per core
+Workers = int | str | None | Annotated[Any, Result("distributed.Client", ("scheduler", "nthreads"))]
 
 
 @readable
@@ -38,6 +39,7 @@ class Spread(NamedTuple):
     words: str
 
 
+@checked
 def reach(workers: Workers) -> Spread:
     """Check that the requested workers are available, and describe them.
 
@@ -59,13 +61,14 @@ def reach(workers: Workers) -> Spread:
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
 
 
+@checked
 def run_members(
     function: Callable,
     tasks: Iterable[tuple],
     *,
     workers: Workers = None,
-    report=None,
-    live=None,
+    report: Callable | None = None,
+    live: Callable | None = None,
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
 ) -> list[Member]:

@@ -5,6 +5,11 @@ from matplotlib import pyplot as plt
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
+from ..core.arguments import Series
+from ..friction.fitting import Fit
+from ..friction.loads import LoadStep
+from ..friction.model import Data
+from ..friction.ratestate import SlipHistory
 from .style import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, column_axes, styled
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
@@ -18,7 +23,7 @@ BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
 
 
 @styled
-def slid(history, recorded, legs):
+def slid(history: SlipHistory, recorded: Series, legs: list[LoadStep] | tuple[LoadStep, ...]):
     """Friction, velocity and state against load-point displacement, or against time if the load point ever stops."""
     figure, panels = column_axes(3, 4.6, sharex=True)
     x, label, ends = _abscissa(history.time, history.load_point, legs)
@@ -52,7 +57,7 @@ def slid(history, recorded, legs):
 
 
 @styled
-def fitted(data, fits):
+def fitted(data: Data, fits: list[Fit] | tuple[Fit, ...]):
     """Record with fits and their residuals."""
     figure, (top, bottom) = column_axes(2, 3.6, sharex=True, height_ratios=(2, 1))
     time = np.asarray(data.time)

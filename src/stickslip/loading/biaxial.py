@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import Seed, Values, checked
 from ..core.control import force_controlled, stress_controlled
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law, linear
@@ -25,8 +25,8 @@ def biaxial_box(
     kn: float = 1.0,
     kt: float = 0.5,
     mu: float = 0.5,
-    radius=(0.4, 0.6),
-    seed: int = 0,
+    radius: Values = (0.4, 0.6),
+    seed: Seed = 0,
     tolerance: float = 1e-9,
 ) -> tuple[State, Law]:
     """Frictional disks at rest in a box, compressed by two walls under constant forces.
@@ -80,8 +80,8 @@ def biaxial_box(
 
 @checked
 def sheared_box(
-    n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
-    seed: int = 0, tolerance: float = 1e-9,
+    n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5,
+    radius: Values = (0.4, 0.6), seed: Seed = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
     """Frictional disks at rest under a prescribed pressure in a periodic cell with free strains xx, yy and xy.
 

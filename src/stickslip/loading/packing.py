@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Seed, Values, checked, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
@@ -33,12 +33,12 @@ from ..solve.relax import residual
 @checked
 def disk_array(
     n: int = 10,
-    radius=0.5,
+    radius: Values = 0.5,
     *,
     press: float,
     push: float = 0.0,
     disk: int = 0,
-    mass=1.0,
+    mass: Values = 1.0,
     i0: float = 0.5,
     gap: float = 0.0,
 ) -> State:
@@ -110,11 +110,11 @@ def jammed(
     packing_fraction: float | None = None,
     pressure: float | None = None,
     dim: int = 3,
-    radius=(0.5, 0.7),
-    mass=1.0,
+    radius: Values = (0.5, 0.7),
+    mass: Values = 1.0,
     i0: float | None = None,
     law: Law | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     tolerance: float = 5e-14,
 ):
     """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible from its seed.
@@ -220,7 +220,8 @@ def random_grains(n: int, fraction: float, dim: int, *, radius, mass, i0: float 
 def _check_radii(radius, n: int) -> np.ndarray:
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise ValueError(f"radius = {radius} was given: one, a few, or {n} positive numbers are needed")
+        got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
+        raise ValueError(f"radius = {got} given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 

@@ -1,5 +1,6 @@
 """Slow dynamics of a packing under a changing load, with dashpots and drag, in small steps of the load."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ class SlowRun(NamedTuple):
 
 @checked
 def slow_dynamics(
-    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report=None
+    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report: Callable | None = None
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 

@@ -1,5 +1,6 @@
 """Stability of a packing with dashpots, from the first-order form of M q̈ = J q + C q̇."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -118,7 +119,9 @@ class DampedStability(NamedTuple):
 
 
 @checked
-def damped_stability(state: State, law: Law, *, method: str = "auto", report=None) -> DampedStability:
+def damped_stability(
+    state: State, law: Law, *, method: str = "auto", report: Callable | None = None
+) -> DampedStability:
     """Analyse the stability of a state whose law has dashpots, from the exponents s of M q̈ = J q + C q̇.
 
     Parameters

@@ -14,7 +14,7 @@ from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag
 from ..laws.dispatch import check_kind
 from ..options import INNER
 from ..readable import pluralize, readable
-from ..state import OPEN, State, groups
+from ..state import OPEN, Contacts, State, groups
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
@@ -173,7 +173,7 @@ def check_memory(memory: int) -> None:
 
 
 @checked
-def accept(state: State, trial) -> State:
+def accept(state: State, trial: Contacts) -> State:
     """State with the trial memory committed.
 
     Raises

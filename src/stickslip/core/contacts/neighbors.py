@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..arguments import checked
+from ..arguments import Bodies, checked
 from ..fields import BODY_BITS, IMAGE_BITS
 from ..laws.builtin import Law
 from ..options import INNER
@@ -398,7 +398,7 @@ def select_rows(contacts: Contacts, rows) -> Contacts:
 
 
 @checked
-def without_walls(state: State, walls) -> State:
+def without_walls(state: State, walls: Bodies) -> State:
     """State without the given walls, numbered 0 … W−1.
 
     All other contacts keep their memory, and later walls are renumbered.
@@ -427,4 +427,5 @@ def without_walls(state: State, walls) -> State:
         walls=type(state.walls)(*(part[kept[n:]] for part in state.walls)),
         contacts=contacts._replace(j=j, key=key, origin=contacts.origin[kept]),
         control=control,
+        instant=None,
     )

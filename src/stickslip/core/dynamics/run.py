@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..arguments import checked, require_not_negative
+from ..arguments import Bodies, checked, require_not_negative
 from ..contacts.forces import check_materials
 from ..contacts.neighbors import with_neighbor_list
 from ..laws.builtin import SMOOTH, Law
@@ -26,7 +26,7 @@ def run(
     drag: float = 0.0,
     spin_drag: float | None = None,
     every: int = 0,
-    probes=(),
+    probes: Bodies = (),
     events: bool = False,
     ledger: bool = False,
     tolerance: float = 0.0,

@@ -46,14 +46,15 @@ class Law(NamedTuple):
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if compiled code does not know this law."""
         dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
-        for name, known in (("kind", range(len(NAMES))), ("coulomb", COULOMB.values()), ("damping", dampings)):
+        for name, known in (("coulomb", COULOMB.values()), ("damping", dampings), ("kind", None)):
             value = getattr(self, name)
-            if not isinstance(value, Integral) or not (value in known or isinstance(value, Kind)):
+            if not isinstance(value, Integral) or (known and value not in known):
                 raise ValueError(f"law.{name} is {value!r}: take a law from stickslip.laws")
+        check_kind(self.kind)
         sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
         check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
         for k, name in enumerate(names):
-            low = 1 / LARGEST if name == "kn" else 0.0 if name in PARAMETERS else -LARGEST
+            low = 1 / MAX_PARAMETER if name == "kn" else 0.0 if name in PARAMETERS else -LARGEST
             check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
 
@@ -170,6 +171,9 @@ def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     return Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
 
 
+MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
+
+
 def damping_model(law: Law) -> int:
     """Damping model of the law, 0 if no pair of materials has dashpots. It is an integer by which kernels are keyed."""
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
@@ -186,10 +190,10 @@ def check_parameter(name, value, names=PARAMETERS):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
         )
-    if abs(float(value)) > LARGEST or (name == "kn" and value < 1 / LARGEST):
+    if abs(float(value)) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {value:g} was given: at most {LARGEST:g} is allowed, and at least "
-            f"{1 / LARGEST:g} for kn, so that products stay finite; use other units"
+            f"{name} = {value:g} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
+            f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
         )
 
 

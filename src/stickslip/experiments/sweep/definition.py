@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.readable import readable
 from ...data.dotted_keys import field_at, with_value
 from ...data.law_file import with_checksum
@@ -86,11 +87,13 @@ class Member(NamedTuple):
     scenario: ScenarioBase
 
 
+@checked
 def read_sweep(path: str | Path) -> Sweep:
     """Read a sweep from a TOML file with a [sweep] table, or from the sweep.json of a run."""
     return sweep(**read_tables(path))
 
 
+@checked
 def sweep(**tables) -> Sweep:
     """Create a sweep from nested dictionaries, as in the TOML file; only the [sweep] table is validated here.
 
