@@ -12,10 +12,9 @@ a `Requirement` or a `Result`. All others are ignored.
 import inspect
 import threading
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from numbers import Complex, Integral, Real
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
@@ -132,6 +131,8 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
         return _check_of_union(parts)
     if origin in (list, dict) or (origin is tuple and parts):
         return _check_of_container(origin, parts)
+    if origin is Iterable:
+        return lambda name, value: _check_of_container(list, parts)(name, _listed(name, value))
     if origin is Callable or annotation is Callable:
         return _check_callable
     if annotation is np.ndarray:
@@ -143,8 +144,7 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
 
 
 def _is_checkable(kind) -> bool:
-    noun = isinstance(kind, type) and kind.__module__.startswith("stickslip.")
-    return kind in (int, float, complex, bool, str, dict, list, tuple, Path, type(None)) or noun
+    return isinstance(kind, type) and kind not in (object, np.ndarray)
 
 
 def _check_of_annotated(kind, known):
@@ -203,6 +203,12 @@ def _check_of_container(origin, parts):
     return check
 
 
+def _listed(name: str, value) -> list:
+    if not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
+        raise TypeError(f"{name} must be a list, but {_described(value)} was given")
+    return list(value)
+
+
 def _part(check, name, value):
     return value if check is None else check(name, value)
 
@@ -248,10 +254,8 @@ def _check_class(name: str, value, classes: tuple[Any, ...]):
 def _check_float(name: str, value):
     if value != value:
         raise ValueError(f"{name} is NaN: give a number")
-    try:
-        float(value)
-    except OverflowError:
-        raise ValueError(f"{name} is a number beyond 1e308: give a smaller one") from None
+    if isinstance(value, Integral) and abs(value) > _LARGEST_INTEGER:
+        raise ValueError(f"{name} is a whole number beyond {_LARGEST_INTEGER}: give a float")
     return value
 
 
@@ -331,6 +335,13 @@ def require_index(count: int, **values) -> None:
     for name, value in values.items():
         if not 0 <= value < count:
             raise ValueError(f"{name} = {value} was given: it must be between 0 and {count - 1}")
+
+
+def require_shape(shape: tuple[int, ...], **values) -> None:
+    """Raise ValueError with a one-sentence message if a value has another shape."""
+    for name, value in values.items():
+        if np.shape(value) != shape:
+            raise ValueError(f"{name} has shape {np.shape(value)} where {shape} is needed")
 
 
 def require_positive(**values) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .arguments import Bodies, Numbers, Series, checked, require_positive
+from .arguments import Bodies, Numbers, Series, checked, require_positive, require_shape
 from .state import Control, as_numbers, as_rows
 
 
@@ -240,6 +240,7 @@ def spring_loaded(
 @checked
 def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
     """Forces of springs, (B, 3), on bodies at (B, 3) positions [force]."""
+    require_shape(control.spring.shape, position=position)
     if not control.spring.any():
         return np.zeros_like(control.spring)
     displacement = np.append(factors_at(control, time)[:-1], 0.0)[control.leads]

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from numba import njit
 
-from .arguments import Requirement, checked, require_positive
+from .arguments import Requirement, checked, require_positive, require_shape
 from .contacts.forces import bodies, check_materials
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
@@ -205,7 +205,9 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     n, rows = len(state.grains.radius), touching(state)
     i, j = state.contacts.i[rows], state.contacts.j[rows]
     loose = np.zeros(state.n_bodies, bool)
-    loose[:n] = False if known is None else known
+    if known is not None:
+        require_shape((n,), known=known)
+        loose[:n] = known
     while True:
         holds = ~(loose[i] | loose[j])
         number = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import Numbers, Series, checked
+from .arguments import Numbers, Series, checked, require_shape
 from .fields import COURSE_DTYPE, LARGEST, check_parts
 from .readable import pluralize, readable
 
@@ -179,8 +179,9 @@ def as_numbers(value, dtype=float) -> np.ndarray:
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
         what = {"c": "complex numbers", "M": "dates", "m": "time differences", "O": "complex numbers"}
         raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
-    if np.issubdtype(dtype, np.integer) and array.dtype.kind == "f" and not (array == np.round(array)).all():
-        raise ValueError(f"{array[array != np.round(array)].flat[0]:g} was given where whole numbers are needed")
+    if np.issubdtype(dtype, np.integer) and array.dtype.kind in "fO":
+        for value in array[(array != np.round(array.astype(float))) | (abs(array) > 2**53)].flat:
+            raise ValueError(f"{value:g} was given where whole numbers up to 2^53 are needed")
     return np.asarray(array, dtype)
 
 
@@ -379,6 +380,7 @@ def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
     array([[ 1.],
            [-1.]])
     """
+    require_shape((len(np.atleast_1d(position)), 3), position=position)
     return np.einsum("nwk,wk->nw", position[:, None] - walls.point, walls.normal)
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import Seed, Values, checked, require_positive
+from ..core.arguments import Seed, Values, checked, require_index, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
@@ -22,7 +22,7 @@ from ..core.measure import (
 )
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
-from ..core.state import SLIDE, State, assembly, box, disks, flat_walls, loads, spheres
+from ..core.state import SLIDE, State, as_rows, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import equilibrate
 from ..solve.linear import one_thread
@@ -62,7 +62,9 @@ def disk_array(
     >>> disk_array(3, press=5e-5).grains.position[:, 0]
     array([0.5, 1.5, 2.5])
     """
-    radius = np.broadcast_to(np.asarray(radius, float), (n,))
+    if n < 1:
+        raise ValueError(f"n = {n} was given: at least 1 disk is needed")
+    radius = as_rows(radius, n)
     after = np.roll(radius, -1)
     spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height
     centers = radius[0] + np.concatenate([[0.0], np.cumsum(spacing[:-1])])
@@ -70,6 +72,7 @@ def disk_array(
     grains = disks(np.stack([centers, radius], axis=1), radius, mass=mass, i0=i0)
     force = np.zeros((n, 3))
     force[:, 1] = -press
+    require_index(n, disk=disk)
     force[disk, 0] += push
     wall = flat_walls([0.0, 0.0, 0.0], [0.0, 1.0, 0.0], material=SUBSTRATE)
     cell = box([length, 1.0, 1.0], [True, False, False], dim=2)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import Numbers, checked
+from ..core.arguments import Numbers, checked, require_shape
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SMOOTH, Law
 from ..core.measure import branch_vectors, touching
@@ -211,4 +211,5 @@ def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
 @checked
 def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding: Numbers | None = None) -> float:
     """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
+    require_shape((len(matrix.free),), velocity=velocity)
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

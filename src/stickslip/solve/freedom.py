@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_shape
 from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
 from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.contacts.mechanics import HELD
@@ -70,6 +70,7 @@ class Freedom(NamedTuple):
         return self._expand(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
 
     def _expand(self, q):
+        require_shape((len(self),), q=q)
         return np.where(self.place >= 0, np.append(q, 0)[self.place], 0)
 
     def without(self, bodies: np.ndarray) -> "Freedom":
@@ -197,6 +198,8 @@ def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
 @checked
 def assembled(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K assembled from contact blocks."""
+    width = 9 if np.shape(blocks)[-1:] == (9,) else 6
+    require_shape((int(state.contacts.count[0]), width, width), blocks=blocks)
     if free.length:
         q = incidence(state, len(blocks), free, blocks.shape[1])
         flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))

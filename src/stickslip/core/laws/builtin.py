@@ -58,9 +58,10 @@ class Law(NamedTuple):
             check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
 
+@checked
 def hertz_mindlin(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True,
-    rescaled=False,
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0,
+    tension: bool = True, rescaled: bool = False,
 ) -> Law:  # fmt: skip
     """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
@@ -97,9 +98,11 @@ def hertz_mindlin(
     return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
+@checked
 def linear(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
-) -> Law:
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0,
+    tension: bool = True,
+) -> Law:  # fmt: skip
     """F_n = k_n δ − c_n v_n; F_t = −k_t s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
     Smooth friction is defined as in `hertz_mindlin`.
@@ -114,9 +117,10 @@ def linear(
     return _make_law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
+@checked
 def hertz_mindlin_reff(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0, tension=True,
-    rescaled=False,
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0,
+    tension: bool = True, rescaled: bool = False,
 ) -> Law:  # fmt: skip
     """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), p = √(δ R_eff).
 
