@@ -67,7 +67,8 @@ GOOD = {
     "displaced": {"step": STEPS}, "control.spring_forces": {"position": STATE.grains.position},
     "control.spring_loaded": {"position": [[0, 0, 0]]}, "quasirigid.linear_system": {"state": BOX, "law": BOX_LAW},
     "modes.displaced": {"step": STEPS}, "packings.jammed": {"tolerance": 1e-6, "pressure": None},
-    "protocols.find_events": {"step": 0.5}, "packings.biaxial_box": {"n": 10}, "packings.sheared_box": {"n": 10}, "packings.compressed": {"pressure": 1e-2, "tolerance": 1e-6},
+    "protocols.find_events": {"step": 0.5}, "packings.biaxial_box": {"n": 10}, "packings.sheared_box": {"n": 10},
+    "packings.compressed": {"pressure": 1e-2, "tolerance": 1e-6},
     "friction.prescribed": {"time": TIME, "velocity": 1e-6 + 0 * TIME},
 }  # fmt: skip
 
@@ -140,6 +141,20 @@ def laws():
         yield f"{name} {value!r}", LAW._replace(**{name: value})
 
 
+def results():
+    """Invalid results by the argument that takes them."""
+    loads = BY_NAME["loads"]
+    yield "free", "of others", ss.freedom(BOX)
+    yield "free", "short", FREE._replace(place=FREE.place[:-1])
+    yield "free", "out of range", FREE._replace(component=FREE.component + 10**6)
+    yield "loads", "of others", ss.forces(BOX, BOX_LAW)[0]
+    yield "loads", "NaN", loads._replace(force=np.full_like(loads.force, NAN))
+    yield "trial", "of others", BOX.contacts
+    yield "path", "invalid state", [POINT._replace(state=STATE._replace(time=NAN))]
+    yield "frames", "invalid state", [FRAME._replace(state=STATE._replace(time=NAN))]
+    yield "frame", "invalid state", FRAME._replace(state=STATE._replace(time=NAN))
+
+
 VALUES = {
     "None": None, "word": "x", "empty word": "", "NaN": NAN, "inf": np.inf, "−1": -1, "0": 0, "denormal": 1e-320,
     "huge": 1e300, "fraction": 0.5, "long": 10**30, "complex": 1j, "True": True, "[]": [], "[NaN]": [NAN],
@@ -151,7 +166,9 @@ VALUES = {
 
 def calls():
     """Name, function, arguments, and whether the call has to be refused, of every call."""
-    bad_states, bad_laws = list(states()), list(laws())
+    bad = {"state": list(states()), "law": list(laws())}
+    for key, what, value in results():
+        bad.setdefault(key, []).append((what, value))
     for name, function in functions():
         given, variable = {}, []
         for one in inspect.signature(function).parameters.values():
@@ -164,7 +181,7 @@ def calls():
                 given[one.name] = object()  # no valid value is at hand: only wrong ones are tried
         names = [*(key for key, one in inspect.signature(function).parameters.items() if one not in variable)]
         for key in names:
-            for what, value in bad_states if key == "state" else bad_laws if key == "law" else ():
+            for what, value in bad.get(key, ()):
                 yield f"{name}({key} = {what})", function, given | {key: value}, True
             for what, value in VALUES.items():
                 yield f"{name}({key} = {what})", function, given | {key: value}, False

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.fields import FIELDS
+from stickslip.core.state import Instant
 from stickslip.data import archive
 from tests.conftest import make_law, make_packing, stirred
 
@@ -62,6 +64,49 @@ def test_indices_out_of_range_are_refused(state, tmp_path, entry, value):
     archive.write(tmp_path / "bad.h5", {"state": bad})
     with pytest.raises(archive.ArchiveError, match=r"cannot be read as an archive .*(between|at least)"):
         archive.read(tmp_path / "bad.h5")
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "words"),
+    [
+        ("grains.mass", np.nan, r"grains\.mass\[0\] is NaN"), ("grains.mass", -1.0, r"grains\.mass\[0\] is -1"),
+        ("grains.inertia", 0.0, r"grains\.inertia\[0\] is 0"), ("grains.radius", np.inf, r"grains\.radius\[0\] is inf"),
+        ("contacts.slip", np.nan, r"contacts\.slip\[0, 0\] is NaN"), ("control.spring", -1.0, r"spring\[0, 0\] is -1"),
+    ],
+)  # fmt: skip
+def test_values_that_are_impossible_are_refused(state, tmp_path, entry, value, words):
+    noun, name = entry.split(".")
+    array = np.array(getattr(getattr(state, noun), name))
+    array.flat[0] = value
+    archive.write(tmp_path / "bad.h5", {"state": changed(state, noun, name, array)})
+    with pytest.raises(archive.ArchiveError, match=words):
+        archive.read(tmp_path / "bad.h5")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda s: s._replace(time="now"), "time has type str: it must be a number"),
+        (lambda s: s._replace(time=np.nan), "time is NaN"),
+        (lambda s: changed(s, "control", "cell_mass", np.zeros((3, 3))), r"control\.cell_mass has type ndarray"),
+        (lambda s: changed(s, "control", "cell_mass", -1.0), r"control\.cell_mass is -1"),
+        (lambda s: changed(s, "grains", "radius", s.grains.radius.astype("f4")), r"radius has type float32"),
+        (lambda s: changed(s, "grains", "radius", s.grains.radius.astype(">f8")), r"radius has type >f8"),
+        (lambda s: changed(s, "contacts", "i", s.contacts.i.astype("u4")), r"contacts\.i has type uint32"),
+        (lambda s: s._replace(contacts=None), "contacts must be those of a State, but NoneType was given"),
+    ],
+)
+def test_scalars_and_types_that_no_state_has_are_refused(state, tmp_path, change, words):
+    """Compiled code is compiled for one type of each array; another would end in an error of the compiler."""
+    archive.write(tmp_path / "bad.h5", {"state": change(state)})
+    with pytest.raises(archive.ArchiveError, match=words):
+        archive.read(tmp_path / "bad.h5")
+
+
+def test_all_fields_of_a_state_are_described(state):
+    nouns = {noun: getattr(state, noun)._fields for noun in NOUNS} | {"instant": Instant._fields}
+    assert {noun: tuple(FIELDS[noun]) for noun in nouns} == nouns
+    assert set(state._fields) - set(nouns) == set(FIELDS[""])
 
 
 def test_contacts_of_others_are_refused(state):

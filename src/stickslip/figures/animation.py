@@ -27,7 +27,8 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 
 @styled
 def movie(
-    frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
+    frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
+    mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.

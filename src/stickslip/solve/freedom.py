@@ -10,6 +10,7 @@ from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
 from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.contacts.mechanics import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
+from ..core.fields import Field, check_entry
 from ..core.laws.builtin import MU, Law
 from ..core.measure import Committed, branch_vectors, contact_forces, rattlers, volume
 from ..core.readable import readable
@@ -47,7 +48,15 @@ class Freedom(NamedTuple):
     @property
     def bodies(self) -> int:
         """Number of bodies."""
-        return (len(self.place) - 9) // 6
+        return (len(np.atleast_1d(self.place)) - 9) // 6
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or range."""
+        sizes = {"n": len(np.atleast_1d(self.component)), "places": 6 * self.bodies + 9}
+        sizes["last"] = sizes["n"] - 1
+        check_entry("free.component", self.component, Field(np.int64, ("n",), 0, sizes["places"] - 1), sizes)
+        check_entry("free.mass", self.mass, Field(np.float64, ("n",), 5e-324), sizes)
+        check_entry("free.place", self.place, Field(np.int64, ("places",), -1, "last"), sizes)
 
     def check_belongs(self, others) -> None:
         """Raise ValueError if any state among the given values has a different number of bodies."""
