@@ -59,7 +59,8 @@ def _require_seed(name: str, value: int) -> None:
 
 Seed = Annotated[int, Requirement(_require_seed)]
 Numbers = Annotated[Any, Array()]
-Values = Annotated[Any, Array((0, 1), empty=False)]  # a number, or several in a row
+Several = Annotated[Any, Array((0, 1))]  # a number, or some in a row
+Values = Annotated[Any, Array((0, 1), empty=False)]  # a number, or at least one in a row
 Series = Annotated[Any, Array((1,), empty=False)]  # numbers in a row
 Bodies = Annotated[Any, Array((0, 1), kinds="bui")]  # numbers of bodies, or a mask
 

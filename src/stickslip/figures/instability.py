@@ -7,11 +7,12 @@ from scipy.signal import find_peaks
 from scipy.special import expit
 
 from ..core.arguments import Result
-from ..core.dynamics.record import Record
 from ..core.state import State
 from ..solve.birth import BirthForm
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, SKY, column_axes, styled
 
+_Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
+_Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
 _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
 
 
@@ -90,7 +91,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: floa
 
 
 @styled
-def bursts(record: Record, state: State, form: BirthForm):
+def bursts(record: _Record, state: State, form: _Form):
     """Amplitude along the mode of a pair in a free run, with the predicted envelopes of its bursts.
 
     Near the birth of the pair a burst has the envelope ±a₀/cosh(σ(t − t₀)), with the growth rate σ and the peak a₀ of

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.arguments import Numbers, Seed, Series, checked, require_positive
+from ..core.arguments import Seed, Series, Several, checked, require_positive
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
@@ -57,7 +57,7 @@ class Family(NamedTuple):
 
 
 @checked
-def load_path(turning_points: Series, step: float, through: Numbers = ()) -> np.ndarray:
+def load_path(turning_points: Series, step: float, through: Several = ()) -> np.ndarray:
     """Loads from one turning point to the next in increments of at most `step`, including the loads in `through`.
 
     Examples
@@ -66,7 +66,7 @@ def load_path(turning_points: Series, step: float, through: Numbers = ()) -> np.
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
     require_positive(step=step)
-    loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
+    loads, waiting = [turning_points[0]], list(dict.fromkeys(np.atleast_1d(through)))
     for a, b in pairwise(turning_points):
         inside = [x for x in waiting if min(a, b) <= x <= max(a, b)]
         waiting = [x for x in waiting if x not in inside]
@@ -111,7 +111,7 @@ class Protocol(NamedTuple):
 
 @checked
 def ramp(
-    state: State, loads: Numbers, protocol: Protocol, report: Callable | None = None, *, kept: Checkpoint | None = None
+    state: State, loads: Series, protocol: Protocol, report: Callable | None = None, *, kept: Checkpoint | None = None
 ) -> list[Equilibrium]:
     """Equilibria along a path of loads, each found from the one before it; `report(equilibrium)` is called after each.
 

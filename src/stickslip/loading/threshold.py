@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from ..core.arguments import Seed, checked, require_not_negative, require_positive
+from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.contacts.neighbors import TOO_FAR
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import run
@@ -130,7 +130,7 @@ class _Dynamics(NamedTuple):
 def kinetic_threshold(
     path: list[Equilibrium], protocol: Protocol, *, kicks=(1e-13, 1e-4), realizations: int = 10, duration: float,
     dt: float, loads=None, distance: float = SLID, ramp_down: bool = True, ramps: int = 3, drag: float = 0.0,
-    seed: Seed = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
+    seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
 
