@@ -87,6 +87,10 @@ def functions():
 # ---- what is hostile
 
 
+def short(value) -> str:
+    return f"array {value.shape} of {value.flat[0]:g}" if isinstance(value, np.ndarray) else repr(value)
+
+
 def states():
     """States that no function may accept, by what is wrong with them."""
 
@@ -115,13 +119,13 @@ def states():
     for name, value in (("group", 10**6), ("group", -5), ("follows", 5), ("leads", 5), ("cell_follows", 5)):
         yield f"{name} {value}", entry("control", name, value)
     for value in (NAN, -1.0, np.zeros((3, 3)), "heavy"):
-        yield f"cell_mass {value!r}", part("control", cell_mass=value)
+        yield f"cell_mass {short(value)}", part("control", cell_mass=value)
     for value in ("now", NAN, None, np.zeros(2)):
-        yield f"time {value!r}", STATE._replace(time=value)
+        yield f"time {short(value)}", STATE._replace(time=value)
     for name, value in (("dim", 4), ("dim", "2"), ("periodic", np.ones(3)), ("vectors", np.zeros((3, 3)))):
-        yield f"{name} {value!r}", part("cell", **{name: value})
+        yield f"{name} {short(value)}", part("cell", **{name: value})
     for name, value in (("skin", NAN), ("skin", -1.0), ("gap", -1.0), ("stale", None), ("rolling", np.zeros((1, 7)))):
-        yield f"{name} {value!r}", part("contacts", **{name: value})
+        yield f"{name} {short(value)}", part("contacts", **{name: value})
     yield "material −1", entry("grains", "material", -1)
     yield "radius of another type", part("grains", radius=STATE.grains.radius.astype(np.float32))
     yield "radius a list", part("grains", radius=STATE.grains.radius.tolist())
@@ -138,15 +142,16 @@ def laws():
         ("kind", 99), ("kind", "x"), ("coulomb", 7), ("damping", 77), ("table", None), ("table", np.ones((1, 1, 2))),
         ("table", np.full((1, 1, 5), NAN)), ("table", -np.ones((1, 1, 5))), ("table", np.ones((1, 2, 5))),
     ):  # fmt: skip
-        yield f"{name} {value!r}", LAW._replace(**{name: value})
+        yield f"{name} {short(value)}", LAW._replace(**{name: value})
 
 
 def results():
     """Invalid results by the argument that takes them."""
     loads = BY_NAME["loads"]
     yield "free", "of others", ss.freedom(BOX)
-    yield "free", "short", FREE._replace(place=FREE.place[:-1])
-    yield "free", "out of range", FREE._replace(component=FREE.component + 10**6)
+    entries = FREE._asdict()
+    yield "free", "short", type(FREE)(**entries | {"place": FREE.place[:-1]})
+    yield "free", "out of range", type(FREE)(**entries | {"component": FREE.component + 10**6})
     yield "loads", "of others", ss.forces(BOX, BOX_LAW)[0]
     yield "loads", "NaN", loads._replace(force=np.full_like(loads.force, NAN))
     yield "trial", "of others", BOX.contacts
