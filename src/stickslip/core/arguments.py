@@ -19,6 +19,8 @@ from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_ar
 
 import numpy as np
 
+from .fields import LARGEST
+
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
 _LARGEST_INTEGER = 2**64 - 1
@@ -246,6 +248,8 @@ def _check_class(name: str, value, classes: tuple[Any, ...]):
     if int in classes and isinstance(value, Real):
         return _check_integer(name, value)
     if complex in classes and isinstance(value, Complex):
+        if isinstance(value, Real):
+            return _check_float(name, value)
         if not np.isfinite(value):
             raise ValueError(f"{name} = {value} was given: it must be finite")
         return value
@@ -346,14 +350,16 @@ def require_shape(shape: tuple[int, ...], **values) -> None:
 
 
 def require_positive(**values) -> None:
-    """Raise ValueError with a one-sentence message if a value is not positive and finite."""
+    """Raise ValueError with a one-sentence message if a value is not positive and within the range of a state."""
     for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value} was given: it must be positive")
+        if not 1 / LARGEST <= value <= LARGEST:
+            range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
+            raise ValueError(f"{name} = {value} was given: it must be positive{range_}")
 
 
 def require_not_negative(**values) -> None:
     """Raise ValueError with a one-sentence message if a value is negative or not finite; None is ignored."""
     for name, value in values.items():
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} = {value} was given: it must be zero or positive")
+        if value is not None and not 0 <= value <= LARGEST:
+            range_ = f", at most {LARGEST:g}" if value > 0 else ""
+            raise ValueError(f"{name} = {value} was given: it must be zero or positive{range_}")

@@ -15,6 +15,8 @@ from .ledger import open_books
 from .record import allocate_buffers, make_record
 from .timestep import check_time_step, stable_time_step
 
+MOST_STEPS, MOST_SAMPLES = 10**15, 10**7  # of a run; samples are held in memory
+
 
 @checked
 def run(
@@ -89,6 +91,7 @@ def run(
     require_not_negative(drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     steps, every, dt = int(steps), int(every), float(dt)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
+    every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
@@ -120,6 +123,11 @@ def _check_arguments(
         raise ValueError(f"dt = {dt} was given: the time step must be positive")
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    if steps > MOST_STEPS or (every and steps // every > MOST_SAMPLES):
+        raise ValueError(
+            f"steps = {float(steps):.4g}, every = {float(every):.4g} were given: at most {MOST_STEPS:g} steps and "
+            f"{MOST_SAMPLES:g} samples are allowed"
+        )
     if ledger and not every:
         raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
     if slip_update not in ("difference", "rate"):
