@@ -8,6 +8,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
+from ..core.arguments import require_positive
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
@@ -22,6 +23,7 @@ SLABS = 16  # number of depth slabs, drawn from back to front: balls hide the li
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points]
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
+WIDEST = 100.0  # figure [inches]
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
 
@@ -74,6 +76,9 @@ def packing(
     >>> ss.figures.packing(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).axes[0].get_title()
     ''
     """
+    require_positive(width=width)
+    if width > WIDEST:
+        raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
     layout = layout_of([frame], colour=colour, mode=mode, si=si)
     wide, tall = layout.high - layout.low
