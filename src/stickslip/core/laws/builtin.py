@@ -16,6 +16,7 @@ from ..arguments import checked
 from ..fields import LARGEST, Field, check_entry
 from ..options import INNER
 from ..readable import readable
+from ..text import quoted
 from .dispatch import Kind, by_kind, check_kind, find_user_law
 
 HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(
@@ -166,9 +167,9 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
 
 def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
-        raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
+        raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
-        raise ValueError(f"damping={damping!r} was given: {', '.join(map(repr, DAMPING))} are allowed")
+        raise ValueError(f"damping={quoted(damping)} was given: {', '.join(map(repr, DAMPING))} are allowed")
     for name, value in zip(PARAMETERS, values, strict=True):
         check_parameter(name, value)
     table = np.array(values, float)[None, None, :].copy()
@@ -188,7 +189,7 @@ def check_parameter(name, value, names=PARAMETERS):
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
     if not isinstance(value, Real) and not (np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"):
-        raise ValueError(f"{name} = {value!r} was given: it must be a number")
+        raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
     low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
     if not (np.isfinite(value) and low_ok):
         raise ValueError(
