@@ -27,11 +27,12 @@ _LARGEST_INTEGER = 2**64 - 1
 
 
 class Array(NamedTuple):
-    """Annotation of numbers that are converted with `np.asarray`; all must be finite."""
+    """Annotation of numbers that are converted with `np.asarray`."""
 
     ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
     kinds: str = "buif"  # of types
     empty: bool = True  # whether there may be no numbers
+    finite: bool = True  # whether all must be finite
 
 
 class Requirement(NamedTuple):
@@ -295,14 +296,14 @@ def _check_array(name: str, value, wanted: Array):
         got = words.get(kind, "things other than numbers")
         needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
         raise ValueError(f"{name}: {got} were given where {needed} are needed")
-    if array.dtype.kind in "fc" and not np.isfinite(array).all():
+    if wanted.finite and array.dtype.kind in "fc" and not np.isfinite(array).all():
         raise ValueError(f"{name} holds NaN or infinity: give finite numbers")
     if wanted.ndim is not None and array.ndim not in wanted.ndim:
         allowed = " or ".join(map(str, wanted.ndim))
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
-    return array if kind in "buifc" else array.astype(float)
+    return array.astype(float) if array.dtype.kind == "O" else array
 
 
 def _are_numbers(array: np.ndarray) -> bool:

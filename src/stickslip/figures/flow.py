@@ -182,7 +182,7 @@ def _plot_plates(top, bottom, series, names) -> None:
     bottom.set_ylabel("distance of the\nplates [length]")
 
 
-_Profile = Annotated[Any, Array((2,))]
+_Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no grains
 
 
 @styled

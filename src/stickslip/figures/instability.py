@@ -6,11 +6,12 @@ import numpy as np
 from scipy.signal import find_peaks
 from scipy.special import expit
 
-from ..core.arguments import Result
+from ..core.arguments import Array, Result
 from ..core.state import State
 from ..solve.birth import BirthForm
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, SKY, column_axes, styled
 
+_Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
 _Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
 _Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
 _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
@@ -42,7 +43,7 @@ def growth_by_amplitude(form: BirthForm):
 
 
 @styled
-def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: float = np.nan):
+def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
     """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
 
     Open circles and dashed curves are runs that slid by the distance, full ones those that slid on for another
