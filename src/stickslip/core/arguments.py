@@ -269,9 +269,8 @@ def _check_integer(name: str, value):
     if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
         raise ValueError(f"{name} = {value} was given, but it must be a whole number")
     if abs(value) > _LARGEST_INTEGER:
-        raise ValueError(
-            f"{name} is a number of {len(str(abs(int(value))))} digits: at most {_LARGEST_INTEGER} is allowed"
-        )
+        shown = value if abs(value) < 1e40 else "a longer number"
+        raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
     return int(value)
 
 

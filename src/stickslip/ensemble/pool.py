@@ -7,15 +7,26 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import import_module
 from operator import attrgetter
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from ..core.arguments import Result, checked
+from ..core.arguments import checked
 from ..core.readable import readable
 from . import local
 from .worker import SchedulerGoneError, describe_error
 
+
+@runtime_checkable
+class DaskClient(Protocol):
+    """A `distributed.Client`, which only `cluster` imports."""
+
+    scheduler: Any
+
+    def nthreads(self) -> dict:
+        """Threads of each worker."""
+
+
 # number of local processes, or a Dask scheduler's address or client; None: one process per core
-Workers = int | str | None | Annotated[Any, Result("distributed.Client", ("scheduler", "nthreads"))]
+Workers = int | str | None | DaskClient
 
 
 @readable

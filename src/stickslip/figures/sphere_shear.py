@@ -63,7 +63,7 @@ def spectrum_in_time(run: Annotated[Any, Result(_KIND, ("snapshot_time", "snapsh
 
 
 @styled
-def growth(run: Annotated[Any, Result(_KIND, ("time", "msd", "growth", "close_time", "close_msd"))]):
+def growth(run: Annotated[Any, Result(_KIND, ("time", "msd", "growth", "close_time"))]):
     """M(t) with the growth predicted by the spectrum, and a close-up of the fitted oscillation (Fig 3)."""
     figure, (top, bottom) = column_axes(2, 4.2)
     time, msd = run.time[1:], run.msd[1:]
