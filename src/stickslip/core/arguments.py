@@ -148,7 +148,7 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
 
 
 def _is_checkable(kind) -> bool:
-    return isinstance(kind, type) and kind not in (object, np.ndarray)
+    return isinstance(kind, type) and kind not in (object, Any, np.ndarray)
 
 
 def _check_of_annotated(kind, known):

@@ -16,7 +16,8 @@ from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, c
 
 _KIND = "DiskArrayResult"
 _WithPairs = Annotated[Any, Result(_KIND, ("families",))]
-_WithRuns = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
+_WithRuns = Annotated[Any, Result(_KIND, ("free_runs",))]
+_WithSliding = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
 _Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", "speed_error"))]
 _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
 LOAD = r"push $F_x$"  # in the force unit of the scenario
@@ -178,7 +179,7 @@ def mode_shape(spectrum: Spectrum, index: int):
 
 @styled
 def center_of_mass(
-    result: _WithRuns, load: float, line: _Line | None = None, printed: tuple[float, float] | None = None
+    result: _WithSliding, load: float, line: _Line | None = None, printed: tuple[float, float] | None = None
 ):
     """Centre of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
 
