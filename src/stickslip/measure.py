@@ -1,5 +1,8 @@
 """Quantities of a state.
 
+Contacts are those at the positions of the state. A state that has moved since its contacts were committed, for example
+by `packings.strained`, is refused: evaluate and commit it first, `accept(state, forces(state, law)[1])`.
+
 Contacts
     contact_forces      elastic force on body i of every pair
     contact_numbers     contacts of each grain

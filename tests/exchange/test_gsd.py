@@ -176,7 +176,7 @@ def rewritten(path, change):
         (lambda meta, chunks: meta["law"].update(table=[[[1, 2]]]), "law's table"),
         (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "has type object"),
         (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["<f8", [65]]}), "cannot be read"),
-        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), "contacts.j has values"),
+        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), r"contacts\.j\[0\] is 9999"),
         (lambda meta, chunks: chunks["stickslip/contacts/key"].__setitem__(0, 1), "not sorted"),
         (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
     ],

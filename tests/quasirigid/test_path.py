@@ -359,7 +359,7 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
     ):
         with pytest.raises(ValueError, match=words):
             load_path(state, law, state.control._replace(**change))
-    with pytest.raises(ValueError, match="a leg of type float was given"):
+    with pytest.raises(TypeError, match=r"legs\[0\] must be a Control, but a value of type float was given"):
         load_path(state, law, 1.0)
     with pytest.raises(ValueError, match="body 3 has no force to multiply"):
         with_load(state.control, 3, 2.0)

@@ -170,7 +170,7 @@ def test_loads_off_the_path_are_refused():
     with pytest.raises(ValueError, match="loads that rise"):
         ss.protocols.kinetic_threshold(path[::-1], protocol, duration=10.0, dt=0.1)
     for wrong in (-1, 2**70):
-        with pytest.raises(ValueError, match=rf"seed = {wrong} was given: use a whole number from 0 to 1e18"):
+        with pytest.raises(ValueError, match=rf"seed = {wrong} was given"):
             ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, seed=wrong)
     with pytest.raises(ValueError, match="realizations = True was given: use a whole number from 1 to"):
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, realizations=True)

@@ -28,11 +28,12 @@ _LARGEST_INTEGER = 2**64 - 1
 
 
 class Array(NamedTuple):
-    """Annotation of numbers that are converted with `np.asarray`; all must be finite."""
+    """Annotation of numbers that are converted with `np.asarray`."""
 
     ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
     kinds: str = "buif"  # of types
     empty: bool = True  # whether there may be no numbers
+    finite: bool = True  # whether all must be finite
 
 
 class Requirement(NamedTuple):
@@ -152,7 +153,7 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
 
 
 def _is_checkable(kind) -> bool:
-    return isinstance(kind, type) and kind not in (object, np.ndarray)
+    return isinstance(kind, type) and kind not in (object, Any, np.ndarray)
 
 
 def _check_of_annotated(kind, known):
@@ -273,9 +274,8 @@ def _check_integer(name: str, value):
     if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
         raise ValueError(f"{name} = {value} was given, but it must be a whole number")
     if abs(value) > _LARGEST_INTEGER:
-        raise ValueError(
-            f"{name} is a number of {len(str(abs(int(value))))} digits: at most {_LARGEST_INTEGER} is allowed"
-        )
+        shown = value if abs(value) < 1e40 else "a longer number"
+        raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
     return int(value)
 
 
@@ -300,14 +300,14 @@ def _check_array(name: str, value, wanted: Array):
         got = words.get(kind, "things other than numbers")
         needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
         raise ValueError(f"{name}: {got} were given where {needed} are needed")
-    if array.dtype.kind in "fc" and not np.isfinite(array).all():
+    if wanted.finite and array.dtype.kind in "fc" and not np.isfinite(array).all():
         raise ValueError(f"{name} holds NaN or infinity: give finite numbers")
     if wanted.ndim is not None and array.ndim not in wanted.ndim:
         allowed = " or ".join(map(str, wanted.ndim))
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
-    return array if kind in "buifc" else array.astype(float)
+    return array.astype(float) if array.dtype.kind == "O" else array
 
 
 def _are_numbers(array: np.ndarray) -> bool:

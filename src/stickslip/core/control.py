@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .arguments import checked
-from .state import Control, as_rows
+from .arguments import Bodies, Numbers, Series, checked, require_positive, require_shape
+from .state import Control, as_numbers, as_rows
 
 
 def body_numbers(control: Control, bodies) -> np.ndarray:
@@ -22,24 +22,22 @@ def body_numbers(control: Control, bodies) -> np.ndarray:
 
 
 @checked
-def fixed(control: Control, bodies) -> Control:
+def fixed(control: Control, bodies: Bodies) -> Control:
     """Control in which the given bodies do not move."""
     return driven(control, bodies, 0.0)
 
 
 @checked
-def driven(control: Control, bodies, rate) -> Control:
+def driven(control: Control, bodies: Bodies, rate: Numbers) -> Control:
     """Control in which all components of the given bodies move at `rate`, broadcast to (bodies, 6)."""
     bodies, free, speed = body_numbers(control, bodies), control.free.copy(), control.rate.copy()
-    if np.isnan(rate).any():
-        raise ValueError("a rate is NaN: give numbers")
     free[bodies] = False
-    speed[bodies] = rate
+    speed[bodies] = as_rows(rate, len(bodies), 6)
     return control._replace(free=free, rate=speed)
 
 
 @checked
-def rigid(control: Control, bodies) -> Control:
+def rigid(control: Control, bodies: Bodies) -> Control:
     """Control in which the given bodies form one rigid body without rotation, such as a plate or a glued layer.
 
     Along each direction, the rigid body is free, frozen, driven or force-controlled like its members, which must all be
@@ -64,7 +62,7 @@ def rigid(control: Control, bodies) -> Control:
 
 
 @checked
-def force_controlled(control: Control, bodies, force) -> Control:
+def force_controlled(control: Control, bodies: Bodies, force: Numbers) -> Control:
     """Control in which walls or rigid groups are servo-controlled: they move under a force until contacts balance it.
 
     Parameters
@@ -90,7 +88,7 @@ def force_controlled(control: Control, bodies, force) -> Control:
 
 
 @checked
-def strained_at(control: Control, rate) -> Control:
+def strained_at(control: Control, rate: Numbers) -> Control:
     """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
 
     Components that follow the stress (`stress_controlled`) stay free where `rate` is zero. Shear at constant pressure
@@ -149,7 +147,9 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
 
 
 @checked
-def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)) -> Control:
+def time_dependent(
+    control: Control, bodies: str | Bodies, times: Series, factors: Series, *, axes: Bodies = slice(None)
+) -> Control:
     """Control in which the rates of driven components of the given bodies are multiplied by a function of time.
 
     Parameters
@@ -178,13 +178,21 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
             raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or 'cell'")
         cell_follows[:] = column
     else:
-        follows[np.atleast_1d(bodies)[:, None], np.arange(6)[axes]] = column
+        axes = np.arange(6)[axes] if isinstance(axes, slice) else _axis_numbers(axes)
+        follows[body_numbers(control, bodies)[:, None], axes] = column
     return control._replace(knots=knots, course=course, follows=follows, cell_follows=cell_follows)
 
 
 @checked
 def spring_loaded(
-    control: Control, bodies, position, stiffness: float, *, axis: int = 0, times=(0.0,), displacement=(0.0,)
+    control: Control,
+    bodies: Bodies,
+    position: Numbers,
+    stiffness: float,
+    *,
+    axis: int = 0,
+    times: Series = (0.0,),
+    displacement: Series = (0.0,),
 ) -> Control:
     """Control in which a spring pulls bodies along an axis: F = k (x₀ + d(t) − x), where x₀ + d is the load point.
 
@@ -209,10 +217,11 @@ def spring_loaded(
     array([1., 0., 0.])
     """
     bodies = body_numbers(control, bodies)
+    if not len(bodies):
+        raise ValueError("no bodies were given: a spring needs at least one")
     if axis not in (0, 1, 2):
         raise ValueError(f"axis = {axis} was given: 0, 1 and 2 are x, y and z")
-    if not (np.isfinite(stiffness) and stiffness > 0):
-        raise ValueError(f"a spring of stiffness {stiffness:g} was given: it must be positive")
+    require_positive(stiffness=stiffness)
     column = control.leads[bodies[0], axis]
     others = control.leads == column
     others[bodies, axis] = False
@@ -223,7 +232,7 @@ def spring_loaded(
     arrays = {name: getattr(control, name).copy() for name in ("free", "rate", "spring", "anchor", "leads")}
     arrays["free"][bodies, axis], arrays["rate"][bodies, axis] = True, 0.0
     arrays["spring"][bodies, axis] = stiffness / len(bodies)
-    arrays["anchor"][bodies, axis] = np.asarray(position, float)[:, axis]
+    arrays["anchor"][bodies, axis] = as_rows(position, len(bodies), 3)[:, axis]
     arrays["leads"][bodies, axis] = column
     return control._replace(knots=knots, course=course, **arrays)
 
@@ -231,10 +240,19 @@ def spring_loaded(
 @checked
 def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
     """Forces of springs, (B, 3), on bodies at (B, 3) positions [force]."""
+    require_shape(control.spring.shape, position=position)
     if not control.spring.any():
         return np.zeros_like(control.spring)
     displacement = np.append(factors_at(control, time)[:-1], 0.0)[control.leads]
     return control.spring * (control.anchor + displacement - position)
+
+
+def _axis_numbers(axes) -> np.ndarray:
+    """Numbers of axes, (k,) integers from 0 to 5."""
+    found = np.atleast_1d(axes)
+    if found.dtype.kind not in "iu" or not ((found >= 0) & (found < 6)).all():
+        raise ValueError(f"axes = {axes!r} was given: 0 to 5 are x, y, z, and rotations about them")
+    return found
 
 
 def _add_column(course):
@@ -243,7 +261,7 @@ def _add_column(course):
 
 def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
     """Knots and time profiles with one column replaced by the given times and values."""
-    times, values = np.asarray(times, float), np.asarray(values, float)
+    times, values = np.atleast_1d(as_numbers(times)), np.atleast_1d(as_numbers(values))
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
         raise ValueError(
             f"{len(times)} times and {len(values)} values were given: equal numbers are needed, with increasing times"

@@ -1,21 +1,52 @@
-"""Macroscopic quantities of a state: stress, pressure, coordination, rattlers, packing fraction."""
+"""Macroscopic quantities of a state: stress, pressure, coordination, rattlers, packing fraction.
+
+Contacts are those of the positions of the state. If the list of contacts or their memory belongs to other positions, a
+measure raises ValueError: commit the memory first, with `accept(state, forces(state, law)[1])`.
+"""
+
+from typing import Annotated
 
 import numpy as np
 from numba import njit
 
-from .arguments import checked, require_positive
-from .contacts.forces import bodies
+from .arguments import Requirement, checked, require_positive, require_shape
+from .contacts.forces import bodies, check_materials
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
 from .contacts.mechanics import HELD, effective_values, out_of_range
+from .contacts.neighbors import body_radii, check_list
 from .laws.builtin import MU, Law, normal_energy, row
+from .readable import pluralize
 from .state import OPEN, State, groups
 
 HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
+ROUND_OFF = 1e-9  # share of the radius by which positions are uncertain: pairs that are closer to contact may do either
+
+
+def require_committed(name: str, state: State) -> None:
+    """Raise ValueError if the memory of contacts does not tell which bodies touch at the positions of the state.
+
+    Pairs within the range of a law may be in contact across a gap.
+    """
+    check_list(state)
+    contacts, count, radius = state.contacts, int(state.contacts.count[0]), body_radii(state)
+    i, j, known = contacts.i[:count], contacts.j[:count], contacts.mode[:count] != OPEN
+    overlap, slack = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1), ROUND_OFF * radius[i]
+    closed, opened = int((~known & (overlap > slack)).sum()), int((known & (overlap < -contacts.gap - slack)).sum())
+    if closed or opened:
+        number = f"{closed} have closed" if closed else f"{opened} have opened"
+        raise ValueError(
+            f"{number} of {pluralize(count, 'listed pair')} since the contacts were committed: equilibrate, or "
+            "accept(state, trial) first"
+        )
+
+
+Committed = Annotated[State, Requirement(require_committed)]
+
 
 @checked
-def touching(state: State) -> np.ndarray:
+def touching(state: Committed) -> np.ndarray:
     """Rows of contacts in the contact list: of pairs that touch, and of pairs that a law joins across a gap.
 
     Only a user-defined law with `contact_range` acts across gaps; `overlaps` is negative there.
@@ -114,7 +145,7 @@ def wrapped(state: State) -> np.ndarray:
 
 
 @checked
-def fabric(state: State) -> np.ndarray:
+def fabric(state: Committed) -> np.ndarray:
     """Fabric tensor, (3, 3), the mean of n ⊗ n over touching contacts: trace 1, and 1/dim on the diagonal if isotropic.
 
     Source
@@ -168,7 +199,7 @@ def packing_fraction(state: State) -> float:
 
 
 @checked
-def contact_numbers(state: State) -> np.ndarray:
+def contact_numbers(state: Committed) -> np.ndarray:
     """Number of touching contacts of each grain, (N,), walls included."""
     n, rows = len(state.grains.radius), touching(state)
     ends = np.concatenate([state.contacts.i[rows], state.contacts.j[rows]])
@@ -195,7 +226,7 @@ def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
 
 
 @checked
-def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
+def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
 
     Supports are contacts and, as one more, a load, a spring or a fixed direction: at rest, the single contact of a
@@ -210,7 +241,9 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
     unit, number = supports(state)
     i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
     loose = np.zeros(state.n_bodies, bool)
-    loose[:n] = False if known is None else known
+    if known is not None:
+        require_shape((n,), known=known)
+        loose[:n] = known
     while True:
         holds = ~(loose[i] | loose[j]) & (i != j)
         touched = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)
@@ -221,7 +254,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
 
 @checked
-def coordination(state: State, least: int = 2) -> float:
+def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none."""
     n, rows = len(state.grains.radius), touching(state)
     held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
@@ -247,5 +280,6 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
 @checked
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
+    check_materials(state, law)
     shift = shifts(state.contacts, state.cell.vectors)
     return _elastic_energy(law.kind, state.cell.dim, bodies(state), state.contacts, shift, law.table)

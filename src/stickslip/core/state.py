@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import checked
+from .arguments import Numbers, Series, checked, require_shape
+from .fields import COURSE_DTYPE, LARGEST, check_parts
 from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
-COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -29,6 +29,10 @@ class Grains(NamedTuple):
     inertia: np.ndarray  # (N,) [mass length²]
     material: np.ndarray  # (N,) row of the law's table
 
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"grains": self})
+
 
 @readable(head=lambda value: _describe_walls(value))
 class Walls(NamedTuple):
@@ -39,6 +43,10 @@ class Walls(NamedTuple):
     velocity: np.ndarray  # (W, 3) [length/time]
     mass: np.ndarray  # (W,) [mass]
     material: np.ndarray  # (W,)
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"walls": self})
 
 
 @readable(head=lambda value: _describe_cell(value))
@@ -52,6 +60,10 @@ class Cell(NamedTuple):
     periodic: np.ndarray  # (3,) bool
     dim: int
     rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"cell": self})
 
 
 @readable(head=lambda value: _describe_contacts(value))
@@ -79,6 +91,10 @@ class Contacts(NamedTuple):
     stale: bool  # whether the list does not fit the present positions, for example because the cell was deformed
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = None  # (C, 7) rolling memory, see `rolling`; None if the law has none
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"contacts": self})
 
 
 # fields of `Contacts` with one row for each pair
@@ -113,6 +129,10 @@ class Control(NamedTuple):
     anchor: np.ndarray  # (N + W, 3) of load points [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"control": self})
+
 
 @readable
 class Instant(NamedTuple):
@@ -140,25 +160,14 @@ class State(NamedTuple):
         """Number of grains plus number of walls."""
         return len(self.grains.radius) + len(self.walls.mass)
 
-    def check_lengths(self) -> None:
-        """Raise ValueError with a one-sentence message if arrays differ in length or name bodies that do not exist."""
-        n, bodies, contacts = len(self.grains.radius), self.n_bodies, self.contacts
-        wanted = [
-            (("grains", self.grains, self.grains._fields), n), (("walls", self.walls, self.walls._fields), bodies - n),
-            (("control", self.control, ("force", "torque", "free", "rate", "group")), bodies),
-            (("contacts", contacts, ("origin",)), bodies),
-            (("contacts", contacts, ("j", "image", "slip", "mode")), len(contacts.i)),
-        ]  # fmt: skip
-        for (part, arrays, names), length in wanted:
-            for name in names:
-                if len(getattr(arrays, name)) != length:
-                    raise ValueError(
-                        f"{part}.{name} has {len(getattr(arrays, name))} rows where {length} are needed: the parts of "
-                        f"a state with {n} grains and {bodies - n} walls must belong together"
-                    )
-        body = np.append(contacts.i[: contacts.count[0]], contacts.j[: contacts.count[0]])
-        if len(body) and not 0 <= body.min() <= body.max() < bodies:
-            raise ValueError(f"contacts name bodies other than 0 to {bodies - 1}: use the contacts of this state")
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed or if parts contradict each other."""
+        parts = {name: part for name, part in zip(self._fields, self, strict=True) if name != "time"}
+        if self.instant is None:
+            del parts["instant"]
+        check_parts(parts | {"": self})
+        _check_space(self)
+        _check_control(self)
 
 
 def as_numbers(value, dtype=float) -> np.ndarray:
@@ -170,8 +179,9 @@ def as_numbers(value, dtype=float) -> np.ndarray:
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
         what = {"c": "complex numbers", "M": "dates", "m": "time differences", "O": "complex numbers"}
         raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
-    if np.issubdtype(dtype, np.integer) and array.dtype.kind == "f" and not (array == np.round(array)).all():
-        raise ValueError(f"{array[array != np.round(array)].flat[0]:g} was given where whole numbers are needed")
+    if np.issubdtype(dtype, np.integer) and array.dtype.kind in "fO":
+        for value in array[(array != np.round(array.astype(float))) | (abs(array) > 2**53)].flat:
+            raise ValueError(f"{value:g} was given where whole numbers up to 2^53 are needed")
     return np.asarray(array, dtype)
 
 
@@ -189,7 +199,11 @@ def as_rows(value, n, width=None, dtype=float):
         ) from None
 
 
-def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=0.0, angle=0.0) -> Grains:
+@checked
+def disks(
+    position: Numbers, radius: Numbers, *, mass: Numbers = 1.0, i0: Numbers = 0.5, material: Numbers = 0,
+    velocity: Numbers = 0.0, spin: Numbers = 0.0, angle: Numbers = 0.0,
+) -> Grains:  # fmt: skip
     """Grains, at rest by default, with moment of inertia i0 m R².
 
     Parameters
@@ -215,17 +229,25 @@ def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=
         as_rows(spin, n, 3),
         radius,
         mass,
-        i0 * mass * radius**2,
+        as_rows(i0, n) * mass * radius**2,
         as_rows(material, n, dtype=np.int64),
     )
 
 
-def spheres(position, radius, *, i0=0.4, **rest) -> Grains:
+@checked
+def spheres(
+    position: Numbers, radius: Numbers, *, mass: Numbers = 1.0, i0: Numbers = 0.4, material: Numbers = 0,
+    velocity: Numbers = 0.0, spin: Numbers = 0.0, angle: Numbers = 0.0,
+) -> Grains:  # fmt: skip
     """Like `disks`, with the moment of inertia of a homogeneous sphere."""
-    return disks(position, radius, i0=i0, **rest)
+    more = {"material": material, "velocity": velocity, "spin": spin, "angle": angle}
+    return disks(position, radius, mass=mass, i0=i0, **more)
 
 
-def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Walls:
+@checked
+def flat_walls(
+    point: Numbers = (), normal: Numbers = (), *, mass: Numbers = 1.0, material: Numbers = 0, velocity: Numbers = 0.0
+) -> Walls:
     """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
     point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
@@ -243,7 +265,10 @@ def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Wa
     )
 
 
-def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
+@checked
+def box(
+    size: Numbers = (1.0, 1.0, 1.0), periodic: tuple[bool, ...] | list[bool] | np.ndarray = (False,) * 3, dim: int = 3
+) -> Cell:
     """Cell without walls.
 
     Parameters
@@ -301,7 +326,9 @@ def reset_reached(contacts: Contacts) -> Contacts:
 
 
 @checked
-def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.0, 0.0, 0.0)) -> Control:
+def loads(
+    n_grains: int, n_walls: int = 0, *, force: Numbers = 0.0, torque: Numbers = 0.0, gravity: Series = (0.0, 0.0, 0.0)
+) -> Control:
     """Control with free grains, frozen walls, and the given loads on the grains.
 
     Parameters
@@ -317,7 +344,7 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((n, 3)),
         np.ones((n, 6), bool),
         np.zeros((n, 6)),
-        as_numbers(gravity).copy(),
+        as_rows(gravity, 1, 3)[0],
         np.full(n, -1),
         np.zeros((3, 3), bool),
         np.zeros((3, 3)),
@@ -353,6 +380,7 @@ def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
     array([[ 1.],
            [-1.]])
     """
+    require_shape((len(np.atleast_1d(position)), 3), position=position)
     return np.einsum("nwk,wk->nw", position[:, None] - walls.point, walls.normal)
 
 
@@ -379,10 +407,9 @@ def assembly(
     walls = flat_walls() if walls is None else walls
     cell = box(dim=2 if _are_disks(grains) else 3) if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
-    if not len(grains.radius):
-        raise ValueError("an assembly of 0 grains was given: at least 1 is needed")
-    skin = 0.2 * float(np.min(grains.radius)) if skin is None else skin
-    state = State(grains, walls, cell, empty_contacts(len(grains.radius) + len(walls.mass), 0, skin), control, time)
+    skin = 0.2 * float(np.min(grains.radius, initial=LARGEST)) if skin is None else skin
+    contacts = empty_contacts(len(grains.radius) + len(walls.mass), 0, skin)
+    state = State(grains, walls, cell, contacts, control, float(time))
     check(state)
     grain, wall = np.nonzero(heights(grains.position, walls) < 0)
     if len(grain):
@@ -402,42 +429,30 @@ def _are_disks(grains: Grains) -> bool:
 @checked
 def check(state: State) -> None:
     """Raise ValueError with a one-sentence message if a state is not valid."""
-    grains, walls, cell, contacts, control = state[:5]
-    n, b = len(grains.radius), state.n_bodies
-    for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
-        for name, array in zip(part._fields, part, strict=True):
-            if count is not None and len(array) != count:
-                raise ValueError(f"{noun}.{name} has {len(array)} rows where {count} are needed: one for each body")
-            if not np.isfinite(array).all():
-                raise ValueError(f"{noun}.{name} holds NaN or infinity: every entry must be a finite number")
-    for name in ("radius", "mass", "inertia"):
-        values = getattr(grains, name)
-        if not (values > 0).all():
-            bad = int(np.argmin(values))
-            raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
-    if n > MAX_IN_CUBE:
+    state.check_entries()
+    grains, skin = state.grains, state.contacts.skin
+    if len(grains.radius) > MAX_IN_CUBE:
         _check_crowding(grains)
-    if cell.dim not in (2, 3):
-        raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
-    for name in ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads"):
-        if len(getattr(control, name)) != b:
-            got = len(getattr(control, name))
-            raise ValueError(f"control.{name} has {got} rows where {b} are needed: one for each grain and wall")
-    _check_control(state)
-    if cell.vectors.shape != (3, 3) or cell.periodic.shape != (3,):
+    least = 1e-4 * float(grains.radius.min())
+    if not skin >= least:
         raise ValueError(
-            f"a cell of shape {cell.vectors.shape} was given: give three lengths, or three vectors as rows"
+            f"a skin of {skin:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
+            f"radius, or contact lists would be rebuilt at every step"
         )
+
+
+def _check_space(state: State) -> None:
+    """Raise ValueError with a one-sentence message if the cell and the walls are none."""
+    walls, cell = state.walls, state.cell
+    if not len(state.grains.radius):
+        raise ValueError("a state of 0 grains was given: at least 1 is needed")
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
         raise ValueError("a two-dimensional cell that is periodic or has walls along z was given: neither is allowed")
-    least = 1e-4 * float(grains.radius.min())
-    if not contacts.skin >= least:
-        raise ValueError(
-            f"a skin of {contacts.skin:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
-            f"radius, or contact lists would be rebuilt at every step"
-        )
+    size = np.linalg.norm(walls.normal, axis=1)
+    if not (abs(size - 1) < 1e-6).all():
+        raise ValueError(f"a wall's normal of length {size[abs(size - 1).argmax()]:g} was given: give a unit vector")
 
 
 def _check_crowding(grains: Grains) -> None:
@@ -468,16 +483,14 @@ def _check_control(state: State) -> None:
                 f"the rigid group of bodies {members[0]} … {members[-1]} has contradictory control: all its members "
                 f"must be free, frozen or driven alike along each direction, and none may rotate"
             )
-    columns = control.course.shape[1] if control.course.ndim == 2 else -1
-    if control.course.shape != (len(control.knots), columns) or (np.diff(control.knots) <= 0).any():
+    if (np.diff(control.knots) <= 0).any():
+        raise ValueError("knots that do not increase were given: each time must be later than the one before")
+    held = (control.spring > 0) & ~control.free[:, :3]
+    if held.any():
+        body, axis = np.argwhere(held)[0]
         raise ValueError(
-            f"courses of shape {control.course.shape} at {len(control.knots)} knots were given: one row for each knot "
-            f"is needed, and knots must increase"
+            f"a spring pulls body {body} along {'xyz'[axis]}, where it is frozen or driven: leave it free there"
         )
-    follows = np.concatenate([part.ravel() for part in (control.follows, control.cell_follows, control.leads)])
-    if ((follows < -1) | (follows >= columns)).any():
-        raise ValueError(f"course {follows.max()} is used, but only {columns} are defined: give its knots and factors")
-    _check_springs(control)
     if not deforms(state):
         return
     moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
@@ -487,20 +500,6 @@ def _check_control(state: State) -> None:
     if len(state.walls.mass) or (control.group >= 0).any():
         raise ValueError(
             "a deforming cell was given with walls or rigid groups, which cannot deform with it: omit one of them"
-        )
-    if not control.cell_mass >= 0:
-        raise ValueError(f"a cell mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
-
-
-def _check_springs(control: Control) -> None:
-    """Raise ValueError with a one-sentence message if a stiffness is negative, or a spring pulls a non-free body."""
-    held = (control.spring > 0) & ~control.free[:, :3]
-    if (control.spring < 0).any():
-        raise ValueError(f"a spring of stiffness {control.spring.min():g} was given: it must be positive")
-    if held.any():
-        body, axis = np.argwhere(held)[0]
-        raise ValueError(
-            f"a spring pulls body {body} along {'xyz'[axis]}, where it is frozen or driven: leave it free there"
         )
 
 

@@ -104,3 +104,8 @@ def _check_digits(text: str) -> None:
 def shortened(word: str, most: int = 60) -> str:
     """Word for a message, shortened if it is long."""
     return word if len(word) <= most else f"{word[:most]} … ({len(word)} characters)"
+
+
+def quoted(value) -> str:
+    """Short `repr` of a value on one line, for a message."""
+    return shortened(" ".join(repr(value).split()))

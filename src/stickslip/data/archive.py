@@ -32,7 +32,7 @@ from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, Sta
 from ..core.text import SentenceError, check_regular_file
 from ..core.units import Fields, in_si, units_of
 from .atomic import write_atomically
-from .sound import restore_contacts, validate_law, validate_state
+from .older_contacts import restore_contacts
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
@@ -284,7 +284,9 @@ def _load(item, known: dict):
     if noun is Law and "own" in tree:
         tree["kind"] = _load_kind(tree["kind"], tree.pop("own"))
     made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
-    return validate_state(made) if noun is State else validate_law(made) if noun is Law else made
+    if noun in (State, Law):
+        made.check_entries()
+    return made
 
 
 def _load_kind(kind: int, about: dict) -> Kind:

@@ -38,7 +38,7 @@ class PackingWarning(UserWarning):
 @checked
 def from_arrays(
     position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
-    mode=None, velocity=None, spin=None, angle=None, external_force=None, dim=3, i0=None,
+    mode=None, velocity=None, spin=None, angle=None, external_force=None, dim: int = 3, i0=None,
 ) -> State:  # fmt: skip
     """Accepted state from arrays, with r_ij = r_i − r_j + cellᵀ·image.
 

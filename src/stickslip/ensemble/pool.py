@@ -7,14 +7,26 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import import_module
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ..core.arguments import checked
 from ..core.readable import readable
 from . import local
 from .worker import SchedulerGoneError, describe_error
 
-Workers = int | str | None  # number of local processes, or a Dask scheduler's address; None: one process per core
+
+@runtime_checkable
+class DaskClient(Protocol):
+    """A `distributed.Client`, which only `cluster` imports."""
+
+    scheduler: Any
+
+    def nthreads(self) -> dict:
+        """Threads of each worker."""
+
+
+# number of local processes, or a Dask scheduler's address or client; None: one process per core
+Workers = int | str | None | DaskClient
 
 
 @readable
@@ -38,6 +50,7 @@ class Spread(NamedTuple):
     words: str
 
 
+@checked
 def reach(workers: Workers) -> Spread:
     """Check that the requested workers are available, and describe them.
 
@@ -59,13 +72,14 @@ def reach(workers: Workers) -> Spread:
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
 
 
+@checked
 def run_members(
     function: Callable,
     tasks: Iterable[tuple],
     *,
     workers: Workers = None,
-    report=None,
-    live=None,
+    report: Callable | None = None,
+    live: Callable | None = None,
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
 ) -> list[Member]:

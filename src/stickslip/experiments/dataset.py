@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
@@ -28,6 +29,7 @@ _PAIRS = ("i", "j", "image", "slip", "mode")
 MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 
 
+@checked
 def open_dataset(place: str | Path) -> xr.DataTree:
     """Open the results of a run or a sweep, or what an unfinished run has saved so far.
 
@@ -70,7 +72,8 @@ def open_dataset(place: str | Path) -> xr.DataTree:
     return _build_tree(tree, units, about)
 
 
-def contact_table(data: xr.DataTree | xr.Dataset, frame) -> pd.DataFrame:
+@checked
+def contact_table(data: xr.DataTree | xr.Dataset, frame: int | str) -> pd.DataFrame:
     """Return the touching contacts of one frame as a table.
 
     Columns are `i` and `j` (walls are numbered after the grains), image_x …, slip_x … [length], `mode` (stick or slide)

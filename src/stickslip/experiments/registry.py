@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from ..core.arguments import checked
 from ..core.text import read_text, shortened
 from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
+from ..ensemble.pool import Workers
 from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
 from .experiment import Experiment
 
@@ -36,8 +38,8 @@ def simulate(
     scenario: ScenarioBase,
     *,
     folder: str | Path | None = None,
-    workers=None,
-    report=lambda stage, share, words: None,
+    workers: Workers = None,
+    report: Callable = lambda stage, share, words: None,
     **more,
 ):
     """Run a scenario of any kind and return the result of its experiment.
@@ -78,6 +80,7 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
     return EXPERIMENTS[name].scenario
 
 
+@checked
 def scenario(*, trust: bool = False, **tables) -> ScenarioBase:
     """Create a scenario from nested dictionaries, as in the TOML file; `experiment` names the experiment.
 
@@ -100,6 +103,7 @@ def scenario(*, trust: bool = False, **tables) -> ScenarioBase:
     return validate_scenario(scenario_class(tables), **tables)
 
 
+@checked
 def read_scenario(path: str | Path, *, trust: bool = False) -> ScenarioBase:
     """Read a scenario from a TOML file, or from the canonical text in the folder of a run; `trust` as in `scenario`."""
     tables = read_tables(path)

@@ -5,11 +5,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
 from subprocess import CalledProcessError
+from typing import Annotated
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
 
+from ..core.arguments import Requirement, require_filled, require_shape
 from ..data.exchange.frame import Frame
 from ..extras import require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of
@@ -25,7 +27,8 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 
 @styled
 def movie(
-    frames: list[Frame], path: str | Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
+    frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
+    mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
@@ -51,6 +54,7 @@ def movie(
     """
     path = Path(path)
     check_movie(path, fps)
+    require_shape((len(frames),), labels=labels)
     layout = layout_of(frames, colour=colour, mode=mode, si=si)
     wide, tall = layout.high - layout.low
     inches = PIXELS / 100

@@ -1,9 +1,12 @@
 """Figures of an event catalogue; tables are dictionaries of columns, as in events.csv."""
 
+from typing import Annotated, Any
+
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from ..core.arguments import Result
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, column_axes, styled
 
 # class of an event: its label and colour
@@ -24,10 +27,13 @@ PREDICTORS = {
     "loss_ahead": ("loss ahead", RED),
 }
 LINES = 60  # events drawn one by one
+_Table = Annotated[Any, Result("table of events", keys=("kind", "distances", "softest", "switched"))]
+_Drops = Annotated[Any, Result("table of events", keys=("stress_drop", "jump"))]
+_Skill = Annotated[Any, Result("skill of a predictor", ("predictor", "band", "roc", "low", "high"))]
 
 
 @styled
-def eigenvalue_before_events(events):
+def eigenvalue_before_events(events: _Table):
     """Square of the smallest eigenvalue before saddle nodes, and the eigenvalue across contacts that start to slide.
 
     Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node
@@ -96,7 +102,7 @@ def _events(number: int) -> str:
 
 
 @styled
-def classes(counts):
+def classes(counts: dict[str, dict[str, int]]):
     """Shares of the classes of events, one bar for each law.
 
     Parameters
@@ -129,7 +135,7 @@ def classes(counts):
 
 
 @styled
-def drops(tables):
+def drops(tables: dict[str, _Drops]):
     """Distributions of the stress drop over the pressure and of the size of the jump, by law.
 
     The shares are those of all events, also of those in which the stress rises, which are not drawn.
@@ -151,7 +157,7 @@ def drops(tables):
 
 
 @styled
-def roc_curves(found, titles=("",)):
+def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tuple[str, ...] = ("",)):
     """Receiver operating characteristics of all predictors with their 95 % bands, one panel for each law.
 
     Parameters

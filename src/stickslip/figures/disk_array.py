@@ -1,6 +1,7 @@
 """Figures of the disk array (paper 000)."""
 
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -9,13 +10,23 @@ from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
+from ..core.arguments import Requirement, Result, require_filled, require_index
+from ..solve.spectrum import Spectrum
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, column_axes, styled
 
+_KIND = "DiskArrayResult"
+_WithPairs = Annotated[Any, Result(_KIND, ("families",))]
+_WithRuns = Annotated[Any, Result(_KIND, ("free_runs",))]
+_WithSliding = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
+_Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", "speed_error"))]
+_Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
 LOAD = r"push $F_x$"  # in the force unit of the scenario
 
 
 @styled
-def complex_pairs(results: dict, paper: dict | None = None):
+def complex_pairs(
+    results: Annotated[dict[str, _WithPairs], Requirement(require_filled)], paper: dict[float, float] | None = None
+):
     """Im λ of every complex pair against the push, one panel per result, with births and deaths (Fig 2).
 
     Parameters
@@ -51,7 +62,7 @@ def complex_pairs(results: dict, paper: dict | None = None):
 
 
 @styled
-def mean_square_displacement(result):
+def mean_square_displacement(result: _WithRuns):
     """M(t) at every load, with the predicted growth (Fig 3)."""
     figure, axes = column_axes(height=2.7)
     for color, (load, free) in zip(COLORS * 5, result.free_runs.items(), strict=False):
@@ -75,9 +86,10 @@ def mean_square_displacement(result):
 
 
 @styled
-def trajectory(result, grain: int = 3):
+def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: int = 3):
     """Path of one disk in the x–y plane, coloured by time: the growing spiral, and the path until breaching (Fig 4)."""
     data = result.trajectory
+    require_index(len(data.breach), grain=grain)
     figure, panels = column_axes(2, 4.6)
     end = data.breach[grain] if np.isfinite(data.breach[grain]) else data.time[-1]
     first = data.first_limit if np.isfinite(data.first_limit) else end
@@ -110,7 +122,7 @@ def _plot_front(axes, found, color, label, sign=1):
 
 
 @styled
-def traveling_fronts(forward: dict, backward, threshold: float):
+def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | None, threshold: float):
     """Mean times of breaching (forward) and of sliding (backward) with the fitted speeds (Fig 5).
 
     Parameters
@@ -145,8 +157,9 @@ def traveling_fronts(forward: dict, backward, threshold: float):
 
 
 @styled
-def mode_shape(spectrum, index: int):
+def mode_shape(spectrum: Spectrum, index: int):
     """Components of one mode by coordinate: x, y and R·angle of all disks (Fig 6)."""
+    require_index(spectrum.modes.shape[1], index=index)
     figure, axes = column_axes(height=2.3)
     mode = spectrum.modes[:, index]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))
@@ -165,7 +178,9 @@ def mode_shape(spectrum, index: int):
 
 
 @styled
-def center_of_mass(result, load: float, line=None, printed=None):
+def center_of_mass(
+    result: _WithSliding, load: float, line: _Line | None = None, printed: tuple[float, float] | None = None
+):
     """Centre of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
 
     Parameters
@@ -174,6 +189,8 @@ def center_of_mass(result, load: float, line=None, printed=None):
     line : measured velocities with their fit, or None
     printed : (slope, intercept) shown in the paper's figure, drawn dashed
     """
+    if load not in result.free_runs:
+        raise ValueError(f"load = {load} was given: there are runs at {', '.join(map(str, result.free_runs))}")
     figure, (top, bottom) = column_axes(2, 5.0)
     free = result.free_runs[load]
     x = free.center[:, 0] - free.center[0, 0]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..friction.fault_cycles import FaultHistory
 from .style import BLACK, BLUE, COLORS, RED, column_axes, styled
 
 YEAR = 365.25 * 86400.0
@@ -9,7 +10,7 @@ MOST_CURVES = 6  # stations that are drawn
 
 
 @styled
-def slip_contours(history, events: int | None = None):
+def slip_contours(history: FaultHistory, events: int | None = None):
     """Slip against depth: blue lines at the interval of quiet profiles, red ones at that of events.
 
     Parameters
@@ -47,7 +48,7 @@ def _interval(times, seismic: bool) -> str:
 
 
 @styled
-def max_slip_velocity(history, threshold: float = 1e-3):
+def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     """Maximum slip velocity over the fault against time."""
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
@@ -64,7 +65,7 @@ def max_slip_velocity(history, threshold: float = 1e-3):
 
 
 @styled
-def station_series(history):
+def station_series(history: FaultHistory):
     """Slip velocity and shear stress at stations against time."""
     figure, (top, bottom) = column_axes(2, 3.6, sharex=True)
     number = len(history.station)

@@ -1,10 +1,13 @@
 """Figures of a flow: snapshots coloured by speed, time series, and the velocity profile."""
 
+from typing import Annotated, Any
+
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.collections import EllipseCollection
 from matplotlib.ticker import MaxNLocator
 
+from ..core.arguments import Array, Result, Series
 from ..core.measure import wrapped
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, WIDTH, column_axes, styled
 
@@ -14,7 +17,7 @@ HIDDEN = 0.002  # fraction of grains that may be out of view at either end: grai
 
 
 @styled
-def snapshots(result):
+def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "poured"))]):
     """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines."""
     shown = _select_frames(result)
     places = [wrapped(state) for state in shown]
@@ -99,7 +102,7 @@ def _draw_walls(axes, state) -> None:
 
 
 @styled
-def time_series(result):
+def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages"))]):
     """Energies, contacts, and either the extent of the flow or the friction and the distance between plates."""
     series, plates = result.series, list(result.poured.plates)
     sheared = len(plates) > 1
@@ -179,8 +182,11 @@ def _plot_plates(top, bottom, series, names) -> None:
     bottom.set_ylabel("distance of the\nplates [length]")
 
 
+_Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no grains
+
+
 @styled
-def velocity_profile(edges, velocity, deviation):
+def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
     """Mean velocity along x against height, with its standard deviation over time.
 
     Parameters
@@ -188,6 +194,8 @@ def velocity_profile(edges, velocity, deviation):
     edges : edges of the height bins [length]
     velocity, deviation : (bins, 3) [length/time]
     """
+    if not len(velocity) == len(deviation) == len(edges) - 1:
+        raise ValueError(f"{len(velocity)} velocities were given for {len(edges)} edges of bins: give one for each bin")
     figure, axes = column_axes(1, 2.6)
     height = 0.5 * (edges[:-1] + edges[1:])
     axes.errorbar(

@@ -1,15 +1,24 @@
 """Figures of fault gouge: steady sliding, velocity steps, holds, slides after holds, healing, and the sample itself."""
 
+from typing import Annotated, Any
+
 import numpy as np
 from matplotlib import pyplot as plt
 
+from ..core.arguments import Requirement, Result, Series, require_filled
 from ..core.measure import wrapped
 from .flow import draw_grains_by_speed
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, column_axes, styled
 
+_Realization = Annotated[Any, Result("realization of a GougeResult", ("states",))]
+_WithTests = Annotated[Any, Result("realization of a GougeResult", ("tests",))]
+_Curve = Annotated[Any, Result("Curve", ("x", "mean", "error", "band", "label"))]
+_Number = Annotated[Any, Result("Number", ("value", "half"))]
+_Panel = tuple[list[_Curve], dict[str, Any]]
+
 
 @styled
-def steady_sliding(realizations, diameter: float):
+def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diameter: float):
     """Friction and thickness against slip for all realizations, from rest to steady sliding.
 
     Parameters
@@ -28,7 +37,7 @@ def steady_sliding(realizations, diameter: float):
 
 
 @styled
-def velocity_steps(curves, *, twins: bool = True):
+def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
     The reference is a copy without the step (`twins`) or the mean in steady sliding at the old velocity.
@@ -46,7 +55,7 @@ def velocity_steps(curves, *, twins: bool = True):
 
 
 @styled
-def holds(panels):
+def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
     """Change in friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
 
     Parameters
@@ -89,7 +98,7 @@ def energies_in_holds(ratios, creep, sliding: float):
 
 
 @styled
-def reslides(curves, ratios, peaks, slope, offset: float):
+def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: _Number | None, offset: float):
     """Friction after holds for each velocity, with two standard errors; the same divided by C + ln(V_r/V_i); its peak.
 
     Parameters
@@ -124,7 +133,7 @@ def reslides(curves, ratios, peaks, slope, offset: float):
 
 
 @styled
-def healing(times, peaks, slope, b: float, thickness):
+def healing(times: Series, peaks: list[_Number], slope: _Number, b: float, thickness: _Curve):
     """Peak friction after holds against hold time, with the slopes b and b/2, and thickness during holds.
 
     Parameters
@@ -151,7 +160,7 @@ def healing(times, peaks, slope, b: float, thickness):
 
 
 @styled
-def sample(realization, scenario):
+def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScenario", ("cell",))]):
     """Sample in steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
     loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
@@ -178,7 +187,11 @@ def _plot_band(axes, curve, color, *, errors: bool = False):
 
 
 @styled
-def stick_slip(realization, slips, diameter: float):
+def stick_slip(
+    realization: Annotated[Any, Result("realization of a GougeResult", ("of", "seed"))],
+    slips: Annotated[Any, Result("result of find_slips", ("realization", "load_point", "drop", "velocity"))],
+    diameter: float,
+):
     """Friction and velocity of the upper plate in slides through a soft spring, with the slips marked.
 
     Parameters

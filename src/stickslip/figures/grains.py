@@ -8,8 +8,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
+from ..core.arguments import require_positive
 from ..core.laws.builtin import Law
-from ..core.measure import branch_vectors, least_supports, rattlers, wrapped
+from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
@@ -22,6 +23,7 @@ SLABS = 16  # number of depth slabs, drawn from back to front: balls hide the li
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points]
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
+WIDEST = 100.0  # figure [inches]
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
 
@@ -40,7 +42,7 @@ class Layout(NamedTuple):
 
 @styled
 def packing(
-    state: State, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
+    state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
     width: float = WIDTH, si: bool = False,
 ):  # fmt: skip
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
@@ -74,6 +76,9 @@ def packing(
     >>> ss.figures.packing(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).axes[0].get_title()
     ''
     """
+    require_positive(width=width)
+    if width > WIDEST:
+        raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
     layout = layout_of([frame], colour=colour, mode=mode, si=si)
     wide, tall = layout.high - layout.low
@@ -90,8 +95,7 @@ def packing(
 
 def bare_frame(state: State) -> Frame:
     """Frame of a state whose law is not known, with contacts but without forces."""
-    c = state.contacts
-    rows = np.flatnonzero(c.mode[: int(c.count[0])] != OPEN)
+    c, rows = state.contacts, touching(state)
     contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
     ends = np.concatenate([contacts["i"], contacts["j"]])
     n = len(state.grains.radius)

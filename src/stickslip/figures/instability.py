@@ -1,14 +1,24 @@
 """Figures of what follows an instability: growth at finite amplitude, and the thresholds of sliding."""
 
+from typing import Annotated, Any
+
 import numpy as np
 from scipy.signal import find_peaks
 from scipy.special import expit
 
+from ..core.arguments import Array, Result
+from ..core.state import State
+from ..solve.birth import BirthForm
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, SKY, column_axes, styled
+
+_Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
+_Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
+_Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
+_Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
 
 
 @styled
-def growth_by_amplitude(form):
+def growth_by_amplitude(form: BirthForm):
     """Growth rate of a pair against the displacement of the grain that moves most, with burst and first limit."""
     figure, axes = column_axes(1, 2.4)
     move = np.array([form.displacement(a) for a in form.amplitudes])
@@ -33,7 +43,7 @@ def growth_by_amplitude(form):
 
 
 @styled
-def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
+def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
     """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
 
     Open circles and dashed curves are runs that slid by the distance, full ones those that slid on for another
@@ -82,7 +92,7 @@ def static_and_kinetic(found, *, label: str = "load", strength: float = np.nan):
 
 
 @styled
-def bursts(record, state, form):
+def bursts(record: _Record, state: State, form: _Form):
     """Amplitude along the mode of a pair in a free run, with the predicted envelopes of its bursts.
 
     Near the birth of the pair a burst has the envelope ±a₀/cosh(σ(t − t₀)), with the growth rate σ and the peak a₀ of

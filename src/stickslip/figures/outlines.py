@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..core.arguments import require_shape
 from ..core.measure import wrapped
 from ..data.exchange.frame import Frame
 from .quantities import Mode
@@ -10,6 +11,7 @@ from .quantities import Mode
 def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
     """Translations of a mode, scaled so that the largest, divided by the grain's radius, is one."""
     radius = frame.state.grains.radius[:, None]
+    require_shape((len(radius), 3), translation=mode[0], rotation=mode[1])
     largest = (np.sqrt((np.abs(mode[0]) ** 2).sum(axis=1, keepdims=True)) / radius).max()
     return mode[0] / largest if largest > 0 else mode[0]
 

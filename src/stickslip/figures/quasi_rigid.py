@@ -1,11 +1,15 @@
 """Figures of quasi-rigid loading (paper 002): curves, forces in the Coulomb cone, stiffness, errors."""
 
 from itertools import cycle
+from typing import Annotated, Any
 
 import numpy as np
 
+from ..core.arguments import Requirement, Result, require_filled
 from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, plt, styled
 
+_KIND = "sample of a QuasiResult"
+_WithCurve = Annotated[Any, Result(_KIND, ("curve", "path", "slow", "back"))]
 SHOWN = 6  # number of contacts in the cone
 GREY = "#bbbbbb"
 ENDS = {True: "at × where stability is lost", False: "at ○ for another reason"}
@@ -13,7 +17,7 @@ COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples, with cont
 
 
 @styled
-def curves(tested, test: str):
+def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], test: str):
     """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
     figure, (top, bottom) = column_axes(2, 4.4, sharex=True)
     scale = _scale(max(np.abs(one.curve.strain).max() for one in tested))
@@ -52,7 +56,7 @@ def _scale(largest: float) -> float:
 
 
 @styled
-def cone(one, mu: float):
+def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
     """Contact forces along the path in the Coulomb cone, for the contacts that move farthest across it (Fig 3)."""
     figure, axes = column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
@@ -74,7 +78,7 @@ def cone(one, mu: float):
 
 
 @styled
-def stiffness(one):
+def stiffness(one: Annotated[Any, Result(_KIND, ("path", "looks", "seed"))]):
     """Number of sliding contacts, smallest eigenvalues and complex pairs along a path."""
     figure, (top, middle, bottom) = column_axes(3, 5.0, sharex=True)
     load = one.path.load
@@ -97,7 +101,7 @@ def stiffness(one):
 
 
 @styled
-def errors(tested):
+def errors(tested: list[Annotated[Any, Result(_KIND, ("slow", "seed"))]]):
     """Difference between path and dynamics against the duration of loading."""
     figure, axes = column_axes(1, 2.4)
     for color, one in zip(cycle(COLORS), tested, strict=False):

@@ -1,10 +1,13 @@
 """Figures of rate-and-state friction: the history of a slider, fits to a record, and their posterior."""
 
+from typing import Annotated, Any
+
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
+from ..core.arguments import Result, Series
 from .style import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, column_axes, styled
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
@@ -16,9 +19,14 @@ SYMBOLS = {
 BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # of two-dimensional histograms: cells, width of the filter, contours
 BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
 
+_History = Annotated[Any, Result("SlipHistory", ("time", "load_point", "friction", "velocity", "theta"))]
+_Leg = Annotated[Any, Result("LoadStep", ("duration", "velocity"))]
+_Data = Annotated[Any, Result("Data", ("time", "friction", "legs"))]
+_Fit = Annotated[Any, Result("Fit", ("law", "models", "residuals"))]
+
 
 @styled
-def slid(history, recorded, legs):
+def slid(history: _History, recorded: Series, legs: list[_Leg] | tuple[_Leg, ...]):
     """Friction, velocity and state against load-point displacement, or against time if the load point ever stops."""
     figure, panels = column_axes(3, 4.6, sharex=True)
     x, label, ends = _abscissa(history.time, history.load_point, legs)
@@ -52,7 +60,7 @@ def slid(history, recorded, legs):
 
 
 @styled
-def fitted(data, fits):
+def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
     """Record with fits and their residuals."""
     figure, (top, bottom) = column_axes(2, 3.6, sharex=True, height_ratios=(2, 1))
     time = np.asarray(data.time)

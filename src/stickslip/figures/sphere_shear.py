@@ -1,16 +1,23 @@
 """Figures of the sheared packing (paper 001)."""
 
+from typing import Annotated, Any
+
 import numpy as np
 from matplotlib import pyplot as plt
 
+from ..core.arguments import Requirement, Result, require_filled
 from ..core.readable import pluralize
 from .style import BLUE, COLORS, GREEN, ORANGE, RED, TIME, WIDTH, column_axes, styled
 
 IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
 
+_KIND = "run of a ShearResult"
+_Path = Annotated[Any, Result("ShearPath", ("pairs", "strain", "onset", "largest"))]
+_Failure = Annotated[Any, Result(_KIND, ("time", "msd", "shear_stress", "growth_rate", "pairs"))]
+
 
 @styled
-def pairs_along_strain(paths, fine: float):
+def pairs_along_strain(paths: Annotated[list[_Path], Requirement(require_filled)], fine: float):
     """Smallest and largest Im λ of one packing up to `fine`, and the number of pairs for all packings (Fig 1)."""
     figure, (top, bottom) = column_axes(2, 4.2)
     path = max(paths, key=lambda p: (p.pairs[p.strain <= fine] > 0).sum())
@@ -37,7 +44,7 @@ def pairs_along_strain(paths, fine: float):
 
 
 @styled
-def spectrum_in_time(run):
+def spectrum_in_time(run: Annotated[Any, Result(_KIND, ("snapshot_time", "snapshots", "eigenvalue"))]):
     """Im λ of all eigenvalues of the current state during a Newtonian run, above M(t) (Fig 2)."""
     figure, (top, bottom) = column_axes(2, 3.8, sharex=True)
     time = np.repeat(run.snapshot_time, run.snapshots.shape[1])
@@ -56,7 +63,7 @@ def spectrum_in_time(run):
 
 
 @styled
-def growth(run):
+def growth(run: Annotated[Any, Result(_KIND, ("time", "msd", "growth", "close_time"))]):
     """M(t) with the growth predicted by the spectrum, and a close-up of the fitted oscillation (Fig 3)."""
     figure, (top, bottom) = column_axes(2, 4.2)
     time, msd = run.time[1:], run.msd[1:]
@@ -95,7 +102,7 @@ def _oscillation(time, growth):
 
 
 @styled
-def trajectories(run, dim: int, grains: int = 4):
+def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequency"))], dim: int, grains: int = 4):
     """Displacements during a few of the many turns of growth: grains in space, and one grain against time (Fig 4)."""
     figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
     if not len(run.turns):
@@ -134,7 +141,7 @@ def _label_axes(axes, names, dim: int) -> None:
 
 
 @styled
-def stress_through_failure(first, later=None):
+def stress_through_failure(first: _Failure, later: _Failure | None = None):
     """Shear stress over the initial pressure, and number of contacts, during one or two runs (Fig 5)."""
     figure, (top, middle, bottom) = column_axes(3, 5.2)
     _plot_stress_and_contacts(top, first)

@@ -9,6 +9,8 @@ import matplotlib
 matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
 
+from ..core.arguments import checked
+
 WIDTH = 3.39  # inches, one column
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#0072B2",
@@ -44,12 +46,13 @@ TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
 
 
 def styled(function):
-    """Decorate a drawing function to use the common style."""
+    """Decorate a drawing function to use the common style; its arguments are checked."""
+    drawn = checked(function)
 
     @wraps(function)
     def inner(*args, **options):
         with plt.rc_context(STYLE):
-            return function(*args, **options)
+            return drawn(*args, **options)
 
     return inner
 

@@ -9,11 +9,12 @@ import json
 import re
 import zlib
 from importlib.resources import files
+from typing import Annotated
 
 import numpy as np
 from matplotlib import colormaps
 
-from ..core.arguments import checked
+from ..core.arguments import Requirement, checked, require_filled
 from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
@@ -39,7 +40,10 @@ CONTENT = {"material", "coordination", "sliding contacts"}  # integers
 
 
 @checked
-def view(frames: list[Frame], modes: list[Mode] | None = None, *, colour: str | None = None, height: int = 480):
+def view(
+    frames: Annotated[list[Frame], Requirement(require_filled)], modes: list[Mode] | None = None, *,
+    colour: str | None = None, height: int = 480,
+):  # fmt: skip
     """Three-dimensional view of a packing for a notebook, as a K3D plot.
 
     Grains are balls coloured by a quantity. Contacts are lines from centre to centre, wider for larger normal forces,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Seed, Values, checked, require_positive
 from ..core.control import force_controlled, stress_controlled
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law, hertz_mindlin, linear
@@ -28,9 +28,9 @@ def biaxial_box(
     kn: float = 1.0,
     kt: float = 0.5,
     mu: float = 0.5,
-    radius=(0.4, 0.6),
+    radius: Values = (0.4, 0.6),
     density: float = 4 / np.pi,
-    seed: int = 0,
+    seed: Seed = 0,
     tolerance: float = 1e-9,
 ) -> tuple[State, Law]:
     """Frictional disks at rest in a box, compressed by two walls under constant forces.
@@ -87,8 +87,8 @@ def biaxial_box(
 
 @checked
 def sheared_box(
-    n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
-    density: float = 4 / np.pi, seed: int = 0, tolerance: float = 1e-9,
+    n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5,
+    radius: Values = (0.4, 0.6), density: float = 4 / np.pi, seed: Seed = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
     """Frictional disks at rest under a prescribed pressure in a periodic cell with free strains xx, yy and xy.
 

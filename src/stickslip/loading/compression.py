@@ -1,11 +1,12 @@
 """Frictional packings: loose grains compressed slowly, with friction, until they carry a given pressure."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import Seed, Values, checked, require_not_negative, require_positive
 from ..core.contacts.forces import forces
 from ..core.control import stress_controlled
 from ..core.dynamics.run import run
@@ -48,13 +49,13 @@ def compressed(
     pressure: float,
     mu: float | None = None,
     dim: int = 3,
-    radius=(0.5, 0.7),
-    mass=1.0,
+    radius: Values = (0.5, 0.7),
+    mass: Values = 1.0,
     i0: float | None = None,
     law: Law | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     tolerance: float | None = None,
-    report=None,
+    report: Callable | None = None,
 ):
     """Frictional packing in a periodic box, compressed slowly from a loose state until it carries a pressure.
 

@@ -30,6 +30,7 @@ from .shear import reduced_cell
 
 SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+MOST_STEPS = 1_000_000  # strain steps of a search
 TRIALS = 200  # most steps that are tried to find the finer bracket
 THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
 SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
@@ -81,7 +82,7 @@ def find_events(
     (0, 'the last strain was reached')
     """
     require_positive(to=to, drag=drag, step=step, resolution=resolution, prune=prune, smallest=smallest)
-    _check(state, law, step, resolution, most)
+    _check(state, law, to, step, resolution, most)
     search = Search(_first_point(state, law, drag, prune), step, resolution, smallest)
     end = "the last strain was reached"
     for k in range(int(np.ceil(round(to / step, 9)))):
@@ -98,7 +99,7 @@ def find_events(
     return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
 
 
-def _check(state: State, law: Law, step: float, resolution: float, most: int | None) -> None:
+def _check(state: State, law: Law, to: float, step: float, resolution: float, most: int | None) -> None:
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
         raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
@@ -111,6 +112,8 @@ def _check(state: State, law: Law, step: float, resolution: float, most: int | N
         raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
     if rescales(law.kind):
         raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
+    if to > MOST_STEPS * step:
+        raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
     if resolution > step:
         raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
     if most is not None and most < 1:

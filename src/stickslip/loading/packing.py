@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Seed, Values, checked, require_index, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
@@ -25,7 +25,7 @@ from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
 from ..core.scales import Scales, natural_scales
 from ..core.sizes import Size, require_sizes
-from ..core.state import SLIDE, State, assembly, box, disks, flat_walls, loads, spheres
+from ..core.state import SLIDE, State, as_rows, assembly, box, disks, flat_walls, loads, spheres
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import BALANCED, equilibrate
 from ..solve.linear import one_thread
@@ -36,12 +36,12 @@ from ..solve.relax import residual
 @checked
 def disk_array(
     n: int = 10,
-    radius=0.5,
+    radius: Values = 0.5,
     *,
     press: float,
     push: float = 0.0,
     disk: int = 0,
-    mass=1.0,
+    mass: Values = 1.0,
     i0: float = 0.5,
     gap: float = 0.0,
 ) -> State:
@@ -65,8 +65,10 @@ def disk_array(
     >>> disk_array(3, press=5e-5).grains.position[:, 0]
     array([0.5, 1.5, 2.5])
     """
+    if n < 1:
+        raise ValueError(f"n = {n} was given: at least 1 disk is needed")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
-    radius = np.broadcast_to(np.asarray(radius, float), (n,))
+    radius = as_rows(radius, n)
     after = np.roll(radius, -1)
     spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height
     centers = radius[0] + np.concatenate([[0.0], np.cumsum(spacing[:-1])])
@@ -74,6 +76,7 @@ def disk_array(
     grains = disks(np.stack([centers, radius], axis=1), radius, mass=mass, i0=i0)
     force = np.zeros((n, 3))
     force[:, 1] = -press
+    require_index(n, disk=disk)
     force[disk, 0] += push
     wall = flat_walls([0.0, 0.0, 0.0], [0.0, 1.0, 0.0], material=SUBSTRATE)
     cell = box([length, 1.0, 1.0], [True, False, False], dim=2)
@@ -114,11 +117,11 @@ def jammed(
     packing_fraction: float | None = None,
     pressure: float | None = None,
     dim: int = 3,
-    radius=(0.5, 0.7),
-    mass=1.0,
+    radius: Values = (0.5, 0.7),
+    mass: Values = 1.0,
     i0: float | None = None,
     law: Law | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     tolerance: float | None = None,
 ):
     """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible from its seed.
@@ -236,7 +239,8 @@ def check_radii(radius, n: int) -> np.ndarray:
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise ValueError(f"radius = {radius} was given: one, a few, or {n} positive numbers are needed")
+        got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
+        raise ValueError(f"radius = {got} given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Seed, Series, Several, checked, require_positive
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
@@ -30,6 +30,10 @@ class Equilibrium(NamedTuple):
     state: State
     spectrum: Spectrum
     outcome: Outcome
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if the state is not valid."""
+        self.state.check_entries()
 
 
 class Change(NamedTuple):
@@ -54,7 +58,7 @@ class Family(NamedTuple):
 
 
 @checked
-def load_path(turning_points, step: float, through=()) -> np.ndarray:
+def load_path(turning_points: Series, step: float, through: Several = ()) -> np.ndarray:
     """Loads from one turning point to the next in increments of at most `step`, including the loads in `through`.
 
     Examples
@@ -63,12 +67,12 @@ def load_path(turning_points, step: float, through=()) -> np.ndarray:
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
     require_positive(step=step)
-    loads = np.array([*turning_points, *through], float)
+    loads = np.array([*turning_points, *np.atleast_1d(through)], float)
     if not np.isfinite(loads).all():
         raise ValueError(f"a load of {loads[~np.isfinite(loads)][0]} was given: use finite loads")
     steps = float(np.abs(np.diff(turning_points)).sum()) / step
     require_sizes([Size(f"step = {step:g} makes", steps, "load steps", "use a larger step")])
-    loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
+    loads, waiting = [turning_points[0]], list(dict.fromkeys(np.atleast_1d(through)))
     for a, b in pairwise(turning_points):
         inside = [x for x in waiting if min(a, b) <= x <= max(a, b)]
         waiting = [x for x in waiting if x not in inside]
@@ -112,7 +116,9 @@ class Protocol(NamedTuple):
 
 
 @checked
-def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Checkpoint | None = None) -> list[Equilibrium]:
+def ramp(
+    state: State, loads: Series, protocol: Protocol, report: Callable | None = None, *, kept: Checkpoint | None = None
+) -> list[Equilibrium]:
     """Equilibria along a path of loads, each found from the one before it; `report(equilibrium)` is called after each.
 
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
@@ -190,7 +196,9 @@ def follow_pair(
 
 
 @checked
-def track_pairs(path: list[Equilibrium], protocol: Protocol, report=lambda share, words: None) -> list[Family]:
+def track_pairs(
+    path: list[Equilibrium], protocol: Protocol, report: Callable = lambda share, words: None
+) -> list[Family]:
     """Track all complex pairs along a path, with births and deaths.
 
     Call `report(share done, words)` before each pair.
@@ -241,7 +249,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
 
 
 @checked
-def perturbed(state: State, seed: int, velocity: float) -> State:
+def perturbed(state: State, seed: Seed, velocity: float) -> State:
     """State with normally distributed velocities of standard deviation `velocity` [length/time] in free coordinates."""
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
@@ -265,7 +273,13 @@ class Growth(NamedTuple):
 
 @checked
 def fit_growth(
-    time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11), within: float = 0.05
+    time: Series,
+    msd: Series,
+    *,
+    growth_rate: float,
+    frequency: float,
+    window: tuple[float, float] = (1e-19, 1e-11),
+    within: float = 0.05,
 ) -> Growth | None:
     """Fit growth rate and frequency while `msd` lies in the window; None if `msd` does not cross it.
 
@@ -304,7 +318,16 @@ def fit_growth(
 
 
 @checked
-def free_run(state: State, law: Law, *, duration: float, dt: float, sample: float, drag=0.0, spin_drag=None):
+def free_run(
+    state: State,
+    law: Law,
+    *,
+    duration: float,
+    dt: float,
+    sample: float,
+    drag: float = 0.0,
+    spin_drag: float | None = None,
+):
     """Run Newtonian dynamics, recording contact events, and all grains at intervals of `sample` [time]."""
     require_positive(duration=duration, dt=dt, sample=sample)
     probes = np.arange(len(state.grains.radius))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import Seed, checked
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
@@ -115,7 +115,7 @@ def release(
     law: Law,
     *,
     strain: float = 0.0,
-    seed: int = 0,
+    seed: Seed = 0,
     e_folds: float = 45.0,
     least: float | None = None,
     duration: float | None = None,

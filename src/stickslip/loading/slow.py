@@ -1,10 +1,11 @@
 """Slow dynamics of a packing under a changing load, with dashpots and drag, in small steps of the load."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.control import between
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
@@ -28,7 +29,7 @@ class SlowRun(NamedTuple):
 
 @checked
 def slow_dynamics(
-    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report=None
+    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report: Callable | None = None
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
@@ -45,6 +46,10 @@ def slow_dynamics(
     RuntimeError
         if a position is not a number.
     """
+    require_positive(time=time, until=until)
+    require_not_negative(drag=drag)
+    if not 0 < until <= len(legs):
+        raise ValueError(f"until = {until} was given for {len(legs)} legs: it must be above 0 and at most {len(legs)}")
     dt = SHARE * stable_time_step(state, law)
     points, here, loads, states, energy = (state.control, *legs), state, [], [], []
     steps = max(1, round(time * until / STEPS / dt))

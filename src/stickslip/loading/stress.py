@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Bodies, checked, require_positive
 from ..core.contacts.neighbors import TOO_FAR
 from ..core.control import body_numbers, stress_controlled
 from ..core.laws.builtin import Law
@@ -51,7 +51,7 @@ def cell_shear(law: Law, normal_stress: float, *, tolerance: float = BALANCED) -
 
 
 @checked
-def plate_shear(law: Law, plate, *, tolerance: float = BALANCED) -> Protocol:
+def plate_shear(law: Law, plate: Bodies, *, tolerance: float = BALANCED) -> Protocol:
     """Protocol of shear by a plate: the load is the force on it along x, over that which presses it along −y.
 
     Parameters

@@ -77,8 +77,8 @@ def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
     known = critical.dtype.kind in "iu" or not critical.size
     if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
         raise ValueError(
-            f"critical = {str(critical)[:60]} was given: distinct numbers of contacts, or one bool for each of the "
-            f"{matrix.count} contacts, are needed"
+            f"critical = {critical.tolist()!r:.60} was given: distinct numbers of contacts, or one bool for each of "
+            f"the {matrix.count} contacts, are needed"
         )
     if critical.size and not 0 <= critical.min() <= critical.max() < matrix.count:
         raise ValueError(

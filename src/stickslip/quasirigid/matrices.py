@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import checked
+from ..core.arguments import Numbers, checked, require_shape
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SMOOTH, Law
 from ..core.measure import branch_vectors, touching
@@ -169,7 +169,7 @@ def block_diagonal(parts: np.ndarray):
 
 
 @checked
-def stiffness_matrix(matrix: LinearSystem, sliding=None, *, geometric: bool = True):
+def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
     """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness; equal to −J for these statuses.
 
     Parameters
@@ -200,7 +200,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 
 
 @checked
-def damping_matrix(matrix: LinearSystem, sliding=None):
+def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
     """(n, n) sparse c Γ cᵀ; a sliding contact has no tangential dashpot."""
     sliding = _status_of_all(matrix, sliding)
     damping = matrix.damping.copy()
@@ -209,6 +209,7 @@ def damping_matrix(matrix: LinearSystem, sliding=None):
 
 
 @checked
-def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding=None) -> float:
+def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding: Numbers | None = None) -> float:
     """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
+    require_shape((len(matrix.free),), velocity=velocity)
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space, qr, svd
 
-from ..core.arguments import checked
+from ..core.arguments import Numbers, checked
 from ..core.laws.builtin import Law
 from ..core.measure import rattlers
 from ..core.readable import readable
@@ -43,7 +43,12 @@ class Mechanism(NamedTuple):
 
 @checked
 def mechanisms(
-    state: State, law: Law, load: np.ndarray | None = None, sliding=None, *, wall_arm: float | None = None
+    state: State,
+    law: Law,
+    load: np.ndarray | None = None,
+    sliding: Numbers | None = None,
+    *,
+    wall_arm: float | None = None,
 ) -> list[Mechanism]:
     """Find all null modes of k, each in one of the classes of Sec. III E.
 

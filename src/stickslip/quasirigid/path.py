@@ -9,6 +9,7 @@ the rotation of contacts.
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -97,7 +98,12 @@ class LoadPath(NamedTuple):
 
 @checked
 def load_path(
-    state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report=None
+    state: State,
+    law: Law,
+    *legs: Control,
+    increment: float = 0.01,
+    geometric: bool = True,
+    report: Callable | None = None,
 ) -> LoadPath:
     """Follow a packing while its control changes linearly from one given control to the next.
 
@@ -299,10 +305,6 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
 
 
 def _check_leg(begin: Control, end: Control) -> None:
-    if not isinstance(end, Control):
-        raise ValueError(
-            f"a leg of type {type(end).__name__} was given: the Control at its end is needed, such as with_load(...)"
-        )
     for name in ("free", "group", "cell_free"):
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError(

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from ..core.fields import LARGEST
 from ..core.measure import branch_vectors
 from ..core.state import State
 from ..solve.freedom import Freedom
@@ -80,7 +81,7 @@ def _append_angles(state: State, free: Freedom) -> Freedom:
 
 def _check_walls(state: State, arm: float) -> None:
     n = len(state.grains.radius)
-    if not (np.isfinite(arm) and arm > 0):
+    if not 1 / LARGEST <= arm <= LARGEST:
         raise ValueError(f"wall_arm = {arm} was given: it must be positive, such as half the length of a wall")
     if not len(state.walls.mass):
         raise ValueError("wall_arm was given for a packing without walls: leave it out")

@@ -8,7 +8,7 @@ from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import Law
-from ..core.measure import mean_normal_force, overlaps, touching, volume
+from ..core.measure import Committed, mean_normal_force, overlaps, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
 from .freedom import unsupported_grains
 
@@ -110,7 +110,7 @@ def _percent(share: float) -> str:
 
 
 @checked
-def likely_causes(state: State, law: Law) -> tuple[str, ...]:
+def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
     """Possible reasons why the forces of a packing do not balance, the most informative first.
 
     The state can reveal contacts that were never sheared, missing confinement, motion, and positions with few digits.

@@ -1,13 +1,15 @@
 """Head-on collision of two grains: restitution, duration, peak force, and the damping for a given restitution."""
 
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.contacts.mechanics import with_dashpot
+from ..core.fields import LARGEST
 from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
@@ -23,6 +25,10 @@ from ..core.laws.dispatch import Kind
 from ..core.readable import readable
 
 ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1
+LONGEST = 100.0  # duration that is integrated, in units in which an elastic collision takes about 3
+MOST_CALLS = 200_000  # evaluations of the force, a hundred times those of a collision
+LEAST = 1e-4  # restitution that is looked for; below, collisions last long, and their final speed is round-off
+DOUBLINGS = 60
 
 
 @readable
@@ -40,6 +46,8 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     """Simulate a head-on collision of two grains.
 
     Integrates m_eff δ'' = −F_n(δ, −δ') from δ = 0, δ' = `speed` until the grains separate, to a tolerance of 1e-10.
+    Grains that are damped so strongly that they do not separate within about 30 durations of the elastic collision
+    have a restitution of zero and an infinite duration.
 
     Parameters
     ----------
@@ -75,10 +83,19 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     # scale by the elastic collision, so that the equation is well conditioned in any units
     unit = normal_force(law.kind, q, r_eff, 1.0)
     power = force_exponent(law.kind)
-    depth = ((power + 1) / 2 * m_eff * speed**2 / unit) ** (1 / (power + 1))
-    span = depth / speed
+    with np.errstate(all="ignore"):
+        depth = ((power + 1) / 2 * m_eff * np.float64(speed) ** 2 / unit) ** (1 / (power + 1))
+        span = depth / speed
+    if not all(1 / LARGEST < size < LARGEST for size in (depth, span, m_eff * speed)):
+        raise ValueError(
+            f"mass = {mass:g} and speed = {speed:g} were given: an overlap of {depth:.3g} and a duration of {span:.3g} "
+            f"are beyond the range of numbers; use other units"
+        )
+    calls = count()
 
     def motion(_, y):
+        if next(calls) > MOST_CALLS:
+            raise ValueError("damping_n of this law is so large that the collision cannot be integrated: reduce it")
         return [y[1], -force(y[0] * depth, y[1] * speed) * span / (m_eff * speed)]
 
     def gone(_, y):
@@ -87,7 +104,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     gone.terminal = True
     run = solve_ivp(
         motion,
-        (0, 1e6),
+        (0, LONGEST),
         [0.0, 1.0],
         method="DOP853",
         rtol=1e-10,
@@ -98,7 +115,11 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     )
     course = run.sol(np.linspace(0, run.t[-1], 4001))
     peak = max(force(x * depth, v * speed) for x, v in course.T)
-    return Collision(-float(run.y[1, -1]), float(run.t[-1] * span), peak, float(course[0].max() * depth))
+    parted = run.t[-1] < LONGEST
+    return Collision(
+        -float(run.y[1, -1]) if parted else 0.0, float(run.t[-1] * span) if parted else np.inf, peak,
+        float(course[0].max() * depth),
+    )  # fmt: skip
 
 
 @checked
@@ -112,7 +133,7 @@ def with_restitution(
 
     Parameters
     ----------
-    restitution : float, above 0 and at most 1
+    restitution : float, at least 1e-4 and at most 1
     radius, mass, speed : as in `collision`
     ratio : γ_t/γ_n, 0.5 as in LAMMPS
 
@@ -125,10 +146,9 @@ def with_restitution(
     >>> f"{law.table[0, 0, DAMPING_N]:.1e}"
     '6.0e+07'
     """
-    if not 0 < restitution <= 1:
-        raise ValueError(f"restitution = {restitution} was given: it must be above 0 and at most 1")
-    if not (np.isfinite(ratio) and ratio >= 0):
-        raise ValueError(f"ratio = {ratio} was given: it must be zero or positive")
+    if not LEAST <= restitution <= 1:
+        raise ValueError(f"restitution = {restitution} was given: it must be at least {LEAST:g} and at most 1")
+    require_not_negative(ratio=ratio)
 
     def damped(gamma):
         table = law.table.copy()
@@ -144,8 +164,12 @@ def with_restitution(
     elastic = collision(damped(0.0), radius=radius, mass=mass, speed=speed)
     unit = damping_factor(law.damping, radius / 2, mass / 2, elastic.peak_overlap)
     low, high = 0.0, (1 - restitution) * mass / elastic.duration / unit
-    while excess(high) > 0:
+    for _ in range(DOUBLINGS):
+        if not excess(high) > 0:
+            break
         low, high = high, 2 * high
+    else:
+        raise ValueError(f"no damping gives a restitution of {restitution}: the law damps collisions too little")
     size, q = 2 * radius, parameters(law.table, 0, 0)
     stiffness = normal_force(law.kind, q, size, size) / size
     natural = np.sqrt(stiffness * mass) / damping_factor(law.damping, size, mass, size)
@@ -168,7 +192,7 @@ def eq8_damping(
 
     Parameters
     ----------
-    restitution : float, above 0 and at most 1
+    restitution : float, at least 1e-4 and at most 1
     young [Pa], poisson : of the grains; poisson between −1/2 and 1/2, not 0
     radius, mass, speed : as in `collision` [m], [kg], [m/s]
     ratio : γ_t/γ_n; must not be 1/3, where A is zero
@@ -189,7 +213,7 @@ def eq8_damping(
     >>> f"{gamma:.2e}"
     '1.01e+04'
     """
-    if not (0 < abs(poisson) < 0.5 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
+    if not (0 < poisson**2 < 0.25 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
         raise ValueError(
             f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution only for "
             f"positive E, ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3"

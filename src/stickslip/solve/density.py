@@ -1,5 +1,6 @@
 """Density of states and participation ratio of modes."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ from scipy import sparse
 from scipy.linalg import eigvals
 from scipy.sparse.linalg import eigsh
 
-from ..core.arguments import checked
+from ..core.arguments import Seed, checked
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
@@ -84,8 +85,8 @@ class DensityOfStates(NamedTuple):
 
 @checked
 def density_of_states(
-    state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: int = 0,
-    report=None,
+    state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: Seed = 0,
+    report: Callable | None = None,
 ) -> DensityOfStates:  # fmt: skip
     """Density of states D(ω) = (1/n) Σ_k δ(ω − ω_k), ω_k = |Re √λ_k| of the n eigenvalues of −M⁻¹J.
 

@@ -4,13 +4,14 @@ Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the 
 modes are computed by shift and invert, and their number is checked. What lies higher is searched by tangent dynamics.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Seed, checked, require_positive
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
@@ -108,8 +109,8 @@ def fastest_pair(
     amplification: float = 3.0,
     rate: float = 1e-4,
     probes: int = 16,
-    seed: int = 0,
-    report=None,
+    seed: Seed = 0,
+    report: Callable | None = None,
     dense_below: int = DENSE_BELOW,
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system.

@@ -5,13 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_shape
 from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
 from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.contacts.mechanics import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
+from ..core.fields import Field, check_entry
 from ..core.laws.builtin import Law
-from ..core.measure import branch_vectors, contact_forces, least_supports, rattlers, volume
+from ..core.measure import Committed, branch_vectors, contact_forces, least_supports, rattlers, volume
 from ..core.readable import readable
 from ..core.state import State, groups
 
@@ -48,7 +49,15 @@ class Freedom(NamedTuple):
     @property
     def bodies(self) -> int:
         """Number of bodies."""
-        return (len(self.place) - 9) // 6
+        return (len(np.atleast_1d(self.place)) - 9) // 6
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or range."""
+        sizes = {"n": len(np.atleast_1d(self.component)), "places": 6 * self.bodies + 9}
+        sizes["last"] = sizes["n"] - 1
+        check_entry("free.component", self.component, Field(np.int64, ("n",), 0, sizes["places"] - 1), sizes)
+        check_entry("free.mass", self.mass, Field(np.float64, ("n",), 5e-324), sizes)
+        check_entry("free.place", self.place, Field(np.int64, ("places",), -1, "last"), sizes)
 
     def check_belongs(self, others) -> None:
         """Raise ValueError if any state among the given values has a different number of bodies."""
@@ -71,6 +80,7 @@ class Freedom(NamedTuple):
         return self._expand(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
 
     def _expand(self, q):
+        require_shape((len(self),), q=q)
         return np.where(self.place >= 0, np.append(q, 0)[self.place], 0)
 
     def without(self, bodies: np.ndarray) -> "Freedom":
@@ -113,7 +123,7 @@ def unsupported_grains(state: State, law: Law) -> np.ndarray:
 
 
 @checked
-def backbone(state: State, law: Law) -> Freedom:
+def backbone(state: Committed, law: Law) -> Freedom:
     """Free coordinates of a state without its rattlers."""
     loose = unsupported_grains(state, law)
     return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
@@ -198,6 +208,8 @@ def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
 @checked
 def assembled(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K assembled from contact blocks."""
+    width = 9 if np.shape(blocks)[-1:] == (9,) else 6
+    require_shape((int(state.contacts.count[0]), width, width), blocks=blocks)
     if free.length:
         q = incidence(state, len(blocks), free, blocks.shape[1])
         flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))

@@ -1,5 +1,6 @@
 """Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +83,7 @@ class _ModeData(NamedTuple):
 
 @checked
 def contact_sensitivity(
-    state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None
+    state: State, law: Law, *, pair: int = 0, most: int | None = None, report: Callable | None = None
 ) -> ContactSensitivity:
     """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 

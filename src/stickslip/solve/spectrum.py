@@ -242,7 +242,7 @@ def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
 
 
 @checked
-def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
+def match_pairs(spectra: list[Spectrum], *, at_least: float = 0.5) -> list[dict[int, int]]:
     """Match complex pairs through a sequence of spectra by the overlap of their modes.
 
     Parameters

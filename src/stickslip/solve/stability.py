@@ -1,5 +1,6 @@
 """Stability of an accepted state, with the modes that decide it."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -168,7 +169,9 @@ def combine_motions(count: int, found, stuck) -> str:
 
 
 @checked
-def stability(state: State, law: Law, *, method: str = "auto", dashpots: bool = True, report=None) -> Stability:
+def stability(
+    state: State, law: Law, *, method: str = "auto", dashpots: bool = True, report: Callable | None = None
+) -> Stability:
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
     A state with a residual above `BALANCED_BELOW` of the mean contact force is not in equilibrium. Then `stable` is

@@ -1,5 +1,6 @@
 """Transient growth of disturbances in a stable packing with non-normal dynamics."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -61,7 +62,13 @@ class _ModalMotion(NamedTuple):
 
 @checked
 def transient_growth(
-    state: State, law: Law, *, norm: str = "energy", duration: float | None = None, samples: int = 100, report=None
+    state: State,
+    law: Law,
+    *,
+    norm: str = "energy",
+    duration: float | None = None,
+    samples: int = 100,
+    report: Callable | None = None,
 ) -> TransientGrowth:
     """Largest transient growth sup_t ‖exp(Bt)‖ of the motion M q̈ = J q + C q̇ of a packing with a stable spectrum.
 

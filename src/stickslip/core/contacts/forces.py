@@ -10,11 +10,12 @@ from numba import njit
 
 from ..arguments import checked
 from ..control import spring_forces
+from ..fields import Field, check_entry
 from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
 from ..laws.dispatch import check_kind
 from ..options import INNER
 from ..readable import pluralize, readable
-from ..state import OPEN, State, groups
+from ..state import OPEN, Contacts, State, groups
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
@@ -42,6 +43,23 @@ class ContactLoads(NamedTuple):
     force: np.ndarray  # (N + W, 3) [force]
     torque: np.ndarray  # (N + W, 3) [force length]
     virial: np.ndarray  # (3, 3) Σ f ⊗ r over contacts between grains, elastic; only where the cell is free [energy]
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry has a wrong type or shape, or is not finite."""
+        for name, field in _LOADS.items():
+            check_entry(f"loads.{name}", getattr(self, name), field, {"bodies": len(np.atleast_1d(self.force))})
+
+    def check_belongs(self, others) -> None:
+        """Raise ValueError if any state among the given values has a different number of bodies."""
+        for state in others:
+            if isinstance(state, State) and state.n_bodies != len(self.force):
+                raise ValueError(f"loads of {len(self.force)} bodies were given for a state with {state.n_bodies}")
+
+
+_LOADS = {
+    "force": Field(np.float64, ("bodies", 3)), "torque": Field(np.float64, ("bodies", 3)),
+    "virial": Field(np.float64, (3, 3)),
+}  # fmt: skip
 
 
 def moved_masses(state: State) -> np.ndarray:
@@ -173,7 +191,7 @@ def check_memory(memory: int) -> None:
 
 
 @checked
-def accept(state: State, trial) -> State:
+def accept(state: State, trial: Contacts) -> State:
     """State with the trial memory committed.
 
     Raises

@@ -38,7 +38,7 @@ from .forces import bodies, check_materials, check_memory
 from .geometry import normal_and_overlap, pair_vector, shifts, surface_rotation
 from .interaction_range import largest_gap, with_rolling_memory
 from .mechanics import HELD, effective_values, out_of_range, transport_slip, truncated_slip, turning_weight
-from .neighbors import body_positions, moved_too_far
+from .neighbors import check_list
 from .rolling import resists_rolling, with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
 
@@ -147,10 +147,7 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
     check_memory(memory)
-    if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > state.contacts.gap:
-        raise ValueError(
-            "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
-        )
+    check_list(state, largest_gap(state, law))
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip")
     out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))

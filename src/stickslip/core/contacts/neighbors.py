@@ -10,24 +10,24 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..arguments import checked
+from ..arguments import Bodies, checked
+from ..fields import BODY_BITS, IMAGE_BITS
 from ..laws.builtin import Law
 from ..options import INNER
 from ..state import OPEN, PER_PAIR, Cell, Contacts, State, empty_contacts
 from .interaction_range import copy_rolling_memory, with_range, with_rolling_memory
 
-_BODY_BITS, _IMAGE_BITS = 21, 7
-_IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
-MAX_BODIES = 1 << _BODY_BITS
+_IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
+MAX_BODIES = 1 << BODY_BITS
 TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
 
 
 @njit(cache=True)
 def pack_key(i, j, a, b, c):
     """Pack (i, j, image) into one integer with the same order."""
-    key = (np.int64(i) << _BODY_BITS) | np.int64(j)
+    key = (np.int64(i) << BODY_BITS) | np.int64(j)
     for m in (a, b, c):
-        key = (key << _IMAGE_BITS) | np.int64(m + _IMAGE_OFFSET)
+        key = (key << IMAGE_BITS) | np.int64(m + _IMAGE_OFFSET)
     return key
 
 
@@ -215,7 +215,7 @@ def _find_pairs(bins, search, x, radius, wall_normal, vectors, skin, key, first,
     """
     n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
     bound, window, base, boxes, push, hit = search
-    high, at, wrong = bins.number[1], np.int64(0), np.int64(len(base) >> 16 << _IMAGE_BITS)
+    high, at, wrong = bins.number[1], np.int64(0), np.int64(len(base) >> 16 << IMAGE_BITS)
     for column in range(bins.number[0] * bins.number[2]):
         known = _columns_around(column, bins, vectors, base, boxes, push)
         for w in range(high):
@@ -256,22 +256,22 @@ def _find_pairs(bins, search, x, radius, wall_normal, vectors, skin, key, first,
                         key[at] = pack_key(a, b, 0, 0, 0)
                         at += 1
                 many[a] = at - first[a]
-    return at if wrong >> _IMAGE_BITS == 0 else _TOO_FAR
+    return at if wrong >> IMAGE_BITS == 0 else _TOO_FAR
 
 
 @njit(cache=True, _nrt=False)
 def _fill_list(key, first, many, new, rows):
     """Fill a list from the keys of each grain, and `rows` with the first row of each grain."""
-    c, low, keyed = 0, (1 << _IMAGE_BITS) - 1, len(new.key) > 0
+    c, low, keyed = 0, (1 << IMAGE_BITS) - 1, len(new.key) > 0
     for a in range(len(many)):
         rows[a] = c
         for at in range(first[a], first[a] + many[a]):
             k = key[at]
             if keyed:
                 new.key[c] = k
-            new.i[c], new.j[c] = a, (k >> 3 * _IMAGE_BITS) & (MAX_BODIES - 1)
-            new.image[c, 0] = ((k >> 2 * _IMAGE_BITS) & low) - _IMAGE_OFFSET
-            new.image[c, 1] = ((k >> _IMAGE_BITS) & low) - _IMAGE_OFFSET
+            new.i[c], new.j[c] = a, (k >> 3 * IMAGE_BITS) & (MAX_BODIES - 1)
+            new.image[c, 0] = ((k >> 2 * IMAGE_BITS) & low) - _IMAGE_OFFSET
+            new.image[c, 1] = ((k >> IMAGE_BITS) & low) - _IMAGE_OFFSET
             new.image[c, 2] = (k & low) - _IMAGE_OFFSET
             c += 1
     rows[len(many)] = c
@@ -310,6 +310,14 @@ def largest_displacement(x, contacts):
 def moved_too_far(x, contacts) -> bool:
     """Return True if the list is stale, or if some body has moved by half the skin since it was built."""
     return contacts.stale or not largest_displacement(x, contacts) <= 0.5 * contacts.skin
+
+
+def check_list(state: State, gap: float = 0.0) -> None:
+    """Raise ValueError if the list of contacts is not valid at the positions of a state, or across a gap."""
+    if moved_too_far(body_positions(state), state.contacts) or gap > state.contacts.gap:
+        raise ValueError(
+            "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
+        )
 
 
 @njit(cache=True)
@@ -390,7 +398,7 @@ def select_rows(contacts: Contacts, rows) -> Contacts:
 
 
 @checked
-def without_walls(state: State, walls) -> State:
+def without_walls(state: State, walls: Bodies) -> State:
     """State without the given walls, numbered 0 … W−1.
 
     All other contacts keep their memory, and later walls are renumbered.
@@ -412,11 +420,12 @@ def without_walls(state: State, walls) -> State:
     number = np.cumsum(kept) - 1
     contacts = select_rows(contacts, rows)
     j = number[contacts.j].astype(contacts.j.dtype)
-    key = contacts.key - ((contacts.j.astype(np.int64) - j) << (3 * _IMAGE_BITS))  # see `pack_key`
+    key = contacts.key - ((contacts.j.astype(np.int64) - j) << (3 * IMAGE_BITS))  # see `pack_key`
     per_body = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
     control = state.control._replace(**{name: getattr(state.control, name)[kept] for name in per_body})
     return state._replace(
         walls=type(state.walls)(*(part[kept[n:]] for part in state.walls)),
         contacts=contacts._replace(j=j, key=key, origin=contacts.origin[kept]),
         control=control,
+        instant=None,
     )

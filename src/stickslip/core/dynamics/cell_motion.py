@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..arguments import checked
+from ..arguments import Numbers, checked
 from ..control import factors_at
 from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
 from ..options import INNER
@@ -46,7 +46,7 @@ class Frame(NamedTuple):
 
 
 @checked
-def strained(state: State, gradient, *, slip: bool = True) -> State:
+def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
 
     The cell is always spanned by its vectors, so that simple shear makes it triclinic (Lees–Edwards conditions).

@@ -301,7 +301,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 def allocate_buffers(state: State, steps: int, every: int, probes, events: bool, reference) -> RecordBuffers:
     """Allocate buffers for the samples and events of a run."""
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
-    probes = np.asarray(probes, np.int64)
+    probes = np.atleast_1d(np.asarray(probes, np.int64))
     if ((probes < 0) | (probes >= n)).any():
         raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
     reference = state.grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)

@@ -4,7 +4,7 @@ from math import prod
 
 import numpy as np
 
-from ..arguments import checked, require_not_negative
+from ..arguments import Bodies, checked, require_not_negative
 from ..contacts.forces import check_materials
 from ..contacts.neighbors import with_neighbor_list
 from ..laws.builtin import SMOOTH, Law
@@ -18,6 +18,8 @@ from .ledger import open_books
 from .record import OBSERVABLES, allocate_buffers, make_record
 from .timestep import check_time_step, stable_time_step
 
+MOST_STEPS, MOST_SAMPLES = 10**15, 10**7  # of a run; samples are held in memory
+
 
 @checked
 def run(
@@ -29,7 +31,7 @@ def run(
     drag: float = 0.0,
     spin_drag: float | None = None,
     every: int = 0,
-    probes=(),
+    probes: Bodies = (),
     events: bool = False,
     ledger: bool = False,
     tolerance: float = 0.0,
@@ -93,6 +95,7 @@ def run(
     require_not_negative(drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     steps, every, dt = int(steps), int(every), float(dt)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
+    every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
@@ -127,6 +130,11 @@ def _check_arguments(
         raise ValueError(f"dt = {dt} was given: the time step must be positive")
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    if steps > MOST_STEPS or (every and steps // every > MOST_SAMPLES):
+        raise ValueError(
+            f"steps = {float(steps):.4g}, every = {float(every):.4g} were given: at most {MOST_STEPS:g} steps and "
+            f"{MOST_SAMPLES:g} samples are allowed"
+        )
     if ledger and not every:
         raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
     if slip_update not in ("difference", "rate"):

@@ -5,7 +5,7 @@ scalar functions take real or complex arguments and branch on the real part. The
 complex-step differentiation, f'(x) = Im f(x + ih)/h, which is exact to round-off because nothing is subtracted.
 """
 
-from numbers import Real
+from numbers import Integral, Real
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +13,10 @@ from numba import njit
 
 from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ..arguments import checked
+from ..fields import LARGEST, Field, check_entry
 from ..options import INNER
 from ..readable import readable
+from ..text import quoted
 from .dispatch import USER_LAWS, Kind, by_kind, check_kind, find_user_law
 
 HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(
@@ -42,10 +44,25 @@ class Law(NamedTuple):
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
 
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if compiled code does not know this law."""
+        dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
+        for name, known in (("coulomb", COULOMB.values()), ("damping", dampings), ("kind", None)):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or (known and value not in known):
+                raise ValueError(f"law.{name} is {value!r}: take a law from stickslip.laws")
+        check_kind(self.kind)
+        sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
+        check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
+        for k, name in enumerate(names):
+            low = 1 / MAX_PARAMETER if name == "kn" else 0.0 if name in PARAMETERS else -LARGEST
+            check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
+
+@checked
 def hertz_mindlin(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True,
-    rescaled=False,
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0,
+    tension: bool = True, rescaled: bool = False,
 ) -> Law:  # fmt: skip
     """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
@@ -82,9 +99,11 @@ def hertz_mindlin(
     return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
+@checked
 def linear(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
-) -> Law:
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0,
+    tension: bool = True,
+) -> Law:  # fmt: skip
     """F_n = k_n δ − c_n v_n; F_t = −k_t s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
     Smooth friction is defined as in `hertz_mindlin`.
@@ -99,9 +118,10 @@ def linear(
     return _make_law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
+@checked
 def hertz_mindlin_reff(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0, tension=True,
-    rescaled=False,
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0,
+    tension: bool = True, rescaled: bool = False,
 ) -> Law:  # fmt: skip
     """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), p = √(δ R_eff).
 
@@ -145,18 +165,18 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
-
-
 def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
-        raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
+        raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
-        raise ValueError(f"damping={damping!r} was given: {', '.join(map(repr, DAMPING))} are allowed")
+        raise ValueError(f"damping={quoted(damping)} was given: {', '.join(map(repr, DAMPING))} are allowed")
     for name, value in zip(PARAMETERS, values, strict=True):
         check_parameter(name, value)
     table = np.array(values, float)[None, None, :].copy()
     return Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+
+
+MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
@@ -169,7 +189,7 @@ def check_parameter(name, value, names=PARAMETERS):
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
     if not isinstance(value, Real) and not (np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"):
-        raise ValueError(f"{name} = {value!r} was given: it must be a number")
+        raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
     low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
     if not (np.isfinite(value) and low_ok):
         raise ValueError(

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from ..arguments import checked
 from ..text import read_text
 from .builtin import (
     COULOMB,
@@ -229,11 +230,13 @@ def _clip_cap(mu, value):
     return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
 
 
+@checked
 def custom(
     *, normal_force: Callable, tangential_stiffness: Callable | None = None, cap: Callable | None = None,
     contact_range: Callable | None = None, rolling_stiffness: Callable | None = None,
     rolling_cap: Callable | None = None, normal_energy: Callable | None = None, parameters: dict | None = None,
-    coulomb="sharp", damping="velocity", tension=True, size=1.0, name="a user's law",
+    coulomb: str = "sharp", damping: str = "velocity", tension: bool = True, size: float = 1.0,
+    name: str = "a user's law",
 ) -> Law:  # fmt: skip
     """Contact law from user-defined functions: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
@@ -343,6 +346,7 @@ def _source_text(given: dict) -> str:
     return "\n".join(found)
 
 
+@checked
 def from_file(path: str | Path, **parameters: float) -> Law:
     """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
 

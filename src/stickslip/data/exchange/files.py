@@ -29,6 +29,7 @@ WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
 
+@checked
 def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     """Read one packing: .npz (names as in `from_arrays`), archive, GSD, LAMMPS data or dump.
 
@@ -68,6 +69,7 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     return tuple(found)
 
 
+@checked
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
@@ -166,7 +168,7 @@ def _with_options(
 
 
 @checked
-def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]:
+def write_packing(path: str | Path, states: State | list[Frame], law: Law | None = None) -> list[str]:
     """Write an accepted state, or several as a trajectory, in the format selected by the file extension.
 
     Parameters

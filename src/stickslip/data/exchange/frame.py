@@ -29,6 +29,10 @@ class Frame(NamedTuple):
     turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None if known only in the plane
     moving: bool = False  # True in an animation of a mode, which is not a state to continue from
 
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if the state is not valid."""
+        self.state.check_entries()
+
 
 @checked
 def frame_of(state: State, law: Law) -> Frame:

@@ -17,8 +17,8 @@ from ...core.readable import pluralize
 from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
+from ..older_contacts import restore_contacts
 from ..sample import PackingError
-from ..sound import restore_contacts, validate_state
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
 SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
@@ -173,7 +173,7 @@ def _read_frame(path, file, number: int):
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     state = State(**parts, time=float(meta["time"]))
-    check(validate_state(state))
+    check(state)
     return state, law_from_dict(meta["law"]), []
 
 

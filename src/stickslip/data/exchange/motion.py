@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.arguments import checked
+from ...core.arguments import checked, require_shape
 from ...core.sizes import STATE, Size, require_sizes
 from ...core.state import State
 from ..sample import HUGE, PackingError
@@ -73,6 +73,7 @@ def mode_frames(
             f"{count} frames of amplitude {amplitude:g} were requested: give at least 2 frames, and an amplitude above "
             f"0 and up to {HUGE:g}"
         )
+    require_shape((len(radius), 3), translation=translation, rotation=rotation)
     largest = float((np.sqrt((np.abs(translation) ** 2).sum(axis=1, keepdims=True)) / radius).max())
     turning = float((np.abs(rotation) / radius).max())
     if not max(largest, turning) > 0:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ... import __version__
+from ...core.arguments import checked
 from ...data.dotted_keys import field_at
 from ...data.manifest import write_file
 from ..registry import scenario_class
@@ -25,6 +26,7 @@ def is_sweep(folder: str | Path) -> bool:
     return (Path(folder) / DATASET).is_file()
 
 
+@checked
 def open_sweep(folder: str | Path) -> xr.Dataset:
     """Load the results of a sweep from its folder or file.
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.readable import readable
 from ...core.sizes import MOST, Size, require_sizes
 from ...data.dotted_keys import field_at, with_value
@@ -88,11 +89,13 @@ class Member(NamedTuple):
     scenario: ScenarioBase
 
 
+@checked
 def read_sweep(path: str | Path, *, trust: bool = False) -> Sweep:
     """Read a sweep from a TOML file with a [sweep] table, or from the sweep.json of a run; `trust` as in `scenario`."""
     return sweep(trust=trust, **read_tables(path))
 
 
+@checked
 def sweep(*, trust: bool = False, **tables) -> Sweep:
     """Create a sweep from nested dictionaries, as in the TOML file; only the [sweep] table is validated here.
 

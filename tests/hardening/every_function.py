@@ -1,0 +1,263 @@
+"""Calls every public function with invalid arguments, and writes one line of JSON for each call and each fault.
+
+`python -m tests.hardening.every_function SHARE PART START`: from call START on, every call whose number is PART modulo
+SHARE, and with PART = 0 every call with an invalid state or law. The system ends the process if a call takes more than
+20 s of processor time; the line that announces the call tells which.
+"""
+
+import contextlib
+import dis
+import inspect
+import json
+import os
+import signal
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numba.core import event
+
+import stickslip as ss
+
+PACKAGE = str(Path(ss.__file__).parent)
+SECONDS = 20
+NAN = float("nan")
+
+
+# ---- what is given where nothing hostile is
+
+STATE, _ = ss.packings.jammed(8, packing_fraction=0.9, dim=2, seed=1)
+LAW = ss.laws.hertz_mindlin(mu=0.5)
+BOX, BOX_LAW = ss.packings.biaxial_box(12, pressure=1e-3)
+PROTOCOL = ss.protocols.aqs(LAW)
+FREE = ss.freedom(STATE)
+FRAME = ss.io.frame_of(STATE, LAW)
+BLOCKS = ss.modes.contact_blocks(STATE, LAW)[0]
+SPECTRUM = ss.spectrum(STATE, LAW)
+POINT = ss.results.Equilibrium(0.0, STATE, SPECTRUM, ss.newton(STATE, LAW)[1])
+SYSTEM = ss.quasirigid.linear_system(BOX, BOX_LAW)
+LOADING = np.linspace(0, 1e-3, len(SYSTEM.free))
+PROBLEM = ss.quasirigid.complementarity(SYSTEM, LOADING)
+SURFACE = ss.friction.RateState(mu0=0.6, a=0.01, b=0.015, dc=1e-5, v0=1e-6)
+SPRING = ss.friction.Spring(stiffness=1e3)
+LEGS = ss.friction.velocity_steps([1e-6, 1e-5], distance=1e-4)
+FAULT = ss.friction.line_fault(1e3, 100.0, a=0.01, b=0.015, dc=1e-2, normal=5e7)
+TIME = np.linspace(0, 1, 20)
+
+BY_NAME = {
+    "state": STATE, "law": LAW, "control": STATE.control, "grains": STATE.grains, "walls": STATE.walls,
+    "cell": STATE.cell, "free": FREE, "protocol": PROTOCOL, "path": [POINT, POINT], "blocks": BLOCKS,
+    "loads": ss.forces(STATE, LAW)[0], "trial": ss.forces(STATE, LAW)[1], "begin": STATE.control, "end": STATE.control,
+    "frame": FRAME, "frames": [FRAME], "matrix": SYSTEM, "load": LOADING, "problem": PROBLEM, "rs": SURFACE,
+    "spring": SPRING, "legs": LEGS, "fault": FAULT, "modes": np.eye(len(FREE))[:, :3], "spectra": [SPECTRUM, SPECTRUM],
+    "spectrum": SPECTRUM, "index": 0, "steps": 2, "dt": 1e-2, "duration": 0.1, "sample": 0.05, "share": 0.5,
+    "bodies": [0], "rate": 1e-3, "force": [0.0, 0.1], "axis": 0, "n_grains": 3, "n_walls": 1, "stress": {"xx": 1e-3},
+    "position": STATE.grains.position, "radius": 0.5, "mass": 1.0, "speed": 0.1, "restitution": 0.5, "time": 0.0,
+    "times": [0.0, 1.0], "factors": [1.0, 2.0], "displacement": [0.0], "stiffness": 1.0, "young": 1e9, "poisson": 0.3,
+    "a": 0, "b": 1, "seed": 1, "velocity": 1e-6, "strain": 1e-3, "gradient": [[1e-3, 0], [0, 0]], "push": 1e-5,
+    "press": 1e-3, "n": 8, "shear_rate": 1e-3, "pressure": 1e-2, "diameter": 1.0, "density": 1.0, "step": 1e-3,
+    "turning_points": [0.0, 1e-2], "normal_stress": 1e-3, "plate": [0, 1], "translation": np.zeros((8, 3)),
+    "rotation": np.zeros((8, 3)), "exponent": 1e-3 + 1j, "number": 1, "wall": 0, "factor": 1.1, "to": 1e-3, "drag": 0.1,
+    "near": 0.5, "title": "title", "states": STATE, "mu": 0.5, "packing_fraction": 0.7,
+}  # fmt: skip
+STEPS = np.zeros(len(FREE))
+GOOD = {
+    "displaced": {"step": STEPS}, "control.spring_forces": {"position": STATE.grains.position},
+    "control.spring_loaded": {"position": [[0, 0, 0]]}, "quasirigid.linear_system": {"state": BOX, "law": BOX_LAW},
+    "modes.displaced": {"step": STEPS}, "packings.jammed": {"tolerance": 1e-6, "pressure": None},
+    "protocols.find_events": {"step": 0.5}, "packings.biaxial_box": {"n": 10}, "packings.sheared_box": {"n": 10},
+    "packings.compressed": {"pressure": 1e-2, "tolerance": 1e-6},
+    "friction.prescribed": {"time": TIME, "velocity": 1e-6 + 0 * TIME},
+}  # fmt: skip
+
+
+def functions():
+    """Names and values of all public functions."""
+    spaces = [None, *(name for name in ss.__all__ if inspect.ismodule(getattr(ss, name)))]
+    for space in spaces:
+        module = ss if space is None else getattr(ss, space)
+        for name in module.__all__:
+            value = getattr(module, name)
+            if inspect.isfunction(value):
+                yield f"{space}.{name}" if space else name, value
+
+
+# ---- what is hostile
+
+
+def short(value) -> str:
+    return f"array {value.shape} of {value.flat[0]:g}" if isinstance(value, np.ndarray) else repr(value)
+
+
+def states():
+    """States that no function may accept, by what is wrong with them."""
+
+    def part(noun, **entries):
+        return STATE._replace(**{noun: getattr(STATE, noun)._replace(**entries)})
+
+    def entry(noun, name, value, at=0):
+        array = np.array(getattr(getattr(STATE, noun), name))
+        array.reshape(-1)[at] = value
+        return part(noun, **{name: array})
+
+    for name in ("radius", "mass", "inertia"):
+        for value in (0.0, -1.0, NAN, np.inf):
+            yield f"{name} {value}", entry("grains", name, value)
+    for name in ("position", "angle", "velocity", "spin"):
+        yield f"{name} NaN", entry("grains", name, NAN)
+    for noun, name in (("contacts", "slip"), ("contacts", "pair"), ("contacts", "roll"), ("contacts", "origin")):
+        yield f"{name} NaN", entry(noun, name, NAN)
+    for name in ("force", "rate", "gravity", "stress", "spring", "anchor"):
+        yield f"{name} NaN", entry("control", name, NAN)
+    yield "spring −1", entry("control", "spring", -1.0)
+    for name, value in (("mode", 99), ("i", 10**6), ("j", 10**6), ("j", -1), ("image", 100), ("key", 7)):
+        yield f"{name} {value}", entry("contacts", name, value)
+    for value in (10**6, -1):
+        yield f"count {value}", part("contacts", count=np.array([value]))
+    for name, value in (("group", 10**6), ("group", -5), ("follows", 5), ("leads", 5), ("cell_follows", 5)):
+        yield f"{name} {value}", entry("control", name, value)
+    for value in (NAN, -1.0, np.zeros((3, 3)), "heavy"):
+        yield f"cell_mass {short(value)}", part("control", cell_mass=value)
+    for value in ("now", NAN, None, np.zeros(2)):
+        yield f"time {short(value)}", STATE._replace(time=value)
+    for name, value in (("dim", 4), ("dim", "2"), ("periodic", np.ones(3)), ("vectors", np.zeros((3, 3)))):
+        yield f"{name} {short(value)}", part("cell", **{name: value})
+    for name, value in (("skin", NAN), ("skin", -1.0), ("gap", -1.0), ("stale", None), ("rolling", np.zeros((1, 7)))):
+        yield f"{name} {short(value)}", part("contacts", **{name: value})
+    yield "material −1", entry("grains", "material", -1)
+    yield "radius of another type", part("grains", radius=STATE.grains.radius.astype(np.float32))
+    yield "radius a list", part("grains", radius=STATE.grains.radius.tolist())
+    yield "positions missing", part("grains", position=STATE.grains.position[:-1])
+    yield "positions in the plane", part("grains", position=STATE.grains.position[:, :2])
+    yield "no contacts", STATE._replace(contacts=None)
+    yield "no grains", STATE._replace(grains=None)
+    yield "control of others", STATE._replace(control=ss.control.loads(3))
+    yield "contacts of others", STATE._replace(contacts=BOX.contacts)
+
+
+def laws():
+    for name, value in (
+        ("kind", 99), ("kind", "x"), ("coulomb", 7), ("damping", 77), ("table", None), ("table", np.ones((1, 1, 2))),
+        ("table", np.full((1, 1, 5), NAN)), ("table", -np.ones((1, 1, 5))), ("table", np.ones((1, 2, 5))),
+    ):  # fmt: skip
+        yield f"{name} {short(value)}", LAW._replace(**{name: value})
+
+
+def results():
+    """Invalid results by the argument that takes them."""
+    loads = BY_NAME["loads"]
+    yield "free", "of others", ss.freedom(BOX)
+    entries = FREE._asdict()
+    yield "free", "short", type(FREE)(**entries | {"place": FREE.place[:-1]})
+    yield "free", "out of range", type(FREE)(**entries | {"component": FREE.component + 10**6})
+    yield "loads", "of others", ss.forces(BOX, BOX_LAW)[0]
+    yield "loads", "NaN", loads._replace(force=np.full_like(loads.force, NAN))
+    yield "trial", "of others", BOX.contacts
+    yield "path", "invalid state", [POINT._replace(state=STATE._replace(time=NAN))]
+    yield "frames", "invalid state", [FRAME._replace(state=STATE._replace(time=NAN))]
+    yield "frame", "invalid state", FRAME._replace(state=STATE._replace(time=NAN))
+
+
+VALUES = {
+    "None": None, "word": "x", "empty word": "", "NaN": NAN, "inf": np.inf, "−1": -1, "0": 0, "denormal": 1e-320,
+    "huge": 1e300, "fraction": 0.5, "long": 10**30, "complex": 1j, "True": True, "[]": [], "[NaN]": [NAN],
+    "ragged": [[1.0], [2.0, 3.0]], "words": ["a", "b"], "array": np.arange(3.0), "no rows": np.zeros((0, 3)),
+    "block": np.zeros((2, 2, 2)), "0-d": np.array(0.5), "{}": {}, "object": object(), "tuple": (1, 2, 3),
+    "dates": np.array(["2020"], "M8[Y]"),
+}  # fmt: skip
+
+
+def calls():
+    """Name, function, arguments, and whether the call has to be refused, of every call."""
+    bad = {"state": list(states()), "law": list(laws())}
+    for key, what, value in results():
+        bad.setdefault(key, []).append((what, value))
+    for name, function in functions():
+        given, variable = {}, []
+        for one in inspect.signature(function).parameters.values():
+            pool = GOOD.get(name, {})
+            if one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD):
+                variable.append(one)
+            elif one.name in pool or (one.default is one.empty and one.name in BY_NAME):
+                given[one.name] = pool.get(one.name, BY_NAME.get(one.name))
+            elif one.default is one.empty:
+                given[one.name] = object()  # no valid value is at hand: only wrong ones are tried
+        names = [*(key for key, one in inspect.signature(function).parameters.items() if one not in variable)]
+        for key in names:
+            for what, value in bad.get(key, ()):
+                yield f"{name}({key} = {what})", function, given | {key: value}, True
+            for what, value in VALUES.items():
+                yield f"{name}({key} = {what})", function, given | {key: value}, False
+        for one in variable:
+            if one.kind is one.VAR_KEYWORD:
+                for what, value in VALUES.items():
+                    yield f"{name}(**{{'mu': {what}}})", function, given | {"mu": value}, False
+
+
+# ---- the calls
+
+
+def fault_of(function, arguments, refused: bool) -> str:
+    """What is wrong with the outcome of a call; empty if nothing is."""
+    try:
+        made = function(**arguments)
+        if inspect.isgenerator(made):
+            next(made, None)
+    except Exception as error:
+        return _fault_of_error(error)
+    return "accepted" if refused else ""
+
+
+def _fault_of_error(error: Exception) -> str:
+    """An error is ours if a `raise` statement of this package raised it, with one sentence."""
+    last = error.__traceback__
+    while last.tb_next is not None:
+        last = last.tb_next
+    words, place = str(error), last.tb_frame.f_code
+    by_raise = dis.opname[place.co_code[last.tb_lasti]] == "RAISE_VARARGS"
+    ours = isinstance(error, ValueError | TypeError) or type(error).__module__.startswith("stickslip")
+    if ours and by_raise and place.co_filename.startswith(PACKAGE) and words and "\n" not in words:
+        return ""
+    return f"{type(error).__name__}: {words[:200]} [{os.path.relpath(place.co_filename, PACKAGE)}:{last.tb_lineno}]"
+
+
+class Compiling(event.Listener):
+    """The clock stands still while Numba compiles: caches may be cold."""
+
+    depth, left = 0, 0.0
+
+    def on_start(self, event):
+        if self.depth == 0:
+            self.left, _ = signal.setitimer(signal.ITIMER_PROF, 0)
+        self.depth += 1
+
+    def on_end(self, event):
+        self.depth -= 1
+        if self.depth == 0 and self.left > 0:
+            signal.setitimer(signal.ITIMER_PROF, self.left)
+
+
+def main(share: int, part: int, start: int) -> None:
+    warnings.simplefilter("ignore")
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    event.register("numba:compile", Compiling())
+    tell, silent = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    os.dup2(silent, 2)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for number, (name, function, arguments, refused) in enumerate(calls()):
+            if number < start or (not (refused and part == 0) and number % share != part):
+                continue
+            print(json.dumps([number, name, None]), file=tell, flush=True)
+            signal.setitimer(signal.ITIMER_PROF, SECONDS)
+            found = fault_of(function, arguments, refused)
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            if found:
+                print(json.dumps([number, name, found]), file=tell, flush=True)
+    print(json.dumps([-1, "end", None]), file=tell, flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
