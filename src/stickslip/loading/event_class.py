@@ -133,7 +133,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
     >>> d = np.array([512.0, 64.0, 8.0, 1.0])
     >>> power, error = fit_power(d, 0.01 * d**0.5, width=0.01)
     >>> round(power, 6), round(error, 4)
-    (0.5, 0.0011)
+    (0.5, 0.0009)
     """
     x, y = distances[-3:], values[-3:]
     power = _power(x, y)
