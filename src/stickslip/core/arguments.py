@@ -213,7 +213,8 @@ def _check_of_container(origin, parts):
 
 
 def _listed(name: str, value) -> list:
-    if not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
+    scalar = isinstance(value, np.ndarray) and not value.ndim
+    if scalar or not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
         raise TypeError(f"{name} must be a list, but {_described(value)} was given")
     return list(value)
 
