@@ -65,6 +65,7 @@ def path(name: str) -> Path:
     raise ValueError(f"there is no example {name!r}: use {', '.join(found or known)}")
 
 
+@checked
 def packing(name: str = "sheared_spheres.npz") -> tuple[State, Law]:
     """Return a packing and its law.
 
@@ -78,6 +79,7 @@ def packing(name: str = "sheared_spheres.npz") -> tuple[State, Law]:
     return state, law
 
 
+@checked
 def scenario(name: str) -> ScenarioBase:
     """Return a scenario, for `ss.simulate`.
 
@@ -115,6 +117,7 @@ def pages() -> dict[str, str]:
     return {name: (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].strip("# ") for name in names}
 
 
+@checked
 def page(name: str) -> str:
     """Return a page of documentation as Markdown.
 
