@@ -9,10 +9,10 @@ import unicodedata
 import warnings
 from contextlib import contextmanager
 
-from ..core.text import bounded
 from ..extras import MissingExtraError
 from .app import app
 
+MAX_LENGTH = 1000  # of an error message, as in core.text [characters]
 STOPPED = 130  # exit code that shells expect from a process ended by ctrl-C
 ASCII_SPELLING = {
     "λ": "lambda", "ω": "omega", "φ": "phi", "σ": "sigma", "μ": "mu", "θ": "theta", "δ": "delta", "Δ": "Delta",
@@ -120,7 +120,11 @@ def _discard_stdout() -> None:
 
 def _fail(sentence: str, code: int, answer: dict | None = None) -> None:
     """Exit with a sentence on standard error and, with --json, an object on standard output."""
-    line = bounded(" ".join(sentence.split()))
+    line = " ".join(sentence.split())
+    if len(line) > MAX_LENGTH:
+        from ..core.text import bounded  # not at the top: it loads the compiler
+
+        line = bounded(line)
     if "--json" in sys.argv[1:]:
         ending = {"status": "stopped" if code == STOPPED else "failed", "error": line, "exit_code": code}
         print(json.dumps((answer or {}) | ending), flush=True)
