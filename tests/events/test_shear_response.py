@@ -15,8 +15,8 @@ LAWS = {
 }
 
 
-def sheared(law, dim, slip=True):
-    state, _ = ss.packings.jammed(20, packing_fraction={2: 0.88, 3: 0.68}[dim], dim=dim, seed=3, law=law)
+def sheared(law, dim, slip=True, seed=3):
+    state, _ = ss.packings.jammed(20, packing_fraction={2: 0.88, 3: 0.68}[dim], dim=dim, seed=seed, law=law)
     for _ in range(4):
         state, outcome = ss.equilibrate(ss.packings.sheared(state, 5e-4, slip=slip), law, check="nothing")
         assert outcome.ok
@@ -27,11 +27,16 @@ def sheared(law, dim, slip=True):
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("name", LAWS)
 def test_motion_and_modulus_are_those_of_a_small_step(name, dim, slip):
-    law = LAWS[name]
-    state = sheared(law, dim, slip)
-    found, step = Response(state, law, slip=slip), 1e-7
-    end, outcome = ss.newton(ss.packings.sheared(state, step, slip=slip), law, tolerance=1e-15)
-    assert outcome.ok or outcome.residual < 1e-14
+    law, step = LAWS[name], 1e-7
+    for seed in range(3, 9):  # until no contact changes its mode within the step; samples differ among processors
+        state = sheared(law, dim, slip, seed)
+        end, outcome = ss.newton(ss.packings.sheared(state, step, slip=slip), law, tolerance=1e-15)
+        assert outcome.ok or outcome.residual < 1e-14
+        if (end.contacts.count == state.contacts.count).all() and (end.contacts.mode == state.contacts.mode).all():
+            break
+    else:
+        raise AssertionError("in every sample a contact changes its mode")
+    found = Response(state, law, slip=slip)
     rest = displacement(state, end, step) / step - found.rate
     assert root_mean_square(rest, found.support.grains) < 1e-4 * found.speed  # of the order of the step
     if slip:

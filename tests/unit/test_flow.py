@@ -81,11 +81,11 @@ def test_grains_pass_where_a_gate_was_and_other_contacts_keep_their_memory():
 
 def test_a_plate_feels_what_presses_it_and_shears_the_grains():
     stages = [
-        {"name": "compress", "duration": 30.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5},
-        {"name": "press", "duration": 30.0, "until": "rest", "kinetic": 1e-5, "force": {"top": 32.0}},
+        {"name": "compress", "duration": 90.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5},
+        {"name": "press", "duration": 90.0, "until": "rest", "kinetic": 1e-5, "force": {"top": 32.0}},
         {"name": "shear", "duration": 30.0, "velocity": {"top": {"x": 1.0}}, "drag": 0.0},
     ]
-    found = ss.experiments.flow.simulate_flow(sheared(stages, samples=200))
+    found = ss.experiments.flow.simulate_flow(sheared(stages, samples=400))
     series = found.series
     for stage, force in ((0, 16.0), (1, 32.0)):  # pressure 2 on a length of 8, then a force
         last = np.flatnonzero(series.stage == stage)[-1]
