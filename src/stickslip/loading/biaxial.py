@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from ..core.arguments import Seed, Values, checked
+from ..core.arguments import Seed, Values, checked, require_positive
 from ..core.control import force_controlled, stress_controlled
 from ..core.dynamics.run import run
+from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, linear
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
@@ -123,7 +124,8 @@ def settle(state: State, law: Law, tolerance: float) -> State:
 
 
 def _contact_law(kn: float, kt: float, mu: float, pressure: float) -> Law:
-    if not 0 < pressure <= SOFT * kn:
+    require_positive(kn=kn)
+    if not kn / LARGEST < pressure <= SOFT * kn:
         raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
 
