@@ -181,7 +181,7 @@ def as_numbers(value, dtype=float) -> np.ndarray:
         raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
     if np.issubdtype(dtype, np.integer) and array.dtype.kind in "fO":
         for value in array[(array != np.round(array.astype(float))) | (abs(array) > 2**53)].flat:
-            raise ValueError(f"{value:g} was given where whole numbers up to 2^53 are needed")
+            raise ValueError(f"{value:g} was given where whole numbers are needed, at most 2^53 in size")
     return np.asarray(array, dtype)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from ..core.arguments import Seed, Values, checked, require_positive
 from ..core.control import force_controlled, stress_controlled
 from ..core.dynamics.run import run
+from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
@@ -159,7 +160,8 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
 
 
 def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scales) -> Law:
-    if not 0 < pressure <= SOFT * kn:
+    require_positive(kn=kn)
+    if not kn / LARGEST < pressure <= SOFT * kn:
         raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
     rate = 0.2 / scales.time
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=rate, damping_t=rate)

@@ -238,7 +238,7 @@ def check_radii(radius, n: int) -> np.ndarray:
         raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
-    if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
+    if sizes.ndim != 1 or len(sizes) > n or not ((sizes > 0) & (sizes <= 1e100)).all():
         got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
         raise ValueError(f"radius = {got} given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.arguments import Seed, Series, Several, checked, require_positive
+from ..core.arguments import Seed, Series, Several, checked, require_not_negative, require_positive
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
@@ -251,6 +251,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
 @checked
 def perturbed(state: State, seed: Seed, velocity: float) -> State:
     """State with normally distributed velocities of standard deviation `velocity` [length/time] in free coordinates."""
+    require_not_negative(velocity=velocity)
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
     kick = rng.normal(0.0, velocity, (n, 6)) * state.control.free[:n]

@@ -188,16 +188,18 @@ def check_parameter(name, value, names=PARAMETERS):
     """Raise ValueError with a one-sentence message if a law has no such parameter, or if the value is not allowed."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
-    if not isinstance(value, Real) and not (np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"):
+    if isinstance(value, np.ndarray | np.generic) and not value.shape and value.dtype.kind in "fiu":
+        value = value.item()
+    if not isinstance(value, Real):
         raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
     low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
-    if not (np.isfinite(value) and low_ok):
+    if not (abs(value) < np.inf and low_ok):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
         )
-    if abs(float(value)) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
+    if abs(value) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {value:g} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
+            f"{name} = {quoted(value)} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
             f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
         )
 
