@@ -28,7 +28,7 @@ def sheared(law, dim, slip=True, seed=3):
 @pytest.mark.parametrize("name", LAWS)
 def test_motion_and_modulus_are_those_of_a_small_step(name, dim, slip):
     law, step = LAWS[name], 1e-7
-    for seed in range(3, 9):  # until no contact changes its mode within the step; samples differ among processors
+    for seed in range(3, 20):  # until no contact is at its limit; samples differ among processors
         state = sheared(law, dim, slip, seed)
         found = Response(state, law, slip=slip)
         end, outcome = ss.newton(ss.packings.sheared(state, step, slip=slip), law, tolerance=1e-15)
