@@ -61,8 +61,15 @@ def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
     assert found.stable is None and not found.balanced
     assert found.verdict.startswith("not in equilibrium (residual") and found.verdict.endswith("cannot be judged")
     assert found.causes[-1].startswith("another law")
-    assert (len(found.pairs) + len(found.negative) > 0) == found.grows  # the spectrum is still there
-    assert "stable" not in found.motion.split("; ")
+    assert found.method == "none" and not found.grows and not found.modes.shape[1]
+    asked = ss.stability(*CHANGES[change](sheared), method="all")  # the spectrum is there for whoever asks for it
+    assert (len(asked.pairs) + len(asked.negative) > 0) == asked.grows and asked.zero_modes >= 3
+    assert asked.verdict == found.verdict and "stable" not in asked.motion.split("; ")
+
+
+def test_no_spectrum_is_computed_for_an_answer_that_is_not_given(sheared, monkeypatch):
+    monkeypatch.setattr("stickslip.solve.stability.dynamical_matrix", lambda *_: pytest.fail("a spectrum"))
+    assert ss.stability(with_slip(sheared, 0.0), SHARP).stable is None
 
 
 def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):

@@ -143,7 +143,7 @@ def stability(
     asked = [name for name, on in (("fastest", fastest), ("all", every), ("certify", certify)) if on]
     if len(asked) + (method != "auto") > 1:
         raise ValueError("more than one of --fastest, --all, --certify and --method was given: give one")
-    method = asked[0] if asked else method
+    method = asked[0] if asked else "all" if modes and method == "auto" else method
     shapes = modes or Path(f"{file.stem}-modes.npz")
     if modes or not as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)

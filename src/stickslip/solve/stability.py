@@ -45,6 +45,7 @@ UNLOADED = "decreasing overlaps, for which this law shortens slips, were not con
 LEFT_OUT = "the dashpots of the law were left out"
 DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # coordinates: LAPACK is the fastest below the first
 METHODS = {  # what was computed, in words
+    "none": "no spectrum, because the forces do not balance; name a method to have it all the same",
     "dense": "all eigenvalues by LAPACK",
     "pairs": "all complex pairs from the modes of the symmetric part",
     "certify": "all complex pairs, and a certificate of the real eigenvalues",
@@ -71,7 +72,7 @@ class Stability(NamedTuple):
     rigid: int  # zero modes that are translations of the whole packing
     modes: np.ndarray  # (n, P + K) generalised displacements of the pairs, then of the negative λ
     free: Freedom
-    method: str  # the way used: "dense", "pairs", "certify" or "fastest"; `way` describes it
+    method: str  # the way used: "dense", "pairs", "certify", "fastest" or "none"; `way` describes it
     scope: str  # limits of the analysis, in words
     causes: tuple[str, ...]  # possible reasons why forces do not balance, see `likely_causes`; empty if they do
     at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
@@ -175,8 +176,9 @@ def stability(
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
     A state with a residual above `BALANCED_BELOW` of the mean contact force is not in equilibrium. Then `stable` is
-    None, `verdict` says so, and `causes` lists possible reasons. The mode of each contact is determined by its slip
-    under this law, which may differ from the law under which the state was accepted. With sharp friction, a contact at
+    None, `verdict` says so, `causes` lists possible reasons, and the spectrum is computed only with a method other than
+    "auto". The mode of each contact is determined by its slip under this law, which may differ from the law under
+    which the state was accepted. With sharp friction, a contact at
     the Coulomb limit slides or sticks depending on the direction in which it is pushed. The spectrum assumes that all
     such contacts slide, and `if_stuck` assumes that all of them stick; the verdict states both results if they differ.
     Under a law with `rescaled=True`, the spectrum assumes that no contact is being unloaded, and `scope` says so.
@@ -220,7 +222,7 @@ def stability(
     if has_dashpots and not dashpots:
         found = found._replace(scope=joined(found.scope, LEFT_OUT))
     rows = contacts_at_limit(state, law)
-    if not len(rows):
+    if not len(rows) or found.method == "none":
         return found
     stuck = _analyse(with_sticking(state, rows), law, method, has_dashpots and dashpots, report)
     found, undamped = (_with_stuck(*both, len(rows)) for both in ((found, stuck), (found.undamped, stuck.undamped)))
@@ -266,6 +268,12 @@ def _analyse(state: State, law: Law, method: str, dashpots: bool, report) -> Sta
     size = len(free)
     if not size:
         raise ValueError("the packing has only rattlers: stability needs grains that support each other")
+    residual, moves = imbalance(state, law), motion_imbalance(state, law)
+    causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
+    about = len(loose), len(touching(state)), np.flatnonzero(loose), residual, moves
+    if causes and method == "auto":
+        nothing = np.zeros(0)
+        return Stability(*about, nothing + 0j, nothing, 0, 0, np.zeros((size, 0)), free, "none", "", causes)
     asked, method = method, _cheapest_way(method, size)
     if dashpots:
         check_damped_method(asked, size)
@@ -279,13 +287,8 @@ def _analyse(state: State, law: Law, method: str, dashpots: bool, report) -> Sta
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
     scope = joined(scope, unloading_scope(law))
-    residual, moves = imbalance(state, law), motion_imbalance(state, law)
-    causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
-    found = Stability(
-        len(loose), len(touching(state)), np.flatnonzero(loose), residual, moves, pairs, negative, zero_modes, rigid,
-        modes, free, method, scope, causes,
-    )  # fmt: skip
+    found = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
     return _with_dashpots(found, state, law, asked, report) if dashpots else found
 
 
