@@ -18,6 +18,7 @@ from .quantities import Mode
 from .style import plt, styled
 
 ENDINGS = (".gif", ".mp4")
+FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
 PIXELS = 720  # width of the picture
 BITS = 6  # per channel of the colours from which the palette of a GIF is made
 WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
@@ -26,7 +27,7 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 @styled
 def movie(
     frames: list[Frame], path: str | Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
-    fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
+    fps: int = FPS, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
 
@@ -65,7 +66,7 @@ def movie(
             for k, frame in enumerate(frames):
                 axes.clear()
                 drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
-                draw_legend(axes, frame, near=False)
+                draw_legend(axes, frame, near=False, colour=colour)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and k == 0:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
@@ -101,13 +102,13 @@ def _explain_ffmpeg_failure():
 
 def _make_writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
-        return _GifWriter(fps=fps)
+        return GifWriter(fps=fps)
     plt.rcParams["animation.ffmpeg_path"] = _find_ffmpeg()
     extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
     return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
-class _GifWriter(PillowWriter):
+class GifWriter(PillowWriter):
     """GIF writer with one palette for all frames, which keeps rare colours, such as those of sliding contacts."""
 
     def finish(self):
