@@ -12,14 +12,14 @@ from PIL import Image
 
 from ..data.exchange.frame import Frame
 from ..extras import require
-from .grains import draw, draw_colour_bar, draw_legend, layout_of
+from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
 from .page import MARK
 from .quantities import Mode
 from .style import plt, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
-PIXELS = 720  # width of the picture
+PIXELS = 720  # width of the picture, up to half as much again for wide ones
 BITS = 6  # per channel of the colours from which the palette of a GIF is made
 WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
 
@@ -53,14 +53,15 @@ def movie(
     path = Path(path)
     check_movie(path, fps)
     layout = layout_of(frames, colour=colour, mode=mode, si=si)
-    wide, tall = layout.high - layout.low
-    inches = PIXELS / 100
-    height = min(inches * tall / wide, 1.3 * inches) + (1.1 if colour else 0.6)
-    height = round(50 * height) / 50  # an even number of pixels, which H.264 requires
+    low, high = view_limits(layout)
+    wide, tall = high - low
+    inches = PIXELS / 100 * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
+    below, above = 0.85 if colour else 0.4, 0.3  # for the legend and the colour bar, and for the title
+    height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
+    inches, height = (round(50 * size) / 50 for size in (inches, height))  # even numbers of pixels, as H.264 requires
     with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": 100, "font.size": 11}):
         figure = plt.figure(figsize=(inches, height), dpi=100)
-        below, above = (0.85 if colour else 0.4) / height, 0.28 / height
-        axes = figure.add_axes([0.01, below, 0.98, 1 - below - above])
+        axes = figure.add_axes([0.01, below / height, 0.98, 1 - (below + above) / height])
         writer = _make_writer(path, fps)
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):

@@ -99,7 +99,7 @@ def trajectory(result, grain: int = 3):
     windows = (
         (
             (first - 150, first),
-            f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact reaches the Coulomb limit",
+            f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact\nreaches the Coulomb limit",
         ),
         ((first, end), "from there until its contact with the substrate does"),
     )

@@ -25,10 +25,8 @@ def snapshots(result):
     rows = -(-len(shown) // columns)
     tops = np.full(rows, high[1])
     if columns == 1:  # each panel is only as high as its grains
-        tops = (
-            np.array([np.quantile(p[:, 1], 1 - HIDDEN) for p in places]) + high[1] - max(p[:, 1].max() for p in places)
-        )
-        tops = np.clip(tops + 4 * shown[0].grains.radius.max(), low[1] + 0.05 * tall, high[1])
+        tops = np.array([np.quantile(p[:, 1], 1 - HIDDEN) for p in places]) + 4 * shown[0].grains.radius.max()
+        tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
     shares = tops - low[1]
     height = min(float((WIDE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
     figure, panels = plt.subplots(
@@ -127,7 +125,7 @@ def time_series(result):
     top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
     least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
-    label_axes(panels[0], y=("energy", "energy"))
+    label_axes(panels[0], y=("energy", "units of energy"))
     panels[0].legend(loc="best", ncol=2)
     known = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
     plot_fast(panels[1], time[known], series.unbalanced[known], color=BLUE)
@@ -145,7 +143,7 @@ def time_series(result):
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
             fontsize=6.5,
         )  # fmt: skip
-    label_axes(panels[-1], x=("time $t$", "time"))
+    label_axes(panels[-1], x=("time $t$", "units of time"))
     panels[-1].set_xlim(0, time[-1])
     figure.align_ylabels(panels)
     return figure
@@ -187,12 +185,12 @@ def _plot_plates(top, bottom, series, names) -> None:
         means = [np.convolve(force, np.ones(span), "same") for force in (shear, size)]
         good = means[1] > 0.1 * np.median(size)
         smooth = np.where(good, means[0] / np.where(good, means[1], 1.0), np.nan)
-        top.plot(series.time, smooth, color=color, lw=1.0, label=f"plate {name!r}, running mean")
+        top.plot(series.time, smooth, color=color, lw=1.0, label=f"{name}, running mean")
         seen += [float(v) for v in np.abs(smooth[np.isfinite(smooth)])]
     limit = 2 * float(np.quantile(seen, 0.95))
     top.set_ylim(-limit, limit)
     label_axes(top, y="shear force\nover normal force")
-    legend_above(top, ncol=3, handlelength=1.2)
+    legend_above(top)
     height = np.ptp(series.plate_position[:, :, 1], axis=1)
     bottom.plot(series.time, height, color=BLUE)
     label_axes(bottom, y=("distance of\nthe plates", "length"))

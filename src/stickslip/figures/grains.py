@@ -20,12 +20,11 @@ GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
 SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front: what is in front hides the rest
 PIECES = 6  # of the line of a contact, each in its own slab
-SHINE = (-0.32, 0.36, 0.5)  # place and size of the highlight on a ball, over its radius
-CROP = (
-    0.002  # share of grains that may be out of view at each side in a movie: a grain that rolls away shrinks the rest
-)
+SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
+CROP = 0.002  # share of grains that may be out of view at each side of a movie: those that roll away
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
-THICK = 1.1  # line width of a contact with the mean force [points]
+THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
+THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
@@ -139,7 +138,7 @@ def draw(
     place = wrapped(state) @ basis.T
     colors = _face_colours(frame, layout, mode, first, si)
     drawn = plt.cm.ScalarMappable(plt.Normalize(*layout.limits), cmap="viridis")
-    start, ends, width, color = _contact_lines(frame, layout, place, basis)
+    start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
     slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
     if dim == 3:
         start, ends, width, color = _visible_pieces(frame, start, ends, width, color)
@@ -150,7 +149,7 @@ def draw(
         if dim == 3:
             x, y, size = SHINE
             _draw_balls(
-                axes, place[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.45),
+                axes, place[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.35),
                 zorder=2.3 + number, edge="none",
             )  # fmt: skip
     for number in np.unique(back):
@@ -163,13 +162,18 @@ def draw(
     if near:
         gaps = _open_segments(frame, place, basis)
         _draw_outlines(axes, gaps, place[:, 2], dim, zorder=49, colors="0.35", linewidths=0.5, linestyles=":")
-    margin = 0.01 * (layout.high - layout.low).max()
-    low = layout.low - [margin, 6 * margin]  # room for the bar
-    axes.set(xlim=(low[0], layout.high[0] + margin), ylim=(low[1], layout.high[1] + margin))
+    low, high = view_limits(layout)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
     _draw_scale_bar(axes, frame, layout)
     return drawn
+
+
+def view_limits(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the drawing with its margins, and room for the scale bar below."""
+    margin = 0.01 * (layout.high - layout.low).max()
+    return layout.low - [margin, 6 * margin], layout.high + margin
 
 
 def _draw_balls(axes, place: np.ndarray, radius: np.ndarray, colors, *, zorder: float, edge: str = "0.45") -> None:
@@ -275,13 +279,14 @@ def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.nda
     return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
 
 
-def _contact_lines(frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
+def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
     """Starts, ends, widths and colours of contact lines."""
     c = frame.contacts
     start = place[c["i"]]
     size = np.clip(_normal_forces(frame) / layout.mean, 0.12, MOST)
     color = np.where((c["mode"] == SLIDE)[:, None], to_rgba(RED), to_rgba(BLUE))
-    scale = THICK * min(1.0, 12 / np.sqrt(len(frame.state.grains.radius))) if layout.dim == 2 else 0.8 * THICK
+    points = (72 / axes.figure.dpi * np.array(axes.bbox.size) / (layout.high - layout.low)).min()  # per length
+    scale = min(THICK if layout.dim == 2 else 0.8 * THICK, THIN * points * 2 * frame.state.grains.radius.mean())
     return start, start - c["branch"] @ basis.T, scale * size, color
 
 

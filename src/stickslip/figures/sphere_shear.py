@@ -39,9 +39,8 @@ def pairs_along_strain(paths, fine: float):
         )
     if path.onset:
         top.axvline(path.onset.strain, color=RED, ls=":", lw=0.8, label=r"first pair, $\gamma_c$")
-        top.plot(
-            path.onset.strain + path.onset.offset, path.onset.im_lambda, "+", color=RED, ms=3, label="closer to $\\gamma_c$"
-        )  # fmt: skip
+        near_onset = path.onset.strain + path.onset.offset
+        top.plot(near_onset, path.onset.im_lambda, "+", color=RED, ms=3, label=r"closer to $\gamma_c$")
     top.set_yscale("log")
     label_axes(top, x=r"strain $\gamma$", y=IM)
     onset = rf", $\gamma_c$ = {path.onset.strain:.6f}" if path.onset else ""
@@ -125,7 +124,7 @@ def trajectories(run, dim: int, grains: int = 4):
     above = figure.add_subplot(2, 1, 1, **({"projection": "3d"} if dim == 3 else {"aspect": "equal"}))
     for color, k in zip((BLUE, GREEN, ORANGE, RED), most, strict=False):
         above.plot(*joined[:, k, :dim].T, color=color, lw=0.5, label=f"grain {k}")
-    above.legend(loc="upper left", bbox_to_anchor=(0.95, 0.9))
+    figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
     funnel = figure.add_subplot(2, 1, 2, projection="3d")
     one = path[:, :, most[0]]
     axes = np.linalg.svd(one.reshape(-1, 3), full_matrices=False)[2][:2]
@@ -154,7 +153,7 @@ def _label_space(axes, words, dim: int) -> None:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_tick_params(pad=-3, labelsize=6)
-            axis.labelpad = -6
+            axis.labelpad = -3 if axis is axes.zaxis else -5
             axis.set_major_locator(plt.MaxNLocator(4))
 
 

@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, ScalarFormatter
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
@@ -83,7 +84,7 @@ def axis_label(quantity: str, unit: str = "", power: int = 0) -> str:
 def power_of_ten(number: float, digits: int = 3) -> str:
     """Write a number as in 1.2 × 10⁻³, or plainly if it is of order one."""
     mantissa, _, power = f"{number:.{digits - 1}e}".partition("e")
-    if not number or not POWERS[0] < int(power) < POWERS[1]:
+    if not number or POWERS[0] < int(power) < POWERS[1]:
         return f"{number:.{digits}g}"
     mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
     return rf"$10^{{{int(power)}}}$" if mantissa == "1" else rf"${mantissa}\times 10^{{{int(power)}}}$"
@@ -164,10 +165,11 @@ class _MinorFormatter(LogFormatterMathtext):
 
     def __call__(self, value, pos=None) -> str:
         low, high = sorted(self.axis.get_view_interval())
-        first = round(value / 10 ** np.floor(np.log10(value) + 1e-9))
+        power = int(np.floor(np.log10(value) + 1e-9))
+        first = round(value / 10.0**power)
         if first not in (2, 5) or not low > 0 or np.log10(high / low) > 1.6:
             return ""
-        return power_of_ten(value)
+        return rf"${first}\times 10^{{{power}}}$"
 
 
 def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, middle: bool = True) -> None:
@@ -179,21 +181,27 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
     bins = max(8, round(axes.get_position().width * axes.figure.get_figwidth() * 72 / BIN))
-    slope = np.sign(np.diff(y))
-    turns = np.count_nonzero(np.diff(slope[slope != 0]))
-    if turns <= bins or x[-1] <= x[0]:
+    if _turns(y) <= bins or x[-1] <= x[0]:
         axes.plot(x, y, color=color, lw=lw, label=label)
         return
     starts = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], bins, endpoint=False)))
     count = np.diff(np.r_[starts, len(x)])
     at, mean = (np.add.reduceat(values, starts) / count for values in (x, y))
-    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+    # together with the neighbouring bins, because a bin may contain only a part of an oscillation
+    low, high = minimum_filter1d(np.minimum.reduceat(y, starts), 3), maximum_filter1d(np.maximum.reduceat(y, starts), 3)
     axes.fill_between(at, low, high, facecolor=color, edgecolor="none", alpha=0.35, label=None if middle else label)
     if middle:
         axes.plot(at, mean, color=color, lw=lw, label=label)
     else:
         for edge in (low, high):
-            axes.plot(at, edge, color=color, lw=0.5 * lw)
+            if _turns(edge) < bins / 4:
+                axes.plot(at, edge, color=color, lw=0.5 * lw)
+
+
+def _turns(y: np.ndarray) -> int:
+    """Number of minima and maxima."""
+    slope = np.sign(np.diff(y))
+    return np.count_nonzero(np.diff(slope[slope != 0]))
 
 
 def legend_above(axes, *handles, title: str = "", ncol: int = 2, **options) -> None:

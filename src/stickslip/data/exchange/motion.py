@@ -177,7 +177,5 @@ def _mixed_contacts(before: Frame, after: Frame, share: float, position: np.ndar
     order = np.lexsort((weight, number))  # the mode is that of the nearer frame, the last of each group
     last = np.zeros(len(rows), int)
     last[number[order]] = order
-    return {
-        "i": key[rows, 0], "j": key[rows, 1], "mode": mode[last], "branch": mean / total[:, None] if len(rows) else mean,
-        "force_n": loads,
-    }  # fmt: skip
+    mean /= total[:, None]
+    return {"i": key[rows, 0], "j": key[rows, 1], "mode": mode[last], "branch": mean, "force_n": loads}
