@@ -19,8 +19,8 @@ MARKS = {  # colour, marker, filled: distinguishable without colours
 }
 REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at the edge
 PITCH = 0.165  # height of a row [inch]
-MARGIN = 1.05  # height of title, axis and legend [inch]
-PAGE = 2.1 * WIDTH  # two columns
+MARGIN = 1.15  # height of title, axis and legend [inch]
+PAGE = 2.45 * WIDTH
 SHORT = 34  # longest label [characters]
 
 
@@ -45,7 +45,7 @@ def claims_chart(rows: list[Row], title: str):
     height = PITCH * (len(rows) + 1) + MARGIN
     figure = plt.figure(figsize=(PAGE, height), layout="none")
     bottom = 0.75 * MARGIN / height
-    axes = figure.add_axes((0.27, bottom, 0.28, PITCH * (len(rows) + 1) / height))
+    axes = figure.add_axes((0.25, bottom, 0.235, PITCH * (len(rows) + 1) / height))
     axes.axvspan(-1, 1, color="0.9", lw=0, zorder=0)
     axes.axvline(0, color=BLACK, lw=0.7, zorder=1)
     groups = [row.group for row in rows]
@@ -65,7 +65,7 @@ def claims_chart(rows: list[Row], title: str):
     return figure
 
 
-COLUMNS = (1.03, 1.50, 1.80, 2.12)  # left edges of the texts, in widths of the axes
+COLUMNS = (1.03, 1.62, 1.98, 2.56)  # left edges of the texts, in widths of the axes
 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
@@ -101,7 +101,7 @@ def _draw_row(axes, k: int, row: Row) -> None:
     axes.text(COLUMNS[1], k, row.paper, **place, **grey)
     axes.text(COLUMNS[2], k, row.unit, **place)
     axes.plot(COLUMNS[3] + 0.01, k, **style | {"transform": axes.get_yaxis_transform()})
-    axes.text(COLUMNS[3] + 0.045, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
+    axes.text(COLUMNS[3] + 0.05, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
 
 
 def _count(rows: list[Row], verdict: str) -> str:
@@ -123,4 +123,4 @@ def _draw_legend(figure, rows: list[Row]) -> None:
     if any(row.beside_reference for row in rows):
         handles.append(Line2D([], [], ls=""))
         words.append("italic: a reference, not the paper's value")
-    figure.legend(handles, words, loc="lower left", ncol=4, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)
+    figure.legend(handles, words, loc="lower left", ncol=3, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)

@@ -134,11 +134,11 @@ def traveling_fronts(forward: dict, backward, threshold: float):
     figure, (top, bottom) = column_axes(2, 4.2)
     for color, (load, found) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
         if found:
-            words = f"$F_x$ = {load:.3f}: $V_1$ = {power_of_ten(found.speed)} ± {power_of_ten(found.speed_error, 2)}"
+            words = f"$F_x$ = {load:.3f}: $V_1$ = {power_of_ten(found.speed, found.speed_error)}"
             _plot_front(top, found, color, words)
     label_axes(top, x=(r"mean delay of breaching $\tau_i-\tau_1$", TIME[1]), y=("distance from disk 1", DIAMETER))
     if backward:
-        words = f"$V_2$ = {power_of_ten(backward.speed)} ± {power_of_ten(backward.speed_error, 2)}"
+        words = f"$V_2$ = {power_of_ten(backward.speed, backward.speed_error)}"
         _plot_front(bottom, backward, PURPLE, words)
     label_axes(
         bottom, x=(rf"mean delay of sliding by {threshold:g} $\times 2R$", TIME[1]),

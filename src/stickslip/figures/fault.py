@@ -28,7 +28,7 @@ def slip_contours(history, events: int | None = None):
             gap = _interval(history.profile_time[kept & (history.profile_seismic == seismic)], seismic)
             lines[0].set_label(f"{words}, every {gap}" if gap else words)
     axes.set_ylim(depth[-1], depth[0])
-    if kept.any():
+    if kept.any() and np.ptp(history.profile_slip[kept]) > 0:
         axes.set_xlim(history.profile_slip[kept].min(), history.profile_slip[kept].max())
     label_axes(axes, x=("slip", "m"), y=("depth", "km"))
     legend = figure.legend(loc="outside upper center", ncols=2)

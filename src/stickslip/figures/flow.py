@@ -125,7 +125,7 @@ def time_series(result):
     top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
     least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
-    label_axes(panels[0], y=("energy", "units of energy"))
+    label_axes(panels[0], y=("energy\n", "units of energy"))
     panels[0].legend(loc="best", ncol=2)
     known = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
     plot_fast(panels[1], time[known], series.unbalanced[known], color=BLUE)

@@ -12,7 +12,6 @@ import matplotlib
 import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, ScalarFormatter
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
@@ -78,16 +77,20 @@ def column_axes(rows: int = 1, height: float = 2.5, **options):
 def axis_label(quantity: str, unit: str = "", power: int = 0) -> str:
     """Label of an axis whose numbers are multiples of 10^power times the unit, as in "time [10³ s]"."""
     inside = " ".join(word for word in (f"$10^{{{power}}}$" if power else "", unit) if word)
-    return f"{quantity} [{inside}]" if inside else quantity
+    gap = "" if quantity.endswith("\n") else " "
+    return f"{quantity}{gap}[{inside}]" if inside else quantity
 
 
-def power_of_ten(number: float, digits: int = 3) -> str:
-    """Write a number as in 1.2 × 10⁻³, or plainly if it is of order one."""
-    mantissa, _, power = f"{number:.{digits - 1}e}".partition("e")
-    if not number or POWERS[0] < int(power) < POWERS[1]:
-        return f"{number:.{digits}g}"
-    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
-    return rf"$10^{{{int(power)}}}$" if mantissa == "1" else rf"${mantissa}\times 10^{{{int(power)}}}$"
+def power_of_ten(number: float, error: float | None = None) -> str:
+    """Write a number, and its error, with three digits, as in (1.23 ± 0.05) × 10⁻³; plainly if it is of order one."""
+    power = int(np.floor(np.log10(abs(number)))) if number else 0
+    power = 0 if POWERS[0] < power < POWERS[1] else power
+    mantissa = f"{number / 10.0**power:.3g}"
+    if error is not None:
+        mantissa = f"({mantissa} ± {error / 10.0**power:.2g})" if power else f"{mantissa} ± {error:.2g}"
+    if not power:
+        return mantissa
+    return rf"$10^{{{power}}}$" if mantissa == "1" else rf"${mantissa}\times 10^{{{power}}}$"
 
 
 def label_axes(
@@ -120,17 +123,17 @@ class _PowerFormatter(ScalarFormatter):
 
     def __init__(self, quantity: str, unit: str) -> None:
         super().__init__(useOffset=False, useMathText=True)
-        self.set_powerlimits(POWERS)
+        self.set_scientific(False)
         self.words = quantity, unit
 
-    def set_locs(self, locs) -> None:
-        super().set_locs(locs)
-        text = axis_label(*self.words, self.orderOfMagnitude)
+    def format_ticks(self, values) -> list[str]:
+        largest = np.abs(values).max(initial=0.0)
+        power = int(np.floor(np.log10(largest))) if largest else 0
+        power = 0 if POWERS[0] < power < POWERS[1] else power
+        text = axis_label(*self.words, power)
         if self.axis.get_label_text() != text:
             self.axis.set_label_text(text)
-
-    def get_offset(self) -> str:
-        return ""
+        return super().format_ticks(np.asarray(values) / 10.0**power)
 
 
 class _FittingLocator(AutoLocator):
@@ -181,14 +184,15 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
     bins = max(8, round(axes.get_position().width * axes.figure.get_figwidth() * 72 / BIN))
-    if _turns(y) <= bins or x[-1] <= x[0]:
+    turns = _turns(y)
+    if turns <= bins or x[-1] <= x[0]:
         axes.plot(x, y, color=color, lw=lw, label=label)
         return
+    bins = min(bins, turns // 4)  # two oscillations or more, because a part of one does not reach the envelope
     starts = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], bins, endpoint=False)))
     count = np.diff(np.r_[starts, len(x)])
     at, mean = (np.add.reduceat(values, starts) / count for values in (x, y))
-    # together with the neighbouring bins, because a bin may contain only a part of an oscillation
-    low, high = minimum_filter1d(np.minimum.reduceat(y, starts), 3), maximum_filter1d(np.maximum.reduceat(y, starts), 3)
+    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
     axes.fill_between(at, low, high, facecolor=color, edgecolor="none", alpha=0.35, label=None if middle else label)
     if middle:
         axes.plot(at, mean, color=color, lw=lw, label=label)

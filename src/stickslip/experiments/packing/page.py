@@ -490,17 +490,21 @@ def _describe_growth(s: complex) -> str:
 
 def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame], list[str]]:
     """Frames and labels of the movie of a run, from the first state of its last stage or of the run."""
-    first = 0
-    if not whole and shown.stages and shown.stages[0] != shown.stages[-1]:
-        first = shown.stages.index(shown.stages[-1]) - 1  # the state with which the stage begins
+    # the state with which the last stage begins
+    first = 0 if whole else max((k for k, name in enumerate(shown.stages) if name != shown.stages[-1]), default=0)
     stored = shown.frames[first:]
     frames = frames_between(stored, count)
     times = [frame.state.time for frame in stored]
     if min(np.diff(times), default=0) <= 0:  # a load path: time does not advance
         at = first + np.linspace(0, len(stored) - 1, count).round().astype(int)
         return frames, [shown.labels[k] for k in at]
-    stage = f"{shown.stages[-1]}, " if first and shown.stages else ""
-    return frames, [f"{stage}time {frame.state.time:.4g}{' s' if shown.si else ''}" for frame in frames]
+    out = []
+    for t in (frame.state.time for frame in frames):  # the first state of a stage is the last of the one before
+        stage = (
+            shown.stages[first + min(max(1, int(np.searchsorted(times, t))), len(times) - 1)] if shown.stages else ""
+        )
+        out.append((f"{stage}, " if stage else "") + f"time {t:.4g}{' s' if shown.si else ''}")
+    return frames, out
 
 
 def write_movie(
