@@ -26,6 +26,7 @@ BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
 THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
+LEGEND = 1.6  # width of a column of the legend [inches]
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
 
@@ -253,15 +254,17 @@ def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = Tr
     if colour is None and (free := int(rattlers(frame.state, frame.state.cell.dim).sum())):
         handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="0.45", ms=5, label=f"rattlers ({free})"))
     if mode is not None:
-        handles.append(Line2D([], [], color=BLACK, lw=0.7, label="orbit in the mode (enlarged)"))
-        handles.append(Line2D([], [], color=PURPLE, lw=1.2, marker=">", ms=3, label="its start"))
+        handles.append(Line2D([], [], color=BLACK, lw=0.7, label="orbit (enlarged)"))
+        handles.append(Line2D([], [], color=PURPLE, lw=1.2, marker=">", ms=3, label="start of the orbit"))
     if frame.state.cell.periodic.any():
         handles.append(Line2D([], [], color=BLACK, lw=0.5, label="periodic cell"))
     if len(frame.state.walls.mass):
         handles.append(Line2D([], [], color="0.25", lw=0.9, label="walls"))
+    columns = int(axes.figure.get_figwidth() // LEGEND)
     axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), 3), columnspacing=1.2
-    )
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), columns),
+        columnspacing=1.2,
+    )  # fmt: skip
 
 
 def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
