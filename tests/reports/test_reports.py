@@ -18,10 +18,10 @@ from PIL import Image
 import stickslip as ss
 from stickslip.core.state import SLIDE
 from stickslip.data import archive
-from stickslip.data.exchange.motion import frames_between
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.writer import write_numbers
 from stickslip.figures import animation
+from stickslip.figures.between import frames_between
 from stickslip.figures.grains import BALL, PIECES
 from stickslip.figures.outlines import view_basis
 from stickslip.figures.quantities import quantities
@@ -298,7 +298,7 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
                 if np.allclose(color, to_rgba(name)):
                     colours[name].append(width)
     slides = int((state.contacts.mode[rows] == SLIDE).sum())
-    pieces = PIECES if dim == 3 else 1
+    pieces = PIECES if dim == 3 else 1  # in so small a packing
     assert (len(colours[BLUE]), len(colours[RED])) == (pieces * (len(rows) - slides), pieces * slides)
     contacts = ss.io.frame_of(state, law).contacts
     force = np.sort(np.repeat(contacts["force_n"], pieces))

@@ -19,7 +19,8 @@ from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, plt, styled
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
 SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front: what is in front hides the rest
-PIECES = 6  # of the line of a contact, each in its own slab
+PIECES = 6  # most pieces of the line of a contact, each in its own slab
+SHINING = 2000  # grains up to which balls have a highlight: it would not be seen on smaller ones
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
 CROP = 0.002  # share of grains that may be out of view at each side of a movie: those that roll away
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
@@ -147,7 +148,7 @@ def draw(
     for number in np.unique(slab):
         rows = slab == number
         _draw_balls(axes, place[rows, :2], radius[rows], colors[rows], zorder=2 + number)
-        if dim == 3:
+        if dim == 3 and len(place) <= SHINING:
             x, y, size = SHINE
             _draw_balls(
                 axes, place[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.35),
@@ -205,10 +206,12 @@ def _visible_pieces(frame: Frame, start: np.ndarray, ends: np.ndarray, width: np
     long = np.linalg.norm(ends - start, axis=1)
     other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
     first, last = radius[c["i"]] / long, 1 - other / long
-    share = first[:, None] + (last - first)[:, None] * np.linspace(0, 1, PIECES + 1)
+    reach = (np.ptp(start[:, 2]) if len(start) else 0.0) or 1.0
+    count = int(np.clip(np.ceil(SLABS * long.max(initial=0.0) / reach), 1, PIECES))
+    share = first[:, None] + (last - first)[:, None] * np.linspace(0, 1, count + 1)
     path = start[:, None] + share[..., None] * (ends - start)[:, None]
     pieces = (path[:, :-1].reshape(-1, 3), path[:, 1:].reshape(-1, 3))
-    return *pieces, np.repeat(width, PIECES), np.repeat(color, PIECES, axis=0)
+    return *pieces, np.repeat(width, count), np.repeat(color, count, axis=0)
 
 
 def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray) -> EllipseCollection:

@@ -14,13 +14,14 @@ from ...data.checkpoint import UNFINISHED
 from ...data.exchange.arrays import read_archive
 from ...data.exchange.files import capture_warnings, read_packing
 from ...data.exchange.frame import Frame, frame_of
-from ...data.exchange.motion import frames_between, mode_frames, read_mode
+from ...data.exchange.motion import mode_frames, read_mode
 from ...data.law_file import check_law_files, trust_law_files
 from ...data.sample import PackingError
 from ...extras import MissingExtraError
 from ...figures import animation as film
 from ...figures import page
 from ...figures import view3d as scene
+from ...figures.between import frames_between
 from ...figures.grains import bare_frame, packing
 from ...figures.quantities import DISPLACEMENT
 from ...figures.style import png
