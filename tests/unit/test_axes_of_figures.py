@@ -270,6 +270,9 @@ def long_run(most: float):
     return Made(time=time, touching=300 + rising(n), growth_rate=0.01, pairs=2, strain=0.1, **columns)
 
 
+NAMES = ("a", "b", "dc", "mu0")
+
+
 @pytest.mark.parametrize("most", [3e4, 5.6e5, 1e8, 2e-5, 0.0175])
 def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     """Time steps and strains of any size: the power of ten is in the label of the axis."""
@@ -279,7 +282,9 @@ def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     figures = [
         watch.watched_stress(step, 1.0 + step, step), sphere_shear.stress_through_failure(long_run(most)),
         quasi_rigid.curves([path], "shear"),
-        rate_state.corner({"a": step, "dc": step[::-1]}, {"a": (0, most), "dc": (0, most)}, {"dc": "m"}),
+        rate_state.corner(
+            {name: step + 10 * most for name in NAMES}, {name: (10 * most, 11 * most) for name in NAMES}, {"dc": "m"}
+        ),
     ]  # fmt: skip
     for figure in figures:
         assert not clashes(figure)

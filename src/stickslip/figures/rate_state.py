@@ -86,6 +86,8 @@ def corner(columns: dict, intervals: dict, units: dict):
     units : name → unit
     """
     names, many = list(columns), len(columns)
+    bases = {name: name.partition("[")[0] for name in names}
+    words = {name: (SYMBOLS.get(base, name), units.get(base, "")) for name, base in bases.items()}
     figure, panels = plt.subplots(many, many, figsize=(max(WIDTH, 1.05 * many),) * 2, sharex="col", squeeze=False)
     for row, below in enumerate(names):
         for column, across in enumerate(names):
@@ -98,12 +100,12 @@ def corner(columns: dict, intervals: dict, units: dict):
                 axes.set_yticks([])
             else:
                 _contour_pair(axes, columns[across], columns[below])
+                label_axes(axes, y=words[below])
                 axes.tick_params(labelleft=column == 0)
-        base = below.partition("[")[0]
-        words = SYMBOLS.get(base, below), units.get(base, "")
-        label_axes(panels[-1, row], x=words)
-        if row:
-            label_axes(panels[row, 0], y=words)
+                axes.yaxis.label.set_visible(column == 0)
+            if row == many - 1:
+                axes.tick_params(axis="x", rotation=45)
+                label_axes(axes, x=words[across])
     figure.align_labels()
     return figure
 

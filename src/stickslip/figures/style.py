@@ -146,7 +146,7 @@ class _FittingLocator(AutoLocator):
     def __call__(self):
         low, high = self.axis.get_view_interval()
         for count in range(int(np.clip(self.axis.get_tick_space(), 2, 9)), 0, -1):
-            self.set_params(nbins=count)
+            self.set_params(nbins=count, min_n_ticks=1 if count < 3 else 2)
             places = self.tick_values(low, high)
             if count == 1 or self._fit(places, abs(high - low)):
                 return places
@@ -155,12 +155,14 @@ class _FittingLocator(AutoLocator):
     def _fit(self, places, span: float) -> bool:
         if self.axis.axis_name != "x" or len(places) < 2 or not span:
             return True
+        how = self.axis.get_tick_params()
         texts = self.axis.get_major_formatter().format_ticks(places)
         longest = max(len(re.sub(r"\$|\\mathdefault|[{}]", "", text)) for text in texts)
-        size = FontProperties(size=self.axis.get_tick_params().get("labelsize", TICK_SIZE)).get_size_in_points()
+        size = FontProperties(size=how.get("labelsize", TICK_SIZE)).get_size_in_points()
         axes = self.axis.axes
         room = axes.bbox.width * 72 / axes.figure.dpi * (places[1] - places[0]) / span
-        return (DIGIT * longest + 0.7) * size <= room
+        wide = 1.5 if how.get("rotation") else DIGIT * longest + 0.7
+        return wide * size <= room
 
 
 class _MinorFormatter(LogFormatterMathtext):
