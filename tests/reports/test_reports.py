@@ -20,7 +20,8 @@ from stickslip.data import archive
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.writer import write_numbers
 from stickslip.figures import animation
-from stickslip.figures.grains import BALL
+from stickslip.figures.between import frames_between
+from stickslip.figures.grains import BALL, PIECES
 from stickslip.figures.outlines import view_basis
 from stickslip.figures.quantities import quantities
 from stickslip.figures.style import BLUE, RED
@@ -137,14 +138,51 @@ def test_a_flow_report_starts_with_its_first_frame_and_lists_its_physics(tmp_pat
     assert any(word.startswith("The view shows the run from its beginning") for word in words)
 
 
-def test_the_movie_of_a_run_lasts_about_eight_seconds(folder):
-    assert run("movie", folder).returncode == 0
-    with Image.open(folder / "movie.gif") as movie:
-        durations = []
-        for k in range(movie.n_frames):
-            movie.seek(k)
-            durations.append(movie.info["duration"])
-    assert durations == [330] * 3  # three frames are shown at the lowest rate, in hundredths of a second
+def test_the_movie_of_a_run_lasts_eight_seconds_and_shows_its_last_stage(tmp_path, monkeypatch):
+    """At 25 frames a second, from the state with which the stage begins; with --whole from the first."""
+    states = [disks()._replace(time=float(k)) for k in range(5)]
+    stages = {"00": {"name": "pour", "start": 0.0, "end": 2.0}, "01": {"name": "flow", "start": 2.0, "end": 4.0}}
+    tree = {"law": SHARP, "frames": {f"{k:04d}": s for k, s in enumerate(states)}, "stages": stages}
+    archive.write(tmp_path / "results.h5", tree, scenario='{"experiment": "flow"}', version="9")
+    filmed = []
+
+    def film(frames, path, **how):
+        filmed.append(([frame.state.time for frame in frames], how["fps"], how["labels"]))
+        path.write_bytes(b"GIF89a")
+
+    monkeypatch.setattr("stickslip.figures.animation.movie", film)
+    assert run("movie", tmp_path).returncode == run("movie", tmp_path, "--whole", "--overwrite").returncode == 0
+    for (times, fps, labels), start, words in zip(filmed, (2, 0), ("flow, time 2", "pour, time 0"), strict=True):
+        assert (len(times), fps, labels[0]) == (200, 25, words)
+        np.testing.assert_allclose(times, np.linspace(start, 4, 200), atol=1e-12)
+
+
+def test_between_stored_states_grains_move_smoothly_and_contacts_fade():
+    """Positions go through those stored and stay between them; a lost contact loses its force, then its line."""
+    first = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0], [1.98, 0, 0]], [0.5] * 3, SHARP)
+    move = np.array([0.0, 0.2, 0.2, 0.6])
+    stored = []
+    for time, x in enumerate(move):
+        place = first.grains.position + np.array([[0, 0, 0], [0, 0, 0], [x, 0, 0]])
+        state = ss.packings.from_arrays(place, [0.5] * 3, SHARP)._replace(time=2.0 * time)
+        stored.append(ss.io.frame_of(state, SHARP))
+    frames = frames_between(stored, 31)
+    moved = np.array([frame.state.grains.position[2, 0] - 1.98 for frame in frames])
+    np.testing.assert_allclose([frame.state.time for frame in frames], np.linspace(0, 6, 31))
+    np.testing.assert_allclose(moved[::10], move, atol=1e-12)
+    assert (np.diff(moved) >= -1e-12).all() and moved.max() < 0.6 + 1e-12  # no overshoot where it rests
+    assert np.abs(np.diff(moved, 2)).max() < 0.02  # 30 steps of a smooth curve; linear ones turn by 0.04 at 4
+    for frame in frames:
+        c = frame.contacts
+        rows = {(int(i), int(j)): k for k, (i, j) in enumerate(zip(c["i"], c["j"], strict=True))}
+        place = frame.state.grains.position
+        for (i, j), k in rows.items():
+            np.testing.assert_allclose(c["branch"][k], place[i] - place[j], atol=1e-12)
+        assert c["force_n"][rows[0, 1]] == pytest.approx(stored[0].contacts["force_n"][0])  # in all stored frames
+        apart = frame.state.grains.position[2, 0] - 0.99
+        assert ((1, 2) in rows) == (apart <= 1.02 * 0.99 and frame.state.time < 2)
+        if (1, 2) in rows:
+            assert c["force_n"][rows[1, 2]] <= stored[0].contacts["force_n"][1] * (1 - frame.state.time / 2) + 1e-15
 
 
 def test_the_view_holds_grains_contacts_and_frames(folder):
@@ -234,6 +272,7 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
     figure = ss.figures.packing(state, law)
     axes, rows, dim = figure.axes[0], ss.measure.touching(state), state.cell.dim
     ellipses = [c for c in axes.collections if isinstance(c, EllipseCollection)]
+    ellipses = [c for c in ellipses if len(c.get_edgecolor())]  # without highlights
     balls, lines = ([c for c in ellipses if (np.ravel(c._heights) > 0).all() == solid] for solid in (True, False))
     sizes = np.sort(np.concatenate([2 * np.ravel(c._widths) for c in balls]))  # matplotlib keeps half of them
     np.testing.assert_allclose(sizes, np.sort(2 * BALL[dim] * state.grains.radius), rtol=1e-12)
@@ -244,12 +283,16 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
                 if np.allclose(color, to_rgba(name)):
                     colours[name].append(width)
     slides = int((state.contacts.mode[rows] == SLIDE).sum())
-    assert (len(colours[BLUE]), len(colours[RED])) == (len(rows) - slides, slides)
-    force = np.sort(ss.io.frame_of(state, law).contacts["force_n"])
+    pieces = PIECES if dim == 3 else 1  # in so small a packing
+    assert (len(colours[BLUE]), len(colours[RED])) == (pieces * (len(rows) - slides), pieces * slides)
+    contacts = ss.io.frame_of(state, law).contacts
+    force = np.sort(np.repeat(contacts["force_n"], pieces))
     long = np.sort(np.concatenate([2 * np.ravel(one._widths) for one in lines]))
-    branch = ss.io.frame_of(state, law).contacts["branch"]
+    branch, radius = contacts["branch"], np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     seen = np.linalg.norm((branch @ view_basis(ss.io.frame_of(state, law)).T)[:, :2], axis=1)
-    np.testing.assert_allclose(long, np.sort(seen), rtol=1e-9)
+    if dim == 3:  # lines are drawn between the surfaces of the balls
+        seen *= 1 - BALL[3] * (radius[contacts["i"]] + radius[contacts["j"]]) / np.linalg.norm(branch, axis=1)
+    np.testing.assert_allclose(long, np.sort(np.repeat(seen / pieces, pieces)), rtol=1e-9)
     width = np.sort(colours[BLUE] + colours[RED])
     share = np.clip(force / force.mean(), 0.12, 6.0)
     np.testing.assert_allclose(width / width.max(), share / share.max(), rtol=1e-9)
@@ -273,18 +316,33 @@ def test_a_mode_is_drawn_as_ellipses_with_its_axes():
     plt.close(figure)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_grains_hide_the_lines_behind_them(side):
+    """A third ball before or behind the middle of a contact, as seen by the viewer."""
+    two = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], SHARP)
+    toward = view_basis(ss.io.frame_of(two, SHARP))[2]
+    place = [[0, 0, 0], [0.99, 0, 0], [0.495, 0, 0] + side * 1.5 * toward, -3 * side * toward]
+    figure = ss.figures.packing(ss.packings.from_arrays(place, [0.5] * 4, SHARP), SHARP)
+    found = [c for c in figure.axes[0].collections if isinstance(c, EllipseCollection) and len(c.get_edgecolor())]
+    lines = [c.zorder for c in found if not np.ravel(c._heights).any()]
+    middle = (np.array(place) @ view_basis(ss.io.frame_of(two, SHARP)).T)[2, :2]
+    (ball,) = (c.zorder for c in found if np.allclose(c.get_offsets(), middle, atol=1e-9))
+    assert lines and all(side * (ball - z) > 0 for z in lines)
+    plt.close(figure)
+
+
 @pytest.mark.parametrize("ending", [".gif", ".mp4"])
-def test_a_movie_has_as_many_frames_as_the_run(ending, folder):
+def test_a_movie_lasts_eight_seconds_at_any_rate(ending, folder):
     path = folder / f"film{ending}"
     out = run("movie", folder, "--out", path, "--colour", "speed", "--fps", "4")
     assert out.returncode == 0, out.stderr
     if ending == ".gif":
         with Image.open(path) as film:
-            assert (film.n_frames, film.info["duration"]) == (3, 250)
+            assert (film.n_frames, film.info["duration"]) == (32, 250)
             assert len(np.unique(np.asarray(film.convert("RGB")).reshape(-1, 3), axis=0)) > 50
     else:
         count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
-        assert (count, seconds) == (3, pytest.approx(0.75, abs=0.3))
+        assert (count, seconds) == (32, pytest.approx(8, abs=0.3))
 
 
 def test_the_palette_of_a_movie_keeps_rare_colours_and_a_white_background():

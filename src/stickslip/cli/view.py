@@ -100,13 +100,9 @@ def movie(
         typer.Option("--colour", help="Quantity that colours the grains; default: speed, or mode displacement."),
     ] = None,
     fps: Annotated[
-        int | None,
-        typer.Option(
-            "--fps",
-            metavar="N",
-            help="Frames per second; default: 15 for a mode; for a run, as many as make it last 8 s.",
-        ),
-    ] = None,
+        int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")
+    ] = 25,
+    whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
     amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     trust: Trust = False,
@@ -121,14 +117,14 @@ def movie(
 
     path = out or look_out.default_path(place, run_folder.FILM)
     look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
-    look.film.check_movie(path, 15 if fps is None else fps)
+    look.film.check_movie(path, fps)
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
             place, modes=modes, options=options, settle=settle, report=tell,
             search=mode is not None or not place.is_dir(), trust=trust,
         )  # fmt: skip
         look.write_movie(
-            found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, report=tell
+            found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, whole=whole, report=tell
         )  # fmt: skip
     words = [found.warning] if found.warning else []
 

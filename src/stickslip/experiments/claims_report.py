@@ -71,7 +71,9 @@ def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
         ends, error = deviation(target, c.measured, c.tolerance, c.error)
         group = place(c) + (f" @{variant(c)}" if variant(c) else "")
         label = c.id.partition("@")[0].replace("-", " ")
-        out.append(Row(label, group, c.verdict, ends, error, format_measured(c), format_value(target), uses_reference))
+        unit = "" if c.unit == "1" else c.unit
+        values = format_measured(c), format_value(target)
+        out.append(Row(label, group, c.verdict, ends, error, *values, uses_reference, unit, not variant(c)))
     return out
 
 
@@ -207,7 +209,8 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
     if failures:
         lines += ["Missing, because they failed:", "", *(f"- {_escape(words)}" for words in failures), ""]
     for word in VERDICTS:
-        lines.append(f"- **{word}** ({sum(c.verdict == word for c in claims)}): {MEANING[word]}")
+        own, others = (sum(c.verdict == word and bool(variant(c)) == kind for c in claims) for kind in (False, True))
+        lines.append(f"- **{word}** ({own}{f' + {others} of variants' if others else ''}): {MEANING[word]}")
     head = "| claim | source | paper | reference | measured | unit | tolerance | verdict |"
     for name in dict.fromkeys(map(place, claims)):
         what = f": {shows[name][0]}" if name in shows else ""

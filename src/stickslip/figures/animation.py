@@ -14,13 +14,14 @@ from PIL import Image
 from ..core.arguments import Requirement, require_filled, require_shape
 from ..data.exchange.frame import Frame
 from ..extras import require
-from .grains import draw, draw_colour_bar, draw_legend, layout_of
+from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
 from .page import MARK
 from .quantities import Mode
 from .style import plt, styled
 
 ENDINGS = (".gif", ".mp4")
-PIXELS = 720  # width of the picture
+FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
+PIXELS = 720  # width of the picture, up to half as much again for wide ones
 BITS = 6  # per channel of the colours from which the palette of a GIF is made
 WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
 
@@ -29,7 +30,7 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 def movie(
     frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
     mode: Mode | None = None, colour: str | None = None,
-    fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
+    fps: int = FPS, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
 
@@ -56,20 +57,21 @@ def movie(
     check_movie(path, fps)
     require_shape((len(frames),), labels=labels)
     layout = layout_of(frames, colour=colour, mode=mode, si=si)
-    wide, tall = layout.high - layout.low
-    inches = PIXELS / 100
-    height = min(inches * tall / wide, 1.3 * inches) + (1.1 if colour else 0.6)
-    height = round(50 * height) / 50  # an even number of pixels, which H.264 requires
+    low, high = view_limits(layout)
+    wide, tall = high - low
+    inches = PIXELS / 100 * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
+    below, above = 0.85 if colour else 0.4, 0.3  # for the legend and the colour bar, and for the title
+    height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
+    inches, height = (round(50 * size) / 50 for size in (inches, height))  # even numbers of pixels, as H.264 requires
     with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": 100, "font.size": 11}):
         figure = plt.figure(figsize=(inches, height), dpi=100)
-        below, above = (0.85 if colour else 0.4) / height, 0.28 / height
-        axes = figure.add_axes([0.01, below, 0.98, 1 - below - above])
+        axes = figure.add_axes([0.01, below / height, 0.98, 1 - (below + above) / height])
         writer = _make_writer(path, fps)
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
                 drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
-                draw_legend(axes, frame, near=False)
+                draw_legend(axes, frame, near=False, colour=colour)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and k == 0:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
@@ -105,13 +107,13 @@ def _explain_ffmpeg_failure():
 
 def _make_writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
-        return _GifWriter(fps=fps)
+        return GifWriter(fps=fps)
     plt.rcParams["animation.ffmpeg_path"] = _find_ffmpeg()
     extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
     return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
-class _GifWriter(PillowWriter):
+class GifWriter(PillowWriter):
     """GIF writer with one palette for all frames, which keeps rare colours, such as those of sliding contacts."""
 
     def finish(self):

@@ -7,7 +7,21 @@ from matplotlib import pyplot as plt
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ..core.arguments import Result
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, column_axes, styled
+from .style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
+    WIDTH,
+    column_axes,
+    label_axes,
+    legend_above,
+    styled,
+)
 
 # class of an event: its label and colour
 CLASSES = {
@@ -30,6 +44,7 @@ LINES = 60  # events drawn one by one
 _Table = Annotated[Any, Result("table of events", keys=("kind", "distances", "softest", "switched"))]
 _Drops = Annotated[Any, Result("table of events", keys=("stress_drop", "jump"))]
 _Skill = Annotated[Any, Result("skill of a predictor", ("predictor", "band", "roc", "low", "high"))]
+BEFORE = r"strain before the event $\gamma_c - \gamma$"
 
 
 @styled
@@ -66,8 +81,8 @@ def _saddle_nodes(axes, events) -> None:
         axes.loglog(x, x / x[0], "--", color=ORANGE, label=r"$\propto \gamma_c - \gamma$")
         axes.invert_xaxis()
         axes.legend(loc="lower left")
-    axes.set(xlabel=r"strain before the event $\gamma_c - \gamma$", ylabel=r"$(\lambda/\lambda_{\rm far})^2$")
-    axes.set_title(f"real eigenvalue reaches zero: {_events(len(distance))}", fontsize=7.5)
+    label_axes(axes, x=BEFORE, y=r"$(\lambda/\lambda_{\rm far})^2$")
+    axes.set_title(f"real eigenvalue reaches zero: {_events(len(distance))}")
 
 
 def _sliding_contacts(axes, events) -> None:
@@ -75,9 +90,9 @@ def _sliding_contacts(axes, events) -> None:
     for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
         axes.plot(x, y, color=BLUE, lw=0.5, alpha=0.35)
     axes.axhline(0, color=BLACK, lw=0.6)
-    axes.set(xlabel=r"strain before the event $\gamma_c - \gamma$", ylabel=r"$\lambda/\lambda_{\rm far}$")
     axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=2)
+    label_axes(axes, x=BEFORE, y=r"$\lambda/\lambda_{\rm far}$")
     if len(distance):
         x = np.nanmedian(distance, axis=0)
         axes.plot(x, np.nanmedian(ratio, axis=0), "o-", color=BLACK, ms=3, label="median")
@@ -90,7 +105,7 @@ def _sliding_contacts(axes, events) -> None:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _power(x) if x > 3 * right else ""))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.legend(loc="lower left")
-    axes.set_title(f"a contact starts to slide: {_events(len(distance))}", fontsize=7.5)
+    axes.set_title(f"a contact starts to slide: {_events(len(distance))}")
 
 
 def _power(x: float) -> str:
@@ -124,7 +139,7 @@ def classes(counts: dict[str, dict[str, int]]):
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
     axes.set_xlim(0, 1)
-    axes.set_xlabel("share of events")
+    label_axes(axes, x="share of events")
     handles = [
         axes.barh(0, 0, color=color, label=label)
         for kind, (label, color) in CLASSES.items()
@@ -145,13 +160,14 @@ def drops(tables: dict[str, _Drops]):
     tables : {label of the law: table of events}
     """
     figure, panels = column_axes(2, 4.2)
-    words = {"stress_drop": r"stress drop over pressure $\Delta\sigma_{xy}/p$", "jump": "jump [mean diameters]"}
-    for axes, (column, label) in zip(panels, words.items(), strict=True):
+    words = {"stress_drop": r"stress drop over pressure $\Delta\sigma_{xy}/p$", "jump": ("jump", "mean diameters")}
+    for axes, (column, quantity) in zip(panels, words.items(), strict=True):
         for color, (law, events) in zip(COLORS, tables.items(), strict=False):
             values = np.sort(events[column][np.isfinite(events[column]) & (events[column] > 0)])
             share = np.arange(len(values), 0, -1) / max(1, len(events[column]))
             axes.step(values, share, where="post", color=color, label=law)
-        axes.set(xlabel=label, ylabel="share of events that are larger", xscale="log", yscale="log")
+        axes.set(xscale="log", yscale="log")
+        label_axes(axes, x=quantity, y="share of events that are larger")
     panels[0].legend(loc="lower left")
     return figure
 
@@ -176,9 +192,10 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
             axes.fill_between(x, *one.band, color=color, alpha=0.15, lw=0)
             axes.plot(one.roc.false_alarms, one.roc.hits, color=color, label=f"{label} {_area(one)}", clip_on=False)
         axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
-        axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="false alarms", ylabel="announced events")
-        axes.set_title(title, fontsize=7.5)
-        axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.17), ncol=2, columnspacing=1.0, handlelength=1.2)
+        axes.set(xlim=(0, 1), ylim=(0, 1))
+        label_axes(axes, x="share of false alarms", y="share of announced events")
+        axes.fill_between([], [], color=BLACK, alpha=0.15, lw=0, label="95 % band")
+        legend_above(axes, title=f"{title}: area under the curve (95 % interval)".removeprefix(": "), handlelength=1.2)
     for axes in grid.flat[len(panels) :]:
         axes.axis("off")
     return figure

@@ -20,8 +20,8 @@ MARKS = {  # colour, marker, filled: distinguishable without colours
 }
 REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at the edge
 PITCH = 0.165  # height of a row [inch]
-MARGIN = 1.05  # height of title, axis and legend [inch]
-PAGE = 2.1 * WIDTH  # two columns
+MARGIN = 1.15  # height of title, axis and legend [inch]
+PAGE = 2.45 * WIDTH
 SHORT = 34  # longest label [characters]
 
 
@@ -36,6 +36,8 @@ class Row(NamedTuple):
     measured: str
     paper: str
     beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
+    unit: str = ""
+    own: bool = True  # False for a variant of the paper's model, which counts separately
 
 
 @styled
@@ -44,7 +46,7 @@ def claims_chart(rows: list[Row], title: str):
     height = PITCH * (len(rows) + 1) + MARGIN
     figure = plt.figure(figsize=(PAGE, height), layout="none")
     bottom = 0.75 * MARGIN / height
-    axes = figure.add_axes((0.28, bottom, 0.33, PITCH * (len(rows) + 1) / height))
+    axes = figure.add_axes((0.25, bottom, 0.235, PITCH * (len(rows) + 1) / height))
     axes.axvspan(-1, 1, color="0.9", lw=0, zorder=0)
     axes.axvline(0, color=BLACK, lw=0.7, zorder=1)
     groups = [row.group for row in rows]
@@ -57,14 +59,14 @@ def claims_chart(rows: list[Row], title: str):
     axes.tick_params(axis="y", length=0, labelsize=6.5)
     axes.set_xticks(range(-int(REACH), int(REACH) + 1))
     axes.set_xlabel("(measured − paper) / tolerance", fontsize=7, labelpad=2)
-    for x, words in zip(COLUMNS, ("measured", "paper", "verdict"), strict=True):
+    for x, words in zip(COLUMNS, ("measured", "paper", "unit", "verdict"), strict=True):
         axes.text(x, 1.0, words, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
     figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
     _draw_legend(figure, rows)
     return figure
 
 
-COLUMNS = (1.03, 1.48, 1.81)  # left edges of the texts, in widths of the axes
+COLUMNS = (1.03, 1.62, 1.98, 2.56)  # left edges of the texts, in widths of the axes
 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
@@ -98,21 +100,28 @@ def _draw_row(axes, k: int, row: Row) -> None:
     place = {"transform": axes.get_yaxis_transform(), "fontsize": 6.5, "va": "center"}
     axes.text(COLUMNS[0], k, row.measured, **place)
     axes.text(COLUMNS[1], k, row.paper, **place, **grey)
-    axes.plot(COLUMNS[2] + 0.01, k, **style | {"transform": axes.get_yaxis_transform()})
-    axes.text(COLUMNS[2] + 0.035, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
+    axes.text(COLUMNS[2], k, row.unit, **place)
+    axes.plot(COLUMNS[3] + 0.01, k, **style | {"transform": axes.get_yaxis_transform()})
+    axes.text(COLUMNS[3] + 0.05, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
+
+
+def _count(rows: list[Row], verdict: str) -> str:
+    """Number of claims on the paper's own model, and, separately, on variants of it."""
+    own, others = (sum(row.verdict == verdict and row.own == kind for row in rows) for kind in (True, False))
+    return f"{own} + {others} of variants" if others else str(own)
 
 
 def _draw_legend(figure, rows: list[Row]) -> None:
-    """Legend for the verdicts that occur, and for the other marks."""
+    """Legend for the verdicts that occur, with their numbers as on the terminal, and for the other marks."""
     seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
     handles = [
         Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
         for w in seen
     ]
-    words = [f"{word} ({sum(row.verdict == word for row in rows)})" for word in seen]
+    words = [f"{word} ({_count(rows, word)})" for word in seen]
     handles.append(Patch(color="0.9"))
     words.append("tolerance; arrows: outside the range")
     if any(row.beside_reference for row in rows):
         handles.append(Line2D([], [], ls=""))
         words.append("italic: a reference, not the paper's value")
-    figure.legend(handles, words, loc="lower left", ncol=4, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)
+    figure.legend(handles, words, loc="lower left", ncol=3, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)

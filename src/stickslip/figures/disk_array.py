@@ -5,14 +5,31 @@ from typing import Annotated, Any
 
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.animation import FuncAnimation
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ..core.arguments import Requirement, Result, require_filled, require_index
 from ..solve.spectrum import Spectrum
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, column_axes, styled
+from .animation import FPS, SECONDS, GifWriter
+from .style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
+    TIME,
+    column_axes,
+    label_axes,
+    legend_above,
+    plot_fast,
+    power_of_ten,
+    styled,
+)
 
 _KIND = "DiskArrayResult"
 _WithPairs = Annotated[Any, Result(_KIND, ("families",))]
@@ -21,6 +38,8 @@ _WithSliding = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
 _Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", "speed_error"))]
 _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
 LOAD = r"push $F_x$"  # in the force unit of the scenario
+DIAMETER = "$2R$"  # unit of length
+MOVED = (r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$", DIAMETER)
 
 
 @styled
@@ -44,20 +63,19 @@ def complex_pairs(
                 loads, values = np.r_[family.birth.load, loads], np.r_[0.0, values]
             if family.death:
                 loads, values = np.r_[loads, family.death.load], np.r_[values, 0.0]
-            axes.plot(loads, 1e3 * values, color=color)
+            axes.plot(loads, values, color=color)
             if ends:
                 axes.plot(*np.transpose(ends), "o", color=color, mfc="white", ms=3)
         if not result.families:
             axes.text(0.5, 0.5, "all eigenvalues real", ha="center", transform=axes.transAxes)
         if paper:
-            axes.plot(
-                paper.keys(), 1e3 * np.array(list(paper.values())), "x", color=BLACK, ms=5, label="paper", zorder=5
-            )
-            axes.legend(loc="upper left")
-        axes.set_ylabel(r"$10^3\,\mathrm{Im}\,\lambda$ [$k_n\sqrt{2R}/m$]")
-        axes.set_title(title, fontsize=7.5)
+            axes.plot(paper.keys(), list(paper.values()), "x", color=BLACK, ms=5, label="paper", zorder=5)
+        if result.families:
+            axes.plot([], [], "o-", color=BLACK, mfc="white", label="complex pair, ○ birth and death")
+        legend_above(axes, title=title)
+        label_axes(axes, y=(r"$\mathrm{Im}\,\lambda$", r"$k_n\sqrt{2R}/m$"))
         axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])
-    panels[-1, 0].set_xlabel(f"{LOAD} [force unit of the scenario]")
+    label_axes(panels[-1, 0], x=(LOAD, "force unit of the scenario"))
     return figure
 
 
@@ -65,22 +83,19 @@ def complex_pairs(
 def mean_square_displacement(result: _WithRuns):
     """M(t) at every load, with the predicted growth (Fig 3)."""
     figure, axes = column_axes(height=2.7)
+    axes.set_yscale("log")
     for color, (load, free) in zip(COLORS * 5, result.free_runs.items(), strict=False):
         shown = free.msd > 0
-        axes.semilogy(free.time[shown], free.msd[shown], color=color, lw=0.6, label=f"{load:.3f}", rasterized=True)
+        plot_fast(axes, free.time[shown], free.msd[shown], color=color, label=f"{load:.3f}", middle=False)
         if free.growth:
             t = np.array([free.growth.start, free.growth.stop])
             inside = (free.time >= t[0]) & (free.time <= t[1])
             level = np.mean(np.log(free.msd[inside]) - 2 * free.predicted_growth * free.time[inside])
             axes.semilogy(t, np.exp(level + 2 * free.predicted_growth * t), "--", color=BLACK, lw=0.8, zorder=4)
-    handles, labels = axes.get_legend_handles_labels()
     if any(f.growth for f in result.free_runs.values()):
-        handles.append(Line2D([], [], ls="--", color=BLACK, lw=0.8))
-        labels.append(r"$\propto e^{2\omega_i t}$, predicted")
-    legend = axes.legend(handles, labels, title=LOAD, loc="lower right", ncol=2, title_fontsize=6.5)
-    for line in legend.get_lines():
-        line.set_linewidth(1.5)
-    axes.set(xlabel=TIME, ylabel=r"$M(t)=\Sigma_i|\mathbf{r}_i(t)-\mathbf{r}_i(0)|^2$ [$(2R)^2$]")
+        axes.plot([], [], "--", color=BLACK, lw=0.8, label=r"$\propto e^{2\omega_i t}$, predicted")
+    axes.legend(title=LOAD, loc="lower right", ncol=2)
+    label_axes(axes, x=TIME, y=(r"$M(t)=\Sigma_i|\mathbf{r}_i(t)-\mathbf{r}_i(0)|^2$", "$(2R)^2$"))
     axes.set_ylim(bottom=0.1 * min(np.percentile(f.msd[f.msd > 0], 1) for f in result.free_runs.values()))
     return figure
 
@@ -96,20 +111,19 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
     windows = (
         (
             (first - 150, first),
-            f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact reaches the Coulomb limit",
+            f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact\nreaches the Coulomb limit",
         ),
         ((first, end), "from there until its contact with the substrate does"),
     )
     for axes, ((start, stop), title) in zip(panels, windows, strict=True):
         shown = (data.time >= start) & (data.time <= max(stop, start + 150))
-        power = -int(np.floor(np.log10(np.ptp(data.position[shown, grain], axis=0).max())))
-        xy = 10.0**power * (data.position[shown, grain] - data.position[shown, grain].mean(axis=0))
+        xy = data.position[shown, grain] - data.position[shown, grain].mean(axis=0)
         lines = LineCollection(np.stack([xy[:-1], xy[1:]], axis=1), cmap="viridis", array=data.time[shown][1:], lw=0.5)
         axes.add_collection(lines)
         axes.autoscale()
-        axes.set(xlabel=rf"$10^{{{power}}}\,\Delta x$ [$2R$]", ylabel=rf"$10^{{{power}}}\,\Delta y$ [$2R$]")
+        label_axes(axes, x=(r"$\Delta x$", DIAMETER), y=(r"$\Delta y$", DIAMETER))
         axes.set_title(title, fontsize=7)
-        figure.colorbar(lines, ax=axes, label=TIME, pad=0.02)
+        label_axes(figure.colorbar(lines, ax=axes, pad=0.02).ax, y=TIME)
     return figure
 
 
@@ -132,27 +146,22 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
     figure, (top, bottom) = column_axes(2, 4.2)
     for color, (load, found) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
         if found:
-            words = (
-                rf"$F_x$ = {load:.3f}: $V_1$ = {1e3 * found.speed:.2f}({1e3 * found.speed_error:.2f})$\times 10^{{-3}}$"
-            )
+            words = f"$F_x$ = {load:.3f}: $V_1$ = {power_of_ten(found.speed, found.speed_error)}"
             _plot_front(top, found, color, words)
-    top.set(
-        xlabel=r"mean delay of breaching $\tau_i-\tau_1$ [$\sqrt{m/(k_n\sqrt{2R})}$]",
-        ylabel=r"distance from disk 1 [$2R$]",
-    )
+    label_axes(top, x=(r"mean delay of breaching $\tau_i-\tau_1$", TIME[1]), y=("distance from disk 1", DIAMETER))
     if backward:
-        words = f"$V_2$ = {backward.speed:.3f}({backward.speed_error:.3f})"
+        words = f"$V_2$ = {power_of_ten(backward.speed, backward.speed_error)}"
         _plot_front(bottom, backward, PURPLE, words)
-    bottom.set(
-        xlabel=rf"mean delay of sliding by {threshold:g} $\times 2R$ [$\sqrt{{m/(k_n\sqrt{{2R}})}}$]",
-        ylabel="distance from the last disk [$2R$]",
-    )
+    label_axes(
+        bottom, x=(rf"mean delay of sliding by {threshold:g} $\times 2R$", TIME[1]),
+        y=("distance from the last disk", DIAMETER),
+    )  # fmt: skip
     for axes in (top, bottom):
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="upper left")
+            axes.plot([], [], "--", color=BLACK, lw=0.8, label="fitted speed $V$ [diameters/time]")
+            legend_above(axes, ncol=1)
         else:
             axes.text(0.5, 0.5, "no front", ha="center", transform=axes.transAxes)
-        axes.set_ylim(-0.4, axes.get_ylim()[1] * (1.55 if axes is top else 1.2))
     return figure
 
 
@@ -170,10 +179,9 @@ def mode_shape(spectrum: Spectrum, index: int):
         axes.bar(k * n + 1 + np.arange(len(part)), part, color=color, label=name, width=0.8)
     axes.axhline(0, color=BLACK, lw=0.5)
     share = spectrum.shares()[index]
-    axes.set_title(rf"$\omega$ = {spectrum.frequency[index]:.4f}, share in $y$ {share[1]:.1%}", fontsize=7.5)
-    axes.set(xlabel=r"degree of freedom $q_\ell$", ylabel="mass-weighted component")
-    axes.set_ylim(*1.35 * np.array(axes.get_ylim()))
-    axes.legend(ncol=3, loc="upper right")
+    axes.set_title(rf"$\omega$ = {spectrum.frequency[index]:.4f}, share in $y$ {share[1]:.3f}")
+    label_axes(axes, x=r"degree of freedom $q_\ell$", y="mass-weighted component", whole="x")
+    axes.legend(ncol=3, loc="best")
     return figure
 
 
@@ -191,44 +199,30 @@ def center_of_mass(
     """
     if load not in result.free_runs:
         raise ValueError(f"load = {load} was given: there are runs at {', '.join(map(str, result.free_runs))}")
-    figure, (top, bottom) = column_axes(2, 5.0)
-    free = result.free_runs[load]
-    x = free.center[:, 0] - free.center[0, 0]
-    top.plot(free.time, x, color=BLUE)
-    top.set(xlabel=TIME, ylabel=r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$ [$2R$]")
-    top.set_title(f"$F_x$ = {load:.3f}", fontsize=7.5)
-    top.set_ylim(top=1.12 * x.max() if x.max() > 0 else None)
-    inset = top.inset_axes([0.15, 0.55, 0.36, 0.36])
-    y = 1e4 * (free.center[:, 1] - free.center[0, 1])
-    inset.plot(free.time, y, color=GREEN, lw=0.3, rasterized=True)
-    inset.set_title(r"$10^4\,\Delta C^y_\mathrm{mass}$", fontsize=6, pad=2)
-    started = int(np.argmax(np.abs(x) > 0.02)) if (np.abs(x) > 0.02).any() else len(x) - 1
-    zoom = top.inset_axes([0.72, 0.1, 0.26, 0.3])
-    near = slice(max(started - 900, 0), started + 600)
-    zoom.plot(free.time[near], x[near], color=BLUE, lw=0.7)
-    zoom.set_title(r"$\Delta C^x_\mathrm{mass}$", fontsize=6, pad=2)
-    for small in (inset, zoom):
-        small.tick_params(labelsize=6, length=2)
-        small.xaxis.set_major_locator(plt.MaxNLocator(3))
-        small.set_facecolor("white")
-    for color, (push, ensemble) in zip(COLORS, sorted(result.sliding.items()), strict=False):
-        bottom.plot(ensemble.time, ensemble.center[:, 0] - ensemble.center[0, 0], color=color, label=f"{push:.3f}")
-    bottom.set(xlabel=TIME, ylabel=r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$ [$2R$]")
-    bottom.xaxis.set_major_locator(plt.MaxNLocator(5))
-    bottom.set_ylim(top=2.1 * max(1e-3, bottom.get_ylim()[1]))
+    rows = 2 + bool(result.sliding) + bool(line)
+    figure, panels = column_axes(rows, 0.4 + 1.5 * rows)
+    free, left = result.free_runs[load], list(panels[2:])
+    x, y = (free.center[:, k] - free.center[0, k] for k in (0, 1))
+    panels[0].plot(free.time, x, color=BLUE)
+    plot_fast(panels[1], free.time, y, color=GREEN, middle=False)
+    panels[0].set_title(f"$F_x$ = {load:.3f}")
+    label_axes(panels[0], x=TIME, y=MOVED)
+    label_axes(panels[1], x=TIME, y=(r"$\Delta C^y_\mathrm{mass}$", DIAMETER))
     if result.sliding:
-        bottom.legend(title=LOAD, loc="upper left", ncol=2, title_fontsize=6.5)
+        axes = left.pop(0)
+        for color, (push, ensemble) in zip(COLORS, sorted(result.sliding.items()), strict=False):
+            axes.plot(ensemble.time, ensemble.center[:, 0] - ensemble.center[0, 0], color=color, label=f"{push:.3f}")
+        label_axes(axes, x=TIME, y=MOVED)
+        axes.legend(title=f"{LOAD}, mean of runs", loc="upper left", ncol=2)
     if line:
-        small = bottom.inset_axes([0.64, 0.56, 0.34, 0.4])
-        small.errorbar(line.push, 1e5 * line.velocity, 1e5 * line.error, fmt="o", color=RED, ms=2, capsize=1, lw=0.6)
+        axes = left.pop(0)
+        axes.errorbar(line.push, line.velocity, line.error, fmt="o", color=RED, capsize=1, lw=0.6, label="mean of runs")
         ends = np.array([line.push.min(), line.push.max()])
-        small.plot(ends, 1e5 * (line.intercept + line.slope * ends), "-", color=RED, lw=0.7, label="fit")
+        axes.plot(ends, line.intercept + line.slope * ends, "-", color=RED, lw=0.7, label="fit")
         if printed:
-            small.plot(ends, 1e5 * (printed[1] + printed[0] * ends), "--", color=BLACK, lw=0.7, label="paper")
-        small.set_ylabel(r"$10^5\,V^x_\mathrm{mass}$", fontsize=6)
-        small.set_xlabel("$F_x$", fontsize=6, labelpad=0)
-        small.tick_params(labelsize=6, length=2)
-        small.legend(fontsize=6, loc="upper left")
+            axes.plot(ends, printed[1] + printed[0] * ends, "--", color=BLACK, lw=0.7, label="paper")
+        label_axes(axes, x=LOAD, y=(r"$V^x_\mathrm{mass}$", "diameters/time"))
+        axes.legend(loc="upper left")
     return figure
 
 
@@ -236,7 +230,7 @@ STUCK, AT_LIMIT, SLIDES = "stuck", "has reached the Coulomb limit at the substra
 
 
 @styled
-def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
+def transition_movie(result, path: str | Path, frames: int = round(FPS * SECONDS)) -> Path:
     """Write an animation of the transition as a GIF, with disks coloured by their state."""
     data, radius = result.trajectory, result.pressed.grains.radius
     events = np.concatenate([data.breach, data.slide])
@@ -277,11 +271,9 @@ def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
             patches.set_facecolor([f for *_, f in copies])
             spokes.set_segments(np.stack([center, center + tip], axis=1))
             moved = data.position[k, :, 0].mean() - data.position[0, :, 0].mean()
-            title.set_text(
-                f"$F_x$ = {data.load:.3f}   t = {time:8.0f}   centre of mass moved by {moved:6.3f} diameters"
-            )
+            title.set_text(f"$F_x$ = {data.load:.3f}, $t$ = {time:.0f}: centre of mass moved by {moved:.3f} diameters")
             return patches, spokes, title
 
-        FuncAnimation(figure, draw, frames=times, blit=False).save(path, writer=PillowWriter(fps=15))
+        FuncAnimation(figure, draw, frames=times, blit=False).save(path, writer=GifWriter(fps=FPS))
     plt.close(figure)
     return Path(path)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..friction.fault_cycles import FaultHistory
-from .style import BLACK, BLUE, COLORS, RED, column_axes, styled
+from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, styled
 
 YEAR = 365.25 * 86400.0
 MOST_CURVES = 6  # stations that are drawn
@@ -29,10 +29,9 @@ def slip_contours(history: FaultHistory, events: int | None = None):
             gap = _interval(history.profile_time[kept & (history.profile_seismic == seismic)], seismic)
             lines[0].set_label(f"{words}, every {gap}" if gap else words)
     axes.set_ylim(depth[-1], depth[0])
-    if kept.any():
+    if kept.any() and np.ptp(history.profile_slip[kept]) > 0:
         axes.set_xlim(history.profile_slip[kept].min(), history.profile_slip[kept].max())
-    axes.set_xlabel("slip [m]")
-    axes.set_ylabel("depth [km]")
+    label_axes(axes, x=("slip", "m"), y=("depth", "km"))
     legend = figure.legend(loc="outside upper center", ncols=2)
     for line in legend.get_lines():
         line.set_linewidth(1.0)
@@ -59,8 +58,7 @@ def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     axes.set_xlim(0, history.time[-1] / YEAR)
     low, high = min(history.fault.plate_rate, history.max_velocity.min()), max(threshold, history.max_velocity.max())
     axes.set_ylim(0.05 * low, 10 * high)
-    axes.set_xlabel("time [years]")
-    axes.set_ylabel("maximum slip velocity [m/s]")
+    label_axes(axes, x=("time", "years"), y=("maximum slip velocity", "m/s"))
     return figure
 
 
@@ -71,14 +69,15 @@ def station_series(history: FaultHistory):
     number = len(history.station)
     shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
     for k, color in zip(shown, COLORS, strict=False):
-        label = f"{history.station[k] / 1e3:g} km"
-        top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=label)
+        words = f"{history.station[k] / 1e3:g} km"
+        top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=words)
         bottom.plot(history.time / YEAR, history.stress[:, k] / 1e6, color=color, lw=0.6)
-    top.set_ylabel("slip velocity [m/s]")
-    bottom.set_ylabel("shear stress [MPa]")
-    bottom.set_xlabel("time [years]")
+    label_axes(top, y=("slip velocity", "m/s"))
+    label_axes(bottom, x=("time", "years"), y=("shear stress", "MPa"))
     bottom.set_xlim(0, history.time[-1] / YEAR)
-    legend = figure.legend(loc="outside upper center", ncols=min(len(shown), 6), columnspacing=0.8, handlelength=1.0)
+    legend = figure.legend(
+        title="depth", loc="outside upper center", ncols=min(len(shown), 6), columnspacing=0.8, handlelength=1.0
+    )
     for line in legend.get_lines():
         line.set_linewidth(1.0)
     figure.align_ylabels((top, bottom))

@@ -5,14 +5,15 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.collections import EllipseCollection
-from matplotlib.ticker import MaxNLocator
+from matplotlib.lines import Line2D
 
 from ..core.arguments import Array, Result, Series
 from ..core.measure import wrapped
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, WIDTH, column_axes, styled
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, WIDTH, column_axes, label_axes, legend_above, plot_fast, styled
 
 WIDE = 2.07 * WIDTH  # two columns and the gap between them
 PANELS = 6
+WALL = "0.25"
 HIDDEN = 0.002  # fraction of grains that may be out of view at either end: grains that roll away would shrink the rest
 
 
@@ -23,30 +24,40 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     places = [wrapped(state) for state in shown]
     low, high = _view_limits(result, shown, places)
     wide, tall = high - low
-    columns = 1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3
-    columns = min(columns, len(shown))
+    columns = min(1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3, len(shown))
     rows = -(-len(shown) // columns)
-    width = WIDTH if columns == 1 else WIDE
-    height = min(rows * (width / columns * tall / wide + 0.22) + 0.55, 9.0)
-    figure, panels = plt.subplots(rows, columns, figsize=(width, height), squeeze=False, sharex=True, sharey=True)
+    tops = np.full(rows, high[1])
+    if columns == 1:  # each panel is only as high as its grains
+        tops = np.array([np.quantile(p[:, 1], 1 - HIDDEN) for p in places]) + 4 * shown[0].grains.radius.max()
+        tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
+    shares = tops - low[1]
+    height = min(float((WIDE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
+    figure, panels = plt.subplots(
+        rows, columns, figsize=(WIDE, height), squeeze=False, sharex=True, height_ratios=shares,
+        sharey="row" if columns == 1 else True,
+    )  # fmt: skip
     loose = result.poured.loose
     speeds = [np.linalg.norm(state.grains.velocity[loose], axis=1) for state in shown]
     top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
     drawn = None
-    for axes, state, place in zip(panels.flat, shown, places, strict=False):
+    for k, (axes, state, place) in enumerate(zip(panels.flat, shown, places, strict=False)):
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
         _draw_walls(axes, state)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], tops[k // columns]), aspect="equal")
         axes.set_title(f"$t$ = {state.time:.4g}", fontsize=7, pad=2)
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.yaxis.set_major_locator(MaxNLocator(4))
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
     for axes in panels[-1]:
-        axes.set_xlabel("$x$ [length]")
+        label_axes(axes, x=("$x$", "length"))
     for axes in panels[:, 0]:
-        axes.set_ylabel("$y$ [length]")
-    figure.colorbar(drawn, ax=panels, location="bottom", label="speed [length/time]", shrink=0.6, aspect=30, pad=0.02)
+        label_axes(axes, y=("$y$", "length"))
+    bar = figure.colorbar(drawn, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02, extend="max")
+    label_axes(bar.ax, x=("speed", "length/time"))
+    handles = [Line2D([], [], color=WALL, lw=1, label="walls")] if len(shown[0].walls.point) else []
+    if len(loose) < len(shown[0].grains.radius):
+        handles.append(Line2D([], [], ls="", marker="o", mfc="0.6", mec=BLACK, mew=0.3, label="grains of the plates"))
+    if handles:
+        figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
 
 
@@ -98,7 +109,7 @@ def _draw_walls(axes, state) -> None:
     """Draw lines where walls intersect the plane of the drawing; walls parallel to it are omitted."""
     for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
         if np.hypot(normal[0], normal[1]) > 1e-9:
-            axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=RED, lw=0.8)
+            axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
 
 
 @styled
@@ -106,18 +117,22 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     """Energies, contacts, and either the extent of the flow or the friction and the distance between plates."""
     series, plates = result.series, list(result.poured.plates)
     sheared = len(plates) > 1
-    figure, panels = column_axes(5 if sheared else 4, 6.6 if sheared else 5.6, sharex=True)
+    figure, panels = column_axes(5 if sheared else 4, 7.0 if sheared else 6.0, sharex=True)
     time = series.time
-    panels[0].semilogy(time, np.maximum(series.kinetic_energy, 1e-300), color=BLUE, label="kinetic")
-    panels[0].semilogy(time, np.maximum(series.elastic_energy, 1e-300), color=ORANGE, label="elastic")
+    for axes in panels[:2]:
+        axes.set_yscale("log")
+    for energy, color, words in (
+        (series.kinetic_energy, BLUE, "kinetic"), (series.elastic_energy, ORANGE, "elastic")
+    ):  # fmt: skip
+        plot_fast(panels[0], time, np.maximum(energy, 1e-300), color=color, label=words)
     top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
     least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
-    panels[0].set_ylabel("energy [unit of energy]")
+    label_axes(panels[0], y=("energy\n", "units of energy"))
     panels[0].legend(loc="best", ncol=2)
-    known = np.isfinite(series.unbalanced)
-    panels[1].semilogy(time[known], series.unbalanced[known], color=BLUE)
-    panels[1].set_ylabel("unbalanced force\nover contact force")
+    known = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
+    plot_fast(panels[1], time[known], series.unbalanced[known], color=BLUE)
+    label_axes(panels[1], y="unbalanced force\nover contact force")
     _plot_contacts(panels[2], series)
     if sheared:
         _plot_plates(panels[3], panels[4], series, plates)
@@ -131,30 +146,32 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
             fontsize=6.5,
         )  # fmt: skip
-    panels[-1].set_xlabel("time $t$ [unit of time]")
+    label_axes(panels[-1], x=("time $t$", "units of time"))
     panels[-1].set_xlim(0, time[-1])
     figure.align_ylabels(panels)
     return figure
 
 
 def _plot_contacts(axes, series) -> None:
-    axes.plot(series.time, series.coordination, color=BLUE)
-    axes.set_ylabel("coordination $z$", color=BLUE)
+    known = series.coordination > 0  # there is none while all grains are rattlers
+    plot_fast(axes, series.time[known], series.coordination[known], color=BLUE)
+    label_axes(axes, y="coordination $z$")
+    axes.yaxis.label.set_color(BLUE)
     axes.set_ylim(bottom=0)
     other = axes.twinx()
-    other.plot(series.time, series.sliding_fraction, color=ORANGE, lw=0.7)
-    other.set_ylabel("sliding fraction", color=ORANGE)
+    plot_fast(other, series.time, series.sliding_fraction, color=ORANGE)
+    label_axes(other, y="sliding fraction")
+    other.yaxis.label.set_color(ORANGE)
     other.set_ylim(0, float(np.clip(1.8 * np.quantile(series.sliding_fraction, 0.98), 0.05, 1.05)))
 
 
 def _plot_extent(axes, series) -> None:
-    """Plot the centre of mass and the largest coordinates of the grains along x and y."""
+    """Plot the centre of mass, and the coordinates below which 99 % of the grains are, along x and y."""
     for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
         axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
-        axes.plot(series.time, series.high[:, k], color=color, ls="--", label=f"{end} (99 %)")
-    axes.set_ylabel("position [length]")
-    axes.set_ylim(top=1.45 * max(series.high[:, :2].max(), series.center[:, :2].max()))
-    axes.legend(loc="upper left", ncol=2, columnspacing=1.0, fontsize=6)
+        axes.plot(series.time, series.high[:, k], color=color, ls="--", label=end)
+    label_axes(axes, y=("position", "length"))
+    legend_above(axes)
 
 
 def _plot_plates(top, bottom, series, names) -> None:
@@ -167,19 +184,19 @@ def _plot_plates(top, bottom, series, names) -> None:
         held = size > 0.1 * np.median(size)
         ratio = np.where(held, shear / np.where(held, size, 1.0), np.nan)
         color = COLORS[2 * k % len(COLORS)]
-        top.plot(series.time, ratio, color=color, lw=0.4, alpha=0.25)
+        top.plot(series.time, ratio, color=color, lw=0.4, alpha=0.25, label="as sampled" if k == 0 else None)
         means = [np.convolve(force, np.ones(span), "same") for force in (shear, size)]
         good = means[1] > 0.1 * np.median(size)
         smooth = np.where(good, means[0] / np.where(good, means[1], 1.0), np.nan)
-        top.plot(series.time, smooth, color=color, lw=1.0, label=f"plate {name!r}")
+        top.plot(series.time, smooth, color=color, lw=1.0, label=f"{name}, running mean")
         seen += [float(v) for v in np.abs(smooth[np.isfinite(smooth)])]
     limit = 2 * float(np.quantile(seen, 0.95))
-    top.set_ylim(-limit, 1.4 * limit)
-    top.set_ylabel("shear force\nover normal force")
-    top.legend(loc="upper left", ncol=2)
+    top.set_ylim(-limit, limit)
+    label_axes(top, y="shear force\nover normal force")
+    legend_above(top)
     height = np.ptp(series.plate_position[:, :, 1], axis=1)
     bottom.plot(series.time, height, color=BLUE)
-    bottom.set_ylabel("distance of the\nplates [length]")
+    label_axes(bottom, y=("distance of\nthe plates", "length"))
 
 
 _Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no grains
@@ -201,7 +218,6 @@ def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
     axes.errorbar(
         velocity[:, 0], height, xerr=deviation[:, 0], fmt="o-", color=BLUE, lw=0.7, elinewidth=0.5, capsize=1.2
     )
-    axes.set(xlabel="mean velocity $v_x$ ± deviation over time [length/time]", ylabel="height $y$ [length]")
+    label_axes(axes, x=("mean velocity $v_x$ ± deviation over time", "length/time"), y=("height $y$", "length"))
     axes.set_title("second half of the last stage", fontsize=7)
-    axes.xaxis.set_major_locator(MaxNLocator(6))
     return figure

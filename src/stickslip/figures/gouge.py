@@ -8,7 +8,25 @@ from matplotlib import pyplot as plt
 from ..core.arguments import Requirement, Result, Series, require_filled
 from ..core.measure import wrapped
 from .flow import draw_grains_by_speed
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, column_axes, styled
+from .style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    WIDTH,
+    column_axes,
+    label_axes,
+    legend_above,
+    plot_fast,
+    styled,
+)
+
+HELD = ("time held", "s")  # quantity and unit
+FRICTION = r"friction $\tau/\sigma$"
+MOST_NAMED = 8  # realizations that a legend names
 
 _Realization = Annotated[Any, Result("realization of a GougeResult", ("states",))]
 _WithTests = Annotated[Any, Result("realization of a GougeResult", ("tests",))]
@@ -29,10 +47,12 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
     figure, (above, below) = column_axes(2, 3.4, sharex=True)
     for number, one in enumerate(realizations):
         series, color = one.tests[0].series, COLORS[number % len(COLORS)]
-        above.plot(series.slip / diameter, series.friction, color=color, lw=0.5, alpha=0.8)
-        below.plot(series.slip / diameter, series.thickness / diameter, color=color, lw=0.8)
-    above.set_ylabel(r"friction $\tau/\sigma$")
-    below.set(xlabel="slip of the upper plate / $D$", ylabel="thickness / $D$")
+        plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realization {number + 1}")
+        plot_fast(below, series.slip / diameter, series.thickness / diameter, color=color)
+    label_axes(above, y=FRICTION)
+    label_axes(below, x="slip of the upper plate / $D$", y="thickness / $D$")
+    if len(realizations) <= MOST_NAMED:
+        legend_above(above)
     return figure
 
 
@@ -46,11 +66,12 @@ def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     for number, curve in enumerate(curves):
         _plot_band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
     axes.axhline(0, color=BLACK, lw=0.5)
-    axes.set(
-        xlabel="slip of the load point / $D$",
-        ylabel=r"$\Delta\mu$, step minus no step" if twins else r"$\mu - \mu_{ss}$ after the step",
-    )
-    axes.legend()
+    label_axes(
+        axes, x="slip of the load point / $D$",
+        y=r"$\Delta\mu$, step minus no step" if twins else r"$\mu - \mu_{ss}$ after the step",
+    )  # fmt: skip
+    _name_band(axes, "mean ± two standard errors")
+    legend_above(axes)
     return figure
 
 
@@ -68,9 +89,10 @@ def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
             _plot_band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
         for (law, (time, change)), color in zip(laws.items(), (PURPLE, GREEN), strict=False):
             axes.plot(time, change, color=color, label=f"{law} law", ls="--")
-        axes.set(xscale="log", ylabel=r"$\mu - \mu(0)$")
+        axes.set_xscale("log")
+        label_axes(axes, x=HELD if axes is rows[-1, 0] else None, y=r"$\mu - \mu(0)$")
+        _name_band(axes, "two standard deviations")
         axes.legend(loc="lower left")
-    rows[-1, 0].set_xlabel("time held [s]")
     return figure
 
 
@@ -90,10 +112,11 @@ def energies_in_holds(ratios, creep, sliding: float):
         below.plot(velocity.x, np.where(velocity.mean > 0, velocity.mean, np.nan), color=color, label=ratio.label)
     above.axhline(sliding, color=BLACK, lw=0.7, ls=":")
     above.text(1, sliding, "steady sliding ", ha="right", va="top", transform=above.get_yaxis_transform())
-    above.set(xscale="log", yscale="log", ylabel="kinetic / elastic energy")
-    below.set(xscale="log", yscale="log", xlabel="time held [s]", ylabel="creep of the plate [m/s]")
-    below.set_ylim(top=100 * below.get_ylim()[1])  # room for the legend
-    below.legend(loc="upper right")
+    for axes in (above, below):
+        axes.set(xscale="log", yscale="log")
+    label_axes(above, y="kinetic / elastic energy")
+    label_axes(below, x=HELD, y=("creep of the plate", "m/s"))
+    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
     return figure
 
 
@@ -119,16 +142,17 @@ def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: 
         above.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.15, lw=0)
         if offset + np.log(ratio) > 0.1 * offset:  # otherwise the collapse is meaningless
             below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
-    above.set_ylabel(r"$\mu - \mu_{ss}$")
-    above.legend()
-    below.set(xlabel="slip of the load point / $D$", ylabel=rf"$(\mu - \mu_{{ss}})/({offset:.2g} + \ln V_r/V_i)$")
+    label_axes(above, y=r"$\mu - \mu_{ss}$")
+    _name_band(above, "mean ± two standard errors")
+    legend_above(above)
+    label_axes(below, x="slip of the load point / $D$", y=rf"$(\mu - \mu_{{ss}})/({offset:.2g} + \ln V_r/V_i)$")
     if rows == 3:
         x, y = np.log(ratios), [p.value for p in peaks]
         panels[2].errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLACK, lw=0.7)
         words = f"slope {slope.value:.3f} ± {slope.half:.3f}"
         panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=words)
-        panels[2].set(xlabel=r"$\ln V_r/V_i$", ylabel=r"peak of $\mu - \mu_{ss}$")
-        panels[2].legend()
+        label_axes(panels[2], x=r"$\ln V_r/V_i$", y=r"peak of $\mu - \mu_{ss}$")
+        legend_above(panels[2])
     return figure
 
 
@@ -146,16 +170,20 @@ def healing(times: Series, peaks: list[_Number], slope: _Number, b: float, thick
     """
     figure, (above, below) = column_axes(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])
-    above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE)
+    above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE, label="peak")
     middle = np.exp(np.log(x).mean())
     for rate, words, color, style in (
         (slope.value, "fit", BLUE, "-"), (b, "$b$", ORANGE, "--"), (b / 2, "$b/2$", ORANGE, ":")
     ):  # fmt: skip
         above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=words)
-    above.set(xscale="log", ylabel=r"$\mu_{peak} - \mu_{ss}$")
-    above.legend()
     _plot_band(below, thickness, GREEN)
-    below.set(xscale="log", xlabel="time held [s]", ylabel=r"$\Delta H/D$")
+    _name_band(below, "thickness, two standard deviations", GREEN)
+    for axes in (above, below):
+        axes.set_xscale("log")
+    label_axes(above, y=r"$\mu_{peak} - \mu_{ss}$")
+    label_axes(below, x=HELD, y=r"$\Delta H/D$")
+    legend_above(above, ncol=4)
+    below.legend(loc="lower left")
     return figure
 
 
@@ -174,8 +202,12 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
         cell=state.cell._replace(vectors=1e3 * state.cell.vectors),
     )
     drawn = draw_grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
-    axes.set(xlim=(0, length), ylim=(low, high), aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
-    figure.colorbar(drawn, ax=axes, location="bottom", label="speed [m/s]", shrink=0.8, aspect=30)
+    axes.set(xlim=(0, length), ylim=(low, high), aspect="equal")
+    label_axes(axes, x=("$x$", "mm"), y=("$y$", "mm"))
+    axes.set_title("grey: grains of the plates", fontsize=7)
+    label_axes(
+        figure.colorbar(drawn, ax=axes, location="bottom", shrink=0.8, aspect=30, extend="max").ax, x=("speed", "m/s")
+    )
     return figure
 
 
@@ -184,6 +216,11 @@ def _plot_band(axes, curve, color, *, errors: bool = False):
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)
+
+
+def _name_band(axes, words: str, color=BLACK) -> None:
+    """Add a band to the legend."""
+    axes.fill_between([], [], color=color, alpha=0.2, lw=0, label=words)
 
 
 @styled
@@ -201,10 +238,11 @@ def stick_slip(
     diameter : D, the unit of displacements [m]
     """
     figure, (above, below) = column_axes(2, 3.6, sharex=True)
+    below.set_yscale("log")
     for test in realization.of("slide"):
         x = test.series.load_point / diameter
         above.plot(x, test.series.friction, color=BLUE, lw=0.6)
-        below.semilogy(x, np.abs(test.series.velocity), color=BLUE, lw=0.4, rasterized=True)
+        plot_fast(below, x, np.abs(test.series.velocity), color=BLUE)
         below.plot(x[[0, -1]], [test.velocity] * 2, "--", color=BLACK, lw=0.8)
     mine = slips.realization == realization.seed
     x = slips.load_point[mine] / diameter
@@ -212,11 +250,11 @@ def stick_slip(
     above.vlines(x, start - slips.drop[mine], start, color=RED, lw=0.8, label="drop in a slip")
     below.plot(x, slips.velocity[mine], ".", color=RED, ms=4, label="largest velocity of a slip")
     below.plot([], [], "--", color=BLACK, lw=0.8, label="load point")
-    above.set_ylabel(r"friction $\tau/\sigma$")
-    below.set(xlabel="displacement of the load point / $D$", ylabel="velocity of the plate [m/s]")
+    label_axes(above, y=FRICTION)
+    label_axes(below, x="displacement of the load point / $D$", y=("velocity of the plate", "m/s"))
     below.set_ylim(bottom=0.1 * min(test.velocity for test in realization.of("slide") if test.velocity > 0))
-    above.legend(loc="best")
-    below.legend(loc="best")
+    legend_above(above)
+    legend_above(below)
     return figure
 
 

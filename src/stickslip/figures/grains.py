@@ -15,15 +15,21 @@ from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import Mode, quantities
-from .style import BLACK, BLUE, PURPLE, RED, WIDTH, plt, styled
+from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, plt, styled
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
-SLABS = 16  # number of depth slabs, drawn from back to front: balls hide the lines behind them
+SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front: what is in front hides the rest
+PIECES = 6  # most pieces of the line of a contact, each in its own slab
+SHINING = 2000  # grains up to which balls have a highlight: it would not be seen on smaller ones
+SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
+CROP = 0.002  # share of grains that may be out of view at each side of a movie: those that roll away
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
-THICK = 1.1  # line width of a contact with the mean force [points]
+THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
+THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
 WIDEST = 100.0  # figure [inches]
+LEGEND = 1.6  # width of a column of the legend [inches]
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
 
@@ -38,6 +44,7 @@ class Layout(NamedTuple):
     unit: str = ""
     limits: tuple[float, float] = (0.0, 1.0)
     whole: bool = False  # True if the coloured quantity is an integer
+    cut: bool = False  # True if some values are above the limits
 
 
 @styled
@@ -88,8 +95,8 @@ def packing(
         draw_orbits(axes, frame, mode)
     if colour:
         draw_colour_bar(figure, drawn, layout, ax=axes, location="bottom", shrink=0.7, aspect=30, pad=0.02)
-    draw_legend(axes, frame, mode)
-    axes.set_title(title, fontsize=7.5)
+    draw_legend(axes, frame, mode, colour=colour)
+    axes.set_title(title)
     return figure
 
 
@@ -104,7 +111,7 @@ def bare_frame(state: State) -> Frame:
 
 def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None, si: bool = False) -> Layout:
     """Common limits of the drawing and of the colours for all frames."""
-    corners = [_drawing_limits(frame) for frame in frames]
+    corners = [_drawing_limits(frame, CROP if len(frames) > 1 else 0.0) for frame in frames]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
     forces = np.concatenate([_normal_forces(frame) for frame in frames])
     mean = float(forces.mean()) if len(forces) and forces.mean() > 0 else 1.0
@@ -122,7 +129,9 @@ def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | No
         units = found[colour][1]
     every = np.concatenate(values)
     limits = (float(every.min()), float(np.quantile(every, 0.995)))
-    return layout._replace(colour=colour, unit=units, limits=limits, whole=every.dtype.kind in "iu")
+    return layout._replace(
+        colour=colour, unit=units, limits=limits, whole=every.dtype.kind in "iu", cut=bool(every.max() > limits[1])
+    )
 
 
 def draw(
@@ -133,37 +142,80 @@ def draw(
     state, dim = frame.state, layout.dim
     basis, radius = view_basis(frame), BALL[dim] * state.grains.radius
     place = wrapped(state) @ basis.T
-    slab = _depth_slabs(place[:, 2], dim)
     colors = _face_colours(frame, layout, mode, first, si)
     drawn = plt.cm.ScalarMappable(plt.Normalize(*layout.limits), cmap="viridis")
-    start, ends, width, color = _contact_lines(frame, layout, place, basis)
-    back = np.minimum(slab[frame.contacts["i"]], _depth_slabs(ends[:, 2], dim, place[:, 2])) if dim == 3 else None
-    edges = LineCollection(_projected(cell_edges(frame), basis), colors=BLACK, linewidths=0.5, zorder=1)
-    axes.add_collection(edges, autolim=False)
-    for number in range(SLABS if dim == 3 else 1):
+    start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
+    slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
+    if dim == 3:
+        start, ends, width, color = _visible_pieces(frame, start, ends, width, color)
+        slab, back = (_depth_slabs(z, place[:, 2]) for z in (place[:, 2], 0.5 * (start[:, 2] + ends[:, 2])))
+    for number in np.unique(slab):
         rows = slab == number
-        balls = EllipseCollection(
-            2 * radius[rows], 2 * radius[rows], 0 * radius[rows], units="xy", offsets=place[rows, :2],
-            offset_transform=axes.transData, facecolors=colors[rows], edgecolors="0.45", linewidths=0.3,
-            zorder=2 + 2 * number,
-        )  # fmt: skip
-        axes.add_collection(balls, autolim=False)
-        lines = slice(None) if dim == 2 else back == number
-        drawn_lines = _segments(axes, start[lines, :2], ends[lines, :2], width[lines], color[lines])
-        drawn_lines.set_zorder(3 + 2 * number - 2 * (dim == 3))
+        _draw_balls(axes, place[rows, :2], radius[rows], colors[rows], zorder=2 + number)
+        if dim == 3 and len(place) <= SHINING:
+            x, y, size = SHINE
+            _draw_balls(
+                axes, place[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.35),
+                zorder=2.3 + number, edge="none",
+            )  # fmt: skip
+    for number in np.unique(back):
+        rows = back == number
+        drawn_lines = _segments(axes, start[rows, :2], ends[rows, :2], width[rows], color[rows])
+        drawn_lines.set_zorder(2.7 + number)
         axes.add_collection(drawn_lines, autolim=False)
-    walls = LineCollection(_projected(wall_edges(frame), basis), colors="0.25", linewidths=0.9, zorder=50)
-    axes.add_collection(walls, autolim=False)
+    _draw_outlines(axes, cell_edges(frame) @ basis.T, place[:, 2], dim, zorder=1, colors=BLACK, linewidths=0.5)
+    _draw_outlines(axes, wall_edges(frame) @ basis.T, place[:, 2], dim, zorder=50, colors="0.25", linewidths=0.9)
     if near:
-        gaps = LineCollection(_open_segments(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49)
-        axes.add_collection(gaps, autolim=False)
-    margin = 0.01 * (layout.high - layout.low).max()
-    low = layout.low - [margin, 6 * margin]  # room for the bar
-    axes.set(xlim=(low[0], layout.high[0] + margin), ylim=(low[1], layout.high[1] + margin))
+        gaps = _open_segments(frame, place, basis)
+        _draw_outlines(axes, gaps, place[:, 2], dim, zorder=49, colors="0.35", linewidths=0.5, linestyles=":")
+    low, high = view_limits(layout)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
     _draw_scale_bar(axes, frame, layout)
     return drawn
+
+
+def view_limits(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the drawing with its margins, and room for the scale bar below."""
+    margin = 0.01 * (layout.high - layout.low).max()
+    return layout.low - [margin, 6 * margin], layout.high + margin
+
+
+def _draw_balls(axes, place: np.ndarray, radius: np.ndarray, colors, *, zorder: float, edge: str = "0.45") -> None:
+    balls = EllipseCollection(
+        2 * radius, 2 * radius, 0 * radius, units="xy", offsets=place, offset_transform=axes.transData,
+        facecolors=colors, edgecolors=edge, linewidths=0.3, zorder=zorder,
+    )  # fmt: skip
+    axes.add_collection(balls, autolim=False)
+
+
+def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zorder: float, **style) -> None:
+    """Draw lines (E, 2, 3); in space, in pieces among the balls, which have these depths."""
+    if dim == 2 or not len(lines):
+        axes.add_collection(LineCollection(lines[..., :2], zorder=zorder, **style), autolim=False)
+        return
+    share = np.linspace(0, 1, SLABS + 1)[:, None]
+    path = lines[:, :1] + share * (lines[:, 1:] - lines[:, :1])
+    pieces = np.stack([path[:, :-1], path[:, 1:]], axis=2).reshape(-1, 2, 3)
+    slab = _depth_slabs(pieces[..., 2].mean(axis=1), depth)
+    for number in np.unique(slab):
+        found = LineCollection(pieces[slab == number, :, :2], zorder=2.6 + number, **style)
+        axes.add_collection(found, autolim=False)
+
+
+def _visible_pieces(frame: Frame, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray):
+    """Pieces of the lines between the surfaces of drawn balls, which have depths of their own."""
+    c, radius = frame.contacts, BALL[3] * frame.state.grains.radius
+    long = np.linalg.norm(ends - start, axis=1)
+    other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
+    first, last = radius[c["i"]] / long, 1 - other / long
+    reach = (np.ptp(start[:, 2]) if len(start) else 0.0) or 1.0
+    count = int(np.clip(np.ceil(SLABS * long.max(initial=0.0) / reach), 1, PIECES))
+    share = first[:, None] + (last - first)[:, None] * np.linspace(0, 1, count + 1)
+    path = start[:, None] + share[..., None] * (ends - start)[:, None]
+    pieces = (path[:, :-1].reshape(-1, 3), path[:, 1:].reshape(-1, 3))
+    return *pieces, np.repeat(width, count), np.repeat(color, count, axis=0)
 
 
 def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray) -> EllipseCollection:
@@ -180,46 +232,52 @@ def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, colo
 
 
 def draw_orbits(axes, frame: Frame, mode: Mode) -> None:
-    """Draw the ellipse along which a mode moves each grain, with an arrow at its start."""
+    """Draw the ellipse along which a mode moves each grain, with an arrow at its start, in front of the grain."""
     basis, radius = view_basis(frame), frame.state.grains.radius.mean()
     place = wrapped(frame.state) @ basis.T
     u = unit_mode(mode, frame) @ basis.T
     u = (u.conj() if mode[2].imag > 0 else u)[:, :2] * (0.9 * radius / np.abs(unit_mode(mode, frame)).max())
     seen = np.abs(u).max(axis=1) > 0.02 * radius
-    path = place[seen, None, :2] + (u[seen, None] * ORBIT.conj()[None, :, None]).real
-    axes.add_collection(LineCollection(path, colors=BLACK, linewidths=0.7, zorder=60))
-    tip = u[seen].real
-    axes.quiver(
-        *place[seen, :2].T, *tip.T, angles="xy", scale_units="xy", scale=1, color=PURPLE, width=0.005, headwidth=4,
-        headlength=4, headaxislength=3.5, zorder=61,
-    )  # fmt: skip
+    slab = _depth_slabs(place[:, 2], place[:, 2]) if frame.state.cell.dim == 3 else np.zeros(len(place), int)
+    for number in np.unique(slab[seen]):
+        rows = seen & (slab == number)
+        path = place[rows, None, :2] + (u[rows, None] * ORBIT.conj()[None, :, None]).real
+        axes.add_collection(LineCollection(path, colors=BLACK, linewidths=0.7, zorder=2.8 + number))
+        axes.quiver(
+            *place[rows, :2].T, *u[rows].real.T, angles="xy", scale_units="xy", scale=1, color=PURPLE, width=0.005,
+            headwidth=4, headlength=4, headaxislength=3.5, zorder=2.9 + number,
+        )  # fmt: skip
 
 
-def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True) -> None:
+def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True, colour: str | None = None) -> None:
     """Draw the legend of lines and balls below the drawing."""
     slides = int((frame.contacts["mode"] == SLIDE).sum())
     handles = [
-        Line2D([], [], color=BLUE, lw=2, label=f"sticks ({len(frame.contacts['mode']) - slides})"),
+        Line2D([], [], color=BLUE, lw=2, label=f"contact sticks ({len(frame.contacts['mode']) - slides})"),
         Line2D([], [], color=RED, lw=2, label=f"slides ({slides})"),
     ]
     if near and (number := len(_nearly_touching(frame))):
         handles.append(Line2D([], [], color="0.35", lw=0.8, ls=":", label=f"open ({number})"))
-    if free := int(_rattlers(frame).sum()):
+    if colour is None and (free := int(_rattlers(frame).sum())):
         handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="0.45", ms=5, label=f"rattlers ({free})"))
     if mode is not None:
-        handles.append(Line2D([], [], color=PURPLE, lw=1.2, marker=">", ms=3, label="mode (enlarged)"))
+        handles.append(Line2D([], [], color=BLACK, lw=0.7, label="orbit (enlarged)"))
+        handles.append(Line2D([], [], color=PURPLE, lw=1.2, marker=">", ms=3, label="start of the orbit"))
+    if frame.state.cell.periodic.any():
+        handles.append(Line2D([], [], color=BLACK, lw=0.5, label="periodic cell"))
+    if len(frame.state.walls.mass):
+        handles.append(Line2D([], [], color="0.25", lw=0.9, label="walls"))
+    columns = int(axes.figure.get_figwidth() // LEGEND)
     axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), 3), columnspacing=1.2
-    )
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), columns),
+        columnspacing=1.2,
+    )  # fmt: skip
 
 
 def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
-    """Draw a colour bar with few numbers; `place` goes to `Figure.colorbar`."""
-    label = f"{layout.colour} [{layout.unit}]" if layout.unit else layout.colour
-    bar = figure.colorbar(drawn, label=label, **place)
-    bar.locator = plt.MaxNLocator(5, integer=layout.whole)
-    bar.formatter.set_powerlimits((-2, 4))
-    bar.update_ticks()
+    """Draw a horizontal colour bar; `place` goes to `Figure.colorbar`."""
+    bar = figure.colorbar(drawn, extend="max" if layout.cut else "neither", **place)
+    label_axes(bar.ax, x=(layout.colour, layout.unit), whole="x" if layout.whole else "")
 
 
 def _rattlers(frame: Frame) -> np.ndarray:
@@ -236,13 +294,14 @@ def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.nda
     return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
 
 
-def _contact_lines(frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
+def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
     """Starts, ends, widths and colours of contact lines."""
     c = frame.contacts
     start = place[c["i"]]
     size = np.clip(_normal_forces(frame) / layout.mean, 0.12, MOST)
     color = np.where((c["mode"] == SLIDE)[:, None], to_rgba(RED), to_rgba(BLUE))
-    scale = THICK * min(1.0, 12 / np.sqrt(len(frame.state.grains.radius))) if layout.dim == 2 else 0.8 * THICK
+    points = (72 / axes.figure.dpi * np.array(axes.bbox.size) / (layout.high - layout.low)).min()  # per length
+    scale = min(THICK if layout.dim == 2 else 0.8 * THICK, THIN * points * 2 * frame.state.grains.radius.mean())
     return start, start - c["branch"] @ basis.T, scale * size, color
 
 
@@ -262,14 +321,12 @@ def _nearly_touching(frame: Frame) -> np.ndarray:
 def _open_segments(frame: Frame, place: np.ndarray, basis: np.ndarray) -> np.ndarray:
     rows = _nearly_touching(frame)
     start = place[frame.state.contacts.i[rows]]
-    return np.stack([start, start - branch_vectors(frame.state)[rows] @ basis.T], axis=1)[..., :2]
+    return np.stack([start, start - branch_vectors(frame.state)[rows] @ basis.T], axis=1)
 
 
-def _depth_slabs(depth: np.ndarray, dim: int, of: np.ndarray | None = None) -> np.ndarray:
-    """Number of the depth slab of each entry, 0 for the farthest."""
-    if dim == 2:
-        return np.zeros(len(depth), int)
-    low, high = (of if of is not None else depth).min(), (of if of is not None else depth).max()
+def _depth_slabs(depth: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """Number of the depth slab of each entry, 0 for the farthest of the depths `of`."""
+    low, high = of.min(), of.max()
     return np.clip(((depth - low) / ((high - low) or 1.0) * SLABS).astype(int), 0, SLABS - 1)
 
 
@@ -277,14 +334,18 @@ def _projected(edges: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return (edges @ basis.T)[..., :2]
 
 
-def _drawing_limits(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius[:, None]
+def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the drawing: those of grains and cell, and walls as far as they are near.
+
+    A share `hidden` of the grains may be outside at each side.
+    """
+    basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
     place = (wrapped(frame.state) @ basis.T)[:, :2]
-    lines = np.concatenate([_projected(cell_edges(frame), basis), _projected(wall_edges(frame), basis)]).reshape(-1, 2)
-    return (
-        np.min([(place - radius).min(axis=0), *lines], axis=0),
-        np.max([(place + radius).max(axis=0), *lines], axis=0),
-    )
+    low, high = (np.quantile(place, share, axis=0) for share in (hidden, 1 - hidden))
+    low, high = low - radius.max(), high + radius.max()
+    walls = np.clip(_projected(wall_edges(frame), basis).reshape(-1, 2), low - radius.max(), high + radius.max())
+    lines = [*_projected(cell_edges(frame), basis).reshape(-1, 2), *walls]
+    return np.min([low, *lines], axis=0), np.max([high, *lines], axis=0)
 
 
 def _draw_scale_bar(axes, frame: Frame, layout: Layout) -> None:

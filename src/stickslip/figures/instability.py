@@ -9,7 +9,7 @@ from scipy.special import expit
 from ..core.arguments import Array, Result
 from ..core.state import State
 from ..solve.birth import BirthForm
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, SKY, column_axes, styled
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, column_axes, label_axes, plot_fast, power_of_ten, styled
 
 _Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
 _Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
@@ -36,8 +36,7 @@ def growth_by_amplitude(form: BirthForm):
         axes.axvline(form.displacement(form.first), color=RED, label="a contact is lost")
     axes.set_ylim(bottom=0)
     axes.set_xlim(0, x[-1] * 1.03)
-    axes.set_xlabel("largest displacement [length]")
-    axes.set_ylabel("growth rate [1/time]")
+    label_axes(axes, x=("largest displacement", "length"), y=("growth rate", "1/time"))
     axes.legend(loc="best")
     return figure
 
@@ -58,7 +57,9 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
     for k, kick in enumerate(found.kicks):
         color = COLORS[k % len(COLORS)]
         axes.plot(loads, found.probability[:, k], "o", color=color, ms=5, mfc="none")
-        axes.plot(loads, found.lasting_probability[:, k], "o", color=color, ms=3, label=f"velocities of {kick:.3g}")
+        axes.plot(
+            loads, found.lasting_probability[:, k], "o", color=color, ms=3, label=f"kicks of {power_of_ten(kick)}"
+        )
         below.plot(loads, found.lifetime[:, k], "o-", color=color, ms=3.5, lw=0.6)
         for at, interval, width, style in (
             (found.threshold[k], found.interval[k], found.width[k], "--"),
@@ -67,6 +68,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
             if np.isfinite(at):
                 axes.plot(x, expit((x - at) / width), style, color=color)
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
+    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="where half do: 95 % interval")
     axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
     axes.plot([], [], "o-", color=BLACK, ms=3, label="slid on")
     if len(found.arrest):
@@ -82,11 +84,10 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
             axes.axvline(load, color=BLACK, ls=style, lw=0.8, label=words)
             below.axvline(load, color=BLACK, ls=style, lw=0.8)
     axes.set_ylim(-0.03, 1.03)
-    axes.set_ylabel("share of runs")
-    below.set_ylabel("median time until\nit has slid [time]")
+    label_axes(axes, y="share of runs")
     below.set_ylim(0, 1.1 * found.duration)
     below.axhline(found.duration, color=BLACK, lw=0.5, ls=":")
-    below.set_xlabel(label)
+    label_axes(below, x=label, y=("median until\nit has slid", "time"))
     figure.legend(loc="outside upper center", ncols=2)
     return figure
 
@@ -103,22 +104,25 @@ def bursts(record: _Record, state: State, form: _Form):
     size = np.abs(amplitude)
     apart = max(1, round(3 / form.growth_rate / (time[1] - time[0])))
     tops, _ = find_peaks(size, height=0.5 * form.peak, distance=apart)
-    above.plot(time, amplitude / form.peak, color=SKY, lw=0.25, rasterized=True)
-    below.semilogy(time, np.maximum(size / form.peak, 1e-12), color=SKY, lw=0.25, rasterized=True)
+    below.set_yscale("log")
+    plot_fast(above, time, amplitude / form.peak, color=BLUE, middle=False)
+    plot_fast(below, time, np.maximum(size / form.peak, 1e-12), color=BLUE, middle=False, label="run: range of $a$")
     edges = [time[0], *(0.5 * (time[tops][1:] + time[tops][:-1])), time[-1]]
     for k, top in enumerate(tops):
         t = time[(time >= edges[k]) & (time <= edges[k + 1])]
         wave = 1 / np.cosh(form.growth_rate * (t - time[top]))
         for axes, sign in ((above, 1), (above, -1), (below, 1)):
-            axes.plot(t, sign * wave, color=RED, lw=1.0, label=None if k or axes is above else "predicted envelope")
+            axes.plot(
+                t, sign * wave, color=RED, ls="--", lw=1.0, label=None if k or axes is above else "predicted envelope"
+            )
     for sign in (-1, 1):
         above.axhline(sign, color=BLACK, ls=":", lw=0.7)
     above.set_ylim(-1.25, 1.25)
     below.set_ylim(np.clip(np.quantile(size, 0.02) / form.peak, 1e-9, 1e-2), 3)
-    above.set_ylabel(r"amplitude $a/a_0$")
-    below.set_ylabel(r"$|a|/a_0$")
-    below.set_xlabel("time")
-    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center")
+    below.axhline(1, color=BLACK, ls=":", lw=0.7, label="predicted peak $a_0$")
+    label_axes(above, y="amplitude $a/a_0$")
+    label_axes(below, x=("time $t$", "units of time"), y="$|a|/a_0$")
+    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
     return figure
 
 

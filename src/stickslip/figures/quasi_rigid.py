@@ -6,13 +6,14 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..core.arguments import Requirement, Result, require_filled
-from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, plt, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, label_axes, legend_above, styled
 
 _KIND = "sample of a QuasiResult"
 _WithCurve = Annotated[Any, Result(_KIND, ("curve", "path", "slow", "back"))]
 SHOWN = 6  # number of contacts in the cone
 GREY = "#bbbbbb"
-ENDS = {True: "at × where stability is lost", False: "at ○ for another reason"}
+ENDS = {True: "x", False: "o"}  # marks of ends of paths, by whether stability is lost there
+ENDS_WORDS = {True: "stability is lost", False: "ends for another reason"}
 COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples, with contrast between neighbours
 
 
@@ -20,39 +21,30 @@ COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples, with cont
 def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], test: str):
     """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
     figure, (top, bottom) = column_axes(2, 4.4, sharex=True)
-    scale = _scale(max(np.abs(one.curve.strain).max() for one in tested))
     for color, one in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
-            y = 1.0 if name == "ratio" else scale
-            axes.plot(scale * one.curve.strain, y * getattr(one.curve, name), color=color, lw=1.2)
+            axes.plot(one.curve.strain, getattr(one.curve, name), color=color, lw=1.2)
             if not one.path.complete:
-                last = scale * one.curve.strain[-1], y * getattr(one.curve, name)[-1]
+                last = one.curve.strain[-1], getattr(one.curve, name)[-1]
                 axes.plot(*last, "x" if one.path.loses_stability else "o", mfc="none", color=color, ms=5)
             if one.back is not None:
-                axes.plot(scale * one.back.strain, y * getattr(one.back, name), ":", color=color, lw=0.9)
+                axes.plot(one.back.strain, getattr(one.back, name), ":", color=color, lw=0.9)
             if one.slow:
                 slow = max(one.slow, key=lambda run: run.time).curve
                 near = slow.load <= one.curve.load[-1]
-                axes.plot(scale * slow.strain[near], y * getattr(slow, name)[near], "--", color=BLACK, lw=0.6)
+                axes.plot(slow.strain[near], getattr(slow, name)[near], "--", color=BLACK, lw=0.6)
         top.plot([], [], color=color, label=f"sample {one.seed}")
     if any(one.slow for one in tested):
         top.plot([], [], "--", color=BLACK, lw=0.6, label="slow dynamics")
     if any(one.back is not None for one in tested):
         top.plot([], [], ":", color=BLACK, lw=0.9, label="unloading")
-    power = round(np.log10(scale))
-    top.set_ylabel("stress ratio" if test == "biaxial" else "shear stress / pressure")
-    name = "axial strain" if test == "biaxial" else "shear strain"
-    bottom.set(xlabel=rf"{name} $\times 10^{{{power}}}$", ylabel=rf"volumetric strain $\times 10^{{{power}}}$")
-    top.legend(loc="best", ncol=2)
-    ends = {one.path.loses_stability for one in tested if not one.path.complete}
-    if ends:
-        top.set_title("paths end " + ", ".join(words for lost, words in ENDS.items() if lost in ends), fontsize=7)
+    for lost, mark in ENDS.items():
+        if lost in {one.path.loses_stability for one in tested if not one.path.complete}:
+            top.plot([], [], mark, mfc="none", color=BLACK, ms=5, label=ENDS_WORDS[lost])
+    label_axes(top, y="stress ratio" if test == "biaxial" else "shear stress / pressure")
+    label_axes(bottom, x="axial strain" if test == "biaxial" else "shear strain", y="volumetric strain")
+    legend_above(top, ncol=2)
     return figure
-
-
-def _scale(largest: float) -> float:
-    """Power of ten that scales numbers to order one."""
-    return 10.0 ** -int(np.floor(np.log10(largest))) if largest > 0 else 1.0
 
 
 @styled
@@ -71,9 +63,11 @@ def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
         axes.plot(force[:, k, 0], force[:, k, 1], color=color, lw=1.0, label=f"{one.pairs[k, 0]}–{one.pairs[k, 1]}")
         axes.plot(*force[0, k], "o", color=color, ms=2.5)
         axes.plot(*force[-1, k], "x", color=color, ms=4)
-    axes.set(xlabel=r"$F_n/\langle F_n\rangle_0$", ylabel=r"$F_t/\langle F_n\rangle_0$", xlim=(0, far))
-    axes.legend(loc="upper left", ncol=2, title="contacts", title_fontsize=6.5)
-    axes.set_title(f"sample {one.seed}: start ●, end ×", fontsize=7)
+    axes.plot([], [], "o", color=BLACK, ms=2.5, label="start")
+    axes.plot([], [], "x", color=BLACK, ms=4, label="end")
+    axes.set_xlim(0, far)
+    label_axes(axes, x=r"$F_n/\langle F_n\rangle_0$", y=r"$F_t/\langle F_n\rangle_0$")
+    legend_above(axes, ncol=4, title=f"sample {one.seed}: contacts in the Coulomb cone")
     return figure
 
 
@@ -83,20 +77,17 @@ def stiffness(one: Annotated[Any, Result(_KIND, ("path", "looks", "seed"))]):
     figure, (top, middle, bottom) = column_axes(3, 5.0, sharex=True)
     load = one.path.load
     top.step(load, [p.sliding for p in one.path.points], where="post", color=RED)
-    top.set_ylabel("sliding contacts")
-    top.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
+    label_axes(top, y="sliding contacts", whole="y")
     looks = one.looks
-    middle.plot(looks.load, 1e3 * looks.lowest, color=BLUE, label=r"smallest Re of $\mathbf{k}$")
-    middle.plot(looks.load, 1e3 * looks.symmetric, color=ORANGE, label=r"smallest of sym $\mathbf{k}$: $Q > 0$?")
+    middle.plot(looks.load, looks.lowest, color=BLUE, label=r"smallest Re of $\mathbf{k}$")
+    middle.plot(looks.load, looks.symmetric, color=ORANGE, label=r"smallest of sym $\mathbf{k}$: $Q > 0$?")
     middle.axhline(0, color=GREY, lw=0.6)
-    middle.set_yscale("symlog", linthresh=1.0)
-    middle.set_ylabel(r"eigenvalue $\times 10^3/K_n$")
-    middle.legend(loc="best")
+    middle.set_yscale("symlog", linthresh=1e-3)
+    label_axes(middle, y=("eigenvalue", "$K_n$"))
+    legend_above(middle, ncol=2)
     bottom.step(looks.load, looks.pairs, where="mid", color=GREEN)
-    bottom.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
-    bottom.xaxis.set_major_locator(plt.MaxNLocator(5))
-    bottom.set(xlabel="load (fraction of the path)", ylabel=r"complex pairs of $\mathbf{m}^{-1}\mathbf{k}$")
-    top.set_title(f"sample {one.seed}", fontsize=7)
+    label_axes(bottom, x="load (fraction of the path)", y="complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$", whole="y")
+    top.set_title(f"sample {one.seed}")
     return figure
 
 
@@ -108,6 +99,6 @@ def errors(tested: list[Annotated[Any, Result(_KIND, ("slow", "seed"))]]):
         runs = sorted(one.slow, key=lambda run: run.time)
         time, error = [r.time for r in runs], [r.error for r in runs]
         axes.loglog(time, error, "o-", color=color, label=f"sample {one.seed}")
-    axes.set(xlabel=r"duration of loading [$\sqrt{m/K_n}$]", ylabel="difference of strain")
+    label_axes(axes, x=("duration of loading", r"$\sqrt{m/K_n}$"), y="difference of strain")
     axes.legend(loc="best", ncol=2)
     return figure

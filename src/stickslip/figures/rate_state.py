@@ -4,11 +4,10 @@ from typing import Annotated, Any
 
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
 from ..core.arguments import Result, Series
-from .style import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, column_axes, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, column_axes, label_axes, styled
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"
@@ -29,12 +28,12 @@ _Fit = Annotated[Any, Result("Fit", ("law", "models", "residuals"))]
 def slid(history: _History, recorded: Series, legs: list[_Leg] | tuple[_Leg, ...]):
     """Friction, velocity and state against load-point displacement, or against time if the load point ever stops."""
     figure, panels = column_axes(3, 4.6, sharex=True)
-    x, label, ends = _abscissa(history.time, history.load_point, legs)
+    x, words, ends = _abscissa(history.time, history.load_point, legs)
     noisy = not np.array_equal(recorded, history.friction)
     if noisy:
         panels[0].plot(x, recorded, ".", color=GREY, ms=1.5, label="recorded")
     panels[0].plot(x, history.friction, color=BLUE, label="friction")
-    panels[0].set_ylabel("friction")
+    label_axes(panels[0], y="friction")
     panels[1].semilogy(x, np.maximum(history.velocity, BOTTOM * history.velocity.max()), color=BLUE, label="slider")
     for k, leg in enumerate(legs):
         if leg.velocity > 0:
@@ -46,10 +45,9 @@ def slid(history: _History, recorded: Series, legs: list[_Leg] | tuple[_Leg, ...
                 lw=0.7,
                 label="load point" if k == 0 else None,
             )
-    panels[1].set_ylabel("velocity [m/s]")
+    label_axes(panels[1], y=("velocity", "m/s"))
     panels[2].semilogy(x, history.theta, color=GREEN)
-    panels[2].set_ylabel(r"state $\theta$ [s]")
-    panels[2].set_xlabel(label)
+    label_axes(panels[2], x=words, y=(r"state $\theta$", "s"))
     for axes in panels[: 2 if noisy else 1]:
         axes.legend(loc="best")
     panels[1].legend(loc="best")
@@ -70,17 +68,16 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
         place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, run])
     else:
         place = np.r_[0.0, np.cumsum(0.5 * (data.velocity[1:] + data.velocity[:-1]) * np.diff(time))]
-    x, label, _ = _abscissa(time, place, data.legs)
+    x, words, _ = _abscissa(time, place, data.legs)
     top.plot(x, data.friction, ".", color=GREY, ms=1.5, label="record")
     for k, one in enumerate(fits):
         color, style = LAW_COLORS[one.law], ("-", "--")[k % 2]
         top.plot(x, one.models[0], color=color, ls=style, label=f"{one.law} law")
         bottom.plot(x, one.residuals[0], color=color, lw=0.6, alpha=0.8)
     bottom.axhline(0, color=BLACK, lw=0.5)
-    top.set_ylabel("friction")
+    label_axes(top, y="friction")
     top.legend(loc="best")
-    bottom.set_ylabel("record − fit")
-    bottom.set_xlabel(label)
+    label_axes(bottom, x=words, y="record − fit")
     bottom.set_xlim(x[0], x[-1])
     figure.align_ylabels((top, bottom))
     return figure
@@ -97,38 +94,28 @@ def corner(columns: dict, intervals: dict, units: dict):
     units : name → unit
     """
     names, many = list(columns), len(columns)
+    bases = {name: name.partition("[")[0] for name in names}
+    words = {name: (SYMBOLS.get(base, name), units.get(base, "")) for name, base in bases.items()}
     figure, panels = plt.subplots(many, many, figsize=(max(WIDTH, 1.05 * many),) * 2, sharex="col", squeeze=False)
-    powers = {name: _power(columns[name]) for name in names}
-    scaled = {name: columns[name] / 10.0 ** powers[name] for name in names}
     for row, below in enumerate(names):
         for column, across in enumerate(names):
             axes = panels[row, column]
             if column > row:
                 axes.set_axis_off()
             elif column == row:
-                axes.axvspan(*(end / 10.0 ** powers[across] for end in intervals[across]), color=SKY, alpha=0.25, lw=0)
-                axes.hist(scaled[across], BINS, histtype="step", color=BLUE)
+                axes.axvspan(*intervals[across], color=SKY, alpha=0.25, lw=0)
+                axes.hist(columns[across], BINS, histtype="step", color=BLUE)
                 axes.set_yticks([])
             else:
-                _contour_pair(axes, scaled[across], scaled[below])
-                axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+                _contour_pair(axes, columns[across], columns[below])
+                label_axes(axes, y=words[below])
                 axes.tick_params(labelleft=column == 0)
-                axes.yaxis.get_major_formatter().set_useOffset(False)
-            axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
-        if row:
-            panels[row, 0].set_ylabel(_label(below, powers[below], units))
-        panels[-1, row].set_xlabel(_label(below, powers[below], units))
-    for axes in (axes for axes in panels.ravel() if axes.axison):
-        axes.tick_params(axis="x", rotation=45)
-        axes.xaxis.get_major_formatter().set_useOffset(False)
+                axes.yaxis.label.set_visible(column == 0)
+            if row == many - 1:
+                axes.tick_params(axis="x", rotation=45)
+                label_axes(axes, x=words[across])
     figure.align_labels()
     return figure
-
-
-def _power(values) -> int:
-    """Power of ten that is taken out of values, if they are far from 1."""
-    power = int(np.floor(np.log10(np.abs(values).max() or 1.0)))
-    return 0 if -1 <= power <= 3 else power
 
 
 def _contour_pair(axes, x, y) -> None:
@@ -142,20 +129,14 @@ def _contour_pair(axes, x, y) -> None:
     axes.contourf(*centres, density.T, [*levels, float(ordered[0]) * 1.01], colors=[SKY, BLUE], alpha=0.8)
 
 
-def _label(name: str, power: int, units: dict) -> str:
-    base = name.partition("[")[0]
-    unit = " ".join(word for word in (f"$10^{{{power}}}$" if power else "", units.get(base, "")) if word)
-    return SYMBOLS.get(base, name) + (f" [{unit}]" if unit else "")
-
-
 def _abscissa(time, place, legs):
-    """Values and label of the horizontal axis, and the ends of the legs."""
+    """Values, quantity and unit of the horizontal axis, and the ends of the legs."""
     ends = np.r_[0.0, np.cumsum([leg.duration for leg in legs])]
     if any(leg.velocity <= 0 for leg in legs):
-        return time, "time [s]", ends
+        return time, ("time", "s"), ends
     run = np.r_[0.0, np.cumsum([leg.duration * leg.velocity for leg in legs])]
     long = abs(run[-1]) or abs(place[-1])
     unit, size = next(
         (u, s) for u, s in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)) if long >= 3 * s or s == 1e-9
     )
-    return place / size, f"displacement [{unit}]", run / size
+    return place / size, ("displacement", unit), run / size

@@ -1,10 +1,17 @@
-"""Common style of all figures: single-column width (86 mm) and the colour-blind-safe palette of Okabe and Ito."""
+"""Common style of all figures: width, palette, labels and ticks of axes, envelopes of fast oscillations, legends.
 
+Figures are one column wide (86 mm), in the colour-blind-safe palette of Okabe and Ito.
+"""
+
+import re
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+import numpy as np
+from matplotlib.font_manager import FontProperties
+from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, ScalarFormatter
 
 matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
@@ -28,9 +35,11 @@ STYLE = {
     "font.size": 8,
     "axes.labelsize": 8,
     "legend.fontsize": 6.5,
+    "legend.title_fontsize": 6.5,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
     "axes.linewidth": 0.7,
+    "axes.titlesize": 7.5,
     "lines.linewidth": 1.0,
     "lines.markersize": 3,
     "legend.frameon": False,
@@ -42,7 +51,13 @@ STYLE = {
     "axes.prop_cycle": plt.cycler(color=COLORS),
     "figure.constrained_layout.use": True,
 }
-TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
+TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
+POWERS = (-3, 4)  # powers of ten up to and from which one is taken out of the numbers of an axis, into its unit
+TICK_SIZE = STYLE["xtick.labelsize"]
+DIGIT = 0.65  # width of a digit over the size of the font
+BIN = 1.0  # width of the bins of an envelope [points]: less than one oscillation per bin can be seen
+
+Words = str | tuple[str, str]  # quantity, or quantity and unit
 
 
 def styled(function):
@@ -60,6 +75,155 @@ def styled(function):
 def column_axes(rows: int = 1, height: float = 2.5, **options):
     """Create a figure one column wide with stacked axes; height in inches."""
     return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
+
+
+def axis_label(quantity: str, unit: str = "", power: int = 0) -> str:
+    """Label of an axis whose numbers are multiples of 10^power times the unit, as in "time [10³ s]"."""
+    inside = " ".join(word for word in (f"$10^{{{power}}}$" if power else "", unit) if word)
+    gap = "" if quantity.endswith("\n") else " "
+    return f"{quantity}{gap}[{inside}]" if inside else quantity
+
+
+def power_of_ten(number: float, error: float | None = None) -> str:
+    """Write a number, and its error, with three digits, as in (1.23 ± 0.05) × 10⁻³; plainly if it is of order one."""
+    power = int(np.floor(np.log10(abs(number)))) if number else 0
+    power = 0 if POWERS[0] < power < POWERS[1] else power
+    mantissa = f"{number / 10.0**power:.3g}"
+    if error is not None:
+        mantissa = f"({mantissa} ± {error / 10.0**power:.2g})" if power else f"{mantissa} ± {error:.2g}"
+    if not power:
+        return mantissa
+    return rf"$10^{{{power}}}$" if mantissa == "1" else rf"${mantissa}\times 10^{{{power}}}$"
+
+
+def label_axes(
+    axes, *, x: Words | None = None, y: Words | None = None, z: Words | None = None, whole: str = ""
+) -> None:
+    """Label axes with a quantity, or a pair of quantity and unit, after their scales have been chosen.
+
+    `whole` contains the names of axes whose numbers are integers.
+
+    Every axis of a figure is labelled here. Linear axes get as many ticks as fit side by side; if their numbers are
+    large or small, the label takes up a power of ten, as in "strain [10⁻⁵]". Logarithmic axes of little more than a
+    decade also show 2 and 5.
+    """
+    for name, words in (("x", x), ("y", y), ("z", z)):
+        if words is None:
+            continue
+        quantity, unit = (words, "") if isinstance(words, str) else words
+        axis = getattr(axes, f"{name}axis")
+        axis.set_label_text(axis_label(quantity, unit))
+        if axis.get_scale() == "linear":
+            axis.set_major_locator(_FittingLocator(integer=name in whole))
+            axis.set_major_formatter(_PowerFormatter(quantity, unit))
+        elif axis.get_scale() == "log":
+            axis.set_major_locator(LogLocator(numticks=7))
+            axis.set_minor_formatter(_MinorFormatter())
+
+
+class _PowerFormatter(ScalarFormatter):
+    """Numbers without offset; a power of ten that is common to them goes into the label of the axis."""
+
+    def __init__(self, quantity: str, unit: str) -> None:
+        super().__init__(useOffset=False, useMathText=True)
+        self.set_scientific(False)
+        self.words = quantity, unit
+
+    def format_ticks(self, values) -> list[str]:
+        largest = np.abs(values).max(initial=0.0)
+        power = int(np.floor(np.log10(largest))) if largest else 0
+        power = 0 if POWERS[0] < power < POWERS[1] else power
+        text = axis_label(*self.words, power)
+        if self.axis.get_label_text() != text:
+            self.axis.set_label_text(text)
+        return super().format_ticks(np.asarray(values) / 10.0**power)
+
+
+class _FittingLocator(AutoLocator):
+    """As many round numbers as fit side by side."""
+
+    def __init__(self, *, integer: bool) -> None:
+        super().__init__()
+        self.set_params(integer=integer)
+
+    def __call__(self):
+        low, high = self.axis.get_view_interval()
+        for count in range(int(np.clip(self.axis.get_tick_space(), 5 if self.axis.axis_name == "x" else 2, 9)), 0, -1):
+            self.set_params(nbins=count, min_n_ticks=1 if count < 3 else 2)
+            places = self.tick_values(low, high)
+            if count == 1 or self._fit(places, abs(high - low)):
+                return places
+        return places
+
+    def _fit(self, places, span: float) -> bool:
+        if self.axis.axis_name != "x" or len(places) < 2 or not span:
+            return True
+        how = self.axis.get_tick_params()
+        texts = self.axis.get_major_formatter().format_ticks(places)
+        longest = max(len(re.sub(r"\$|\\mathdefault|[{}]", "", text)) for text in texts)
+        size = FontProperties(size=how.get("labelsize", TICK_SIZE)).get_size_in_points()
+        axes = self.axis.axes
+        room = axes.bbox.width * 72 / axes.figure.dpi * (places[1] - places[0]) / span
+        wide = 1.5 if how.get("rotation") else DIGIT * longest + 0.7
+        return wide * size <= room
+
+
+class _MinorFormatter(LogFormatterMathtext):
+    """2 and 5 times powers of ten, on axes that span little more than a decade."""
+
+    def __call__(self, value, pos=None) -> str:
+        low, high = sorted(self.axis.get_view_interval())
+        power = int(np.floor(np.log10(value) + 1e-9))
+        first = round(value / 10.0**power)
+        if first not in (2, 5) or not low > 0 or np.log10(high / low) > 1.6:
+            return ""
+        return rf"${first}\times 10^{{{power}}}$"
+
+
+def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, middle: bool = True) -> None:
+    """Plot a signal; if it turns more often than lines can be told apart, plot its envelope instead.
+
+    The envelope is the least and the greatest value in each bin, as a pale band, and with `middle` the mean as a line.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known], y[known]
+    bins = max(8, round(axes.get_position().width * axes.figure.get_figwidth() * 72 / BIN))
+    turns = _turns(y)
+    if turns <= bins or x[-1] <= x[0]:
+        axes.plot(x, y, color=color, lw=lw, label=label)
+        return
+    bins = min(bins, turns // 4)  # two oscillations or more, because a part of one does not reach the envelope
+    starts = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], bins, endpoint=False)))
+    count = np.diff(np.r_[starts, len(x)])
+    at, mean = (np.add.reduceat(values, starts) / count for values in (x, y))
+    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+    axes.fill_between(at, low, high, facecolor=color, edgecolor="none", alpha=0.35, label=None if middle else label)
+    if middle:
+        axes.plot(at, mean, color=color, lw=lw, label=label)
+    else:
+        for edge in (low, high):
+            if _turns(edge) < bins / 4:
+                axes.plot(at, edge, color=color, lw=0.5 * lw)
+
+
+def _turns(y: np.ndarray) -> int:
+    """Number of minima and maxima."""
+    slope = np.sign(np.diff(y))
+    return np.count_nonzero(np.diff(slope[slope != 0]))
+
+
+def legend_above(axes, *handles, title: str = "", ncol: int = 2, **options) -> None:
+    """Draw the legend above axes, where it hides nothing, below a title."""
+    if not handles and not axes.get_legend_handles_labels()[0]:
+        axes.set_title(title)
+        return
+    legend = axes.legend(
+        *handles, title=title or None, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=ncol, columnspacing=1.0,
+        **options,
+    )  # fmt: skip
+    for line in legend.get_lines():
+        line.set_linewidth(max(1.0, line.get_linewidth()))
 
 
 @styled

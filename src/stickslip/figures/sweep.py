@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .style import BLACK, BLUE, SKY, column_axes, styled
+from .style import BLACK, BLUE, SKY, column_axes, label_axes, legend_above, styled
 
 YEAR = 365.25 * 86400.0
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
@@ -25,21 +25,19 @@ def cycles(since, curves, recurrence, *, without: int = 0):
     size, unit = next((pair for pair in UNITS if np.median(recurrence) > pair[0]), UNITS[-1])
     figure, (top, bottom) = column_axes(2, 3.8, height_ratios=(3, 2))
     low, first, middle, third, high = np.percentile(curves, PERCENTS, axis=0)
-    top.fill_between(since / size, low, high, color=SKY, alpha=0.35, lw=0, label="95 %")
+    top.fill_between(since / size, low, high, color=SKY, alpha=0.35, lw=0, label="95 % of the members")
     top.fill_between(since / size, first, third, color=BLUE, alpha=0.35, lw=0, label="68 %")
     top.plot(since / size, middle, color=BLUE, label="median")
-    top.set_ylabel("slip [m]")
-    top.set_xlabel(f"time since an event [{unit}]")
+    label_axes(top, x=("time since an event", unit), y=("slip", "m"))
     top.set_xlim(since[0] / size, since[-1] / size)
-    top.legend(loc="upper left")
+    legend_above(top, ncol=3)
     low, first, middle, third, high = np.percentile(recurrence, PERCENTS) / size
     bottom.axvspan(low, high, color=SKY, alpha=0.35, lw=0)
     bottom.axvspan(first, third, color=BLUE, alpha=0.35, lw=0)
     bottom.hist(recurrence / size, min(30, max(8, len(recurrence) // 8)), histtype="step", color=BLACK)
     bottom.axvline(middle, color=BLUE)
-    bottom.set_ylabel("members")
     missing = f"; {without} members without cycles" if without else ""
     bottom.set_title(f"recurrence {middle:.3g} {unit}, 95 %: {low:.3g} to {high:.3g}{missing}", fontsize=7)
-    bottom.set_xlabel(f"recurrence time [{unit}]")
+    label_axes(bottom, x=("recurrence time", unit), y="members", whole="y")
     figure.align_ylabels((top, bottom))
     return figure

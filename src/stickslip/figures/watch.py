@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .style import BLUE, GREEN, ORANGE, RED, SKY, column_axes, styled
+from .style import BLUE, GREEN, ORANGE, RED, SKY, column_axes, label_axes, legend_above, styled
 
 COLOURS = {"stable": GREEN, "unstable": RED}  # of a verdict; others have none
 
@@ -11,23 +11,17 @@ def _line(axes, step, values, color, label=None, words=None):
     known = np.isfinite(values)
     axes.plot(step[known], values[known], "o-", color=color, ms=2, lw=0.8, label=label)
     if words:
-        axes.set_ylabel(words)
-
-
-def _label_steps(axes):
-    """Label the axis of time steps, which have many digits."""
-    axes.set_xlabel("time step")
-    axes.locator_params(axis="x", nbins=5)
+        label_axes(axes, y=words)
 
 
 @styled
 def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
     """Pressure, and shear stress over pressure, against the time step."""
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
-    _line(above, step, pressure, BLUE, words="pressure")
+    _line(above, step, pressure, BLUE, words=("pressure", "stress"))
     ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
     _line(below, step, ratio, ORANGE, words="shear / pressure")
-    _label_steps(below)
+    label_axes(below, x="time step")
     return figure
 
 
@@ -41,7 +35,7 @@ def watched_contacts(step: np.ndarray, coordination: np.ndarray, sliding: np.nda
     if not np.isfinite(sliding).any():
         below.text(0.5, 0.5, "unknown without memory", ha="center", va="center", transform=below.transAxes)
         below.set_yticks([])
-    _label_steps(below)
+    label_axes(below, x="time step")
     return figure
 
 
@@ -55,7 +49,7 @@ def watched_spectrum(step: np.ndarray, softest: np.ndarray, growth: np.ndarray, 
     verdicts : for each frame, stable, unstable, or another word
     """
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
-    _line(above, step, softest, BLUE, words=r"softest $\lambda$ [1/time$^2$]")
+    _line(above, step, softest, BLUE, words=(r"softest $\lambda$", "1/time$^2$"))
     if (softest < 0).any():
         above.axhline(0, color="0.6", lw=0.6)
     known = np.isfinite(growth)
@@ -68,10 +62,10 @@ def watched_spectrum(step: np.ndarray, softest: np.ndarray, growth: np.ndarray, 
     if rest.any():
         below.plot(step[rest], growth[rest], "o", mfc="white", mec=SKY, ms=2.5, mew=0.7, label="no verdict")
     if known.any():
-        below.legend(loc="best")
-    below.set_ylabel("growth rate [1/time]")
+        legend_above(below, ncol=3)
+    label_axes(below, y=("growth rate", "1/time"))
     below.set_ylim(bottom=0)
-    _label_steps(below)
+    label_axes(below, x="time step")
     return figure
 
 
@@ -82,7 +76,7 @@ def watched_balance(step: np.ndarray, residual: np.ndarray, limit: float):
     good = np.where(residual > 0, residual, np.nan)
     _line(axes, step, good, BLUE)
     axes.axhline(limit, color=RED, lw=0.7, ls="--", label="limit for a verdict")
-    axes.set(ylabel="unbalanced force / mean", yscale="log")
-    _label_steps(axes)
-    axes.legend(loc="best")
+    axes.set_yscale("log")
+    label_axes(axes, x="time step", y="unbalanced force / mean")
+    legend_above(axes)
     return figure

@@ -10,6 +10,7 @@ from rich.table import Table
 from ...core.readable import pluralize
 from ...core.units import units_of
 from ...figures import gouge as figures_of
+from ...figures.style import power_of_ten
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import CURVES, SERIES, SLIPS, archive_fields
 from ..terminal import STYLE, console, show_table
@@ -99,7 +100,7 @@ def paper_figures(found):
 
 
 def _damping_label(result: GougeResult, name: str) -> str:
-    return f"{name}: $\\gamma_n$ = {damping(result.scenario):.1e}"
+    return f"{name}: $\\gamma_n$ = {power_of_ten(damping(result.scenario))}"
 
 
 def _step_figures(result: GougeResult):

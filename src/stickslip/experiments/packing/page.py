@@ -20,6 +20,7 @@ from ...data.sample import PackingError
 from ...figures import animation as film
 from ...figures import page
 from ...figures import view3d as scene
+from ...figures.between import frames_between
 from ...figures.grains import bare_frame, packing
 from ...figures.quantities import DISPLACEMENT
 from ...figures.style import png
@@ -44,8 +45,6 @@ READABLE = {  # names of quantities that are not understood by themselves
     "kinetic_ratio": "kinetic over elastic energy",
     "msd": "mean-square displacement",
 }
-SECONDS = 8  # of the movie of a run
-SLOWEST, FASTEST = 3, 30  # frames per second of such a movie
 ROWS = 60  # of a table of measures or members; the number of omitted rows is shown
 
 
@@ -64,6 +63,7 @@ class PageContent(NamedTuple):
     warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
+    stages: tuple[str, ...] = ()  # of a run with stages, for each frame
 
 
 def load_content(
@@ -140,7 +140,8 @@ def folder_content(
     title = f"{experiment}: {folder.resolve().name}"
     sentence = f"unstable ({labels[at]}): {_describe_growth(modes[0][2])}" if modes else ""
     return PageContent(
-        title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why, sentence
+        title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why, sentence,
+        tuple(_stage_of(frame.state.time, _stages(tree)) for frame in frames),
     )  # fmt: skip
 
 
@@ -189,17 +190,26 @@ def _read_states(path: Path, frame: str | None) -> list:
 
 def _labels(states: list, tree: dict, *, si: bool) -> list[str]:
     """Label each state by its stage and time, or by its load if time does not advance."""
-    stages = [one for one in tree.get("stages", {}).values() if isinstance(one, dict) and "start" in one]
+    stages = _stages(tree)
     advances = len({state.time for _, state, *_ in states}) > 1
     return [
         _label(name.rpartition("/")[2], state.time, stages, advances, " s" if si else "") for name, state, *_ in states
     ]
 
 
+def _stages(tree: dict) -> list[dict]:
+    return [one for one in tree.get("stages", {}).values() if isinstance(one, dict) and "start" in one]
+
+
+def _stage_of(time: float, stages: list[dict]) -> str:
+    """Name of the stage at a time; of two stages, the earlier one."""
+    return next((one["name"] for one in stages if one["start"] <= time <= one["end"]), "")
+
+
 def _label(name: str, time: float, stages: list[dict], advances: bool, unit: str) -> str:
     if not advances:
         return name
-    stage = next((one["name"] for one in stages if one["start"] <= time <= one["end"]), "")
+    stage = _stage_of(time, stages)
     return (f"{stage}, " if stage else "") + f"time {time:.4g}{unit}, frame {name}"
 
 
@@ -465,9 +475,28 @@ def _describe_growth(s: complex) -> str:
     return f"period {2 * np.pi / abs(s.imag):.4g}, {growth}" if s.imag else growth
 
 
+def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame], list[str]]:
+    """Frames and labels of the movie of a run, from the first state of its last stage or of the run."""
+    # the state with which the last stage begins
+    first = 0 if whole else max((k for k, name in enumerate(shown.stages) if name != shown.stages[-1]), default=0)
+    stored = shown.frames[first:]
+    frames = frames_between(stored, count)
+    times = [frame.state.time for frame in stored]
+    if min(np.diff(times), default=0) <= 0:  # a load path: time does not advance
+        at = first + np.linspace(0, len(stored) - 1, count).round().astype(int)
+        return frames, [shown.labels[k] for k in at]
+    out = []
+    for t in (frame.state.time for frame in frames):  # the first state of a stage is the last of the one before
+        stage = (
+            shown.stages[first + min(max(1, int(np.searchsorted(times, t))), len(times) - 1)] if shown.stages else ""
+        )
+        out.append((f"{stage}, " if stage else "") + f"time {t:.4g}{' s' if shown.si else ''}")
+    return frames, out
+
+
 def write_movie(
-    shown: PageContent, path: Path, *, colour: str | None = None, fps: int | None = None, count: int = 48,
-    amplitude: float = 0.3, mode: int | None = None, report=None,
+    shown: PageContent, path: Path, *, colour: str | None = None, fps: int = film.FPS, count: int = 48,
+    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, report=None,
 ) -> Path:  # fmt: skip
     """Write the frames of a run, or one period of a mode, as a GIF or MP4.
 
@@ -475,16 +504,17 @@ def write_movie(
     ----------
     colour : one of `quantities`; by default the speed for a run and the displacement for a mode
     mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
-    fps : frames per second; by default the movie of a run lasts about eight seconds, and that of a mode runs at 15
+    fps : frames per second
     count, amplitude : number of frames in one period of a mode, and its amplitude; see `mode_frames`
+    whole : True to show all stages of a run, instead of the last
     """
     if not shown.frames:
         raise ValueError(f"there are no frames for a movie: {shown.without}")
     if mode is None and len(shown.frames) == 1:
         mode = 0
     if mode is None:
-        frames, labels, chosen = shown.frames, shown.labels, None
-        fps = fps or min(max(round(len(frames) / SECONDS), SLOWEST), FASTEST)
+        frames, labels = _run_frames(shown, round(fps * film.SECONDS), whole)
+        chosen = None
     else:
         if not 0 <= mode < len(shown.modes):
             has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable or has no growing mode"
@@ -499,5 +529,5 @@ def write_movie(
         labels = [f"mode {mode}, enlarged: {_describe_growth(chosen[2])}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with staged_file(path) as part:
-        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps or 15, si=shown.si, report=report)
+        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
     return path
