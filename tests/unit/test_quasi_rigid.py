@@ -77,6 +77,14 @@ def test_claims_have_all_ids_and_say_what_was_measured(small):
     assert "0 of" in claims["apex-counterexample"].note
 
 
+def test_a_sample_whose_path_ends_at_once_has_no_dynamics_and_is_left_out(small):
+    one = small.tested[0]
+    both = quasi_claims._slow_error(small._replace(tested=(one, one._replace(slow=()))))
+    assert "1 sample without dynamics at every duration" in both.note and "of 1 samples;" in both.note
+    none = quasi_claims._slow_error(small._replace(tested=(one._replace(slow=()),)))
+    assert none.verdict == "undecided" and none.note.startswith("no sample has slow dynamics")
+
+
 def test_difference_and_collapse_of_made_up_curves():
     load = np.linspace(0, 1, 101)
     path = Curve(load, load, load, load)
