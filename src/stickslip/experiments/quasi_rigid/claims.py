@@ -119,13 +119,13 @@ def _slow_error(main: QuasiResult) -> Claim:
         f"{m:.1e} ({lo:.1e} to {hi:.1e}) at {t:g}"
         for t, m, lo, hi in zip(times, middle, errors.min(axis=0), errors.max(axis=0), strict=True)
     )
-    falls = int((errors[:, -1] < errors[:, 0]).sum())
+    falls, left = int((errors[:, -1] < errors[:, 0]).sum()), len(main.tested) - len(compared)
+    rest = f"; {pluralize(left, 'sample')} without dynamics at every duration" if left else ""
     return claim(
         "path-vs-dynamics-error", source, True, sign_test(falls, len(errors)), "", 0.0,
         f"largest difference of strain up to 95 % of the load, over the last strain, median and range for each "
         f"duration of the whole load: {words}; smaller at the slowest load than at the fastest in {falls} of "
-        f"{len(errors)} samples"
-        + (f"; {pluralize(left, "sample")} without dynamics at every duration" if (left := len(main.tested) - len(errors)) else ""),
+        f"{len(errors)} samples{rest}",
     )  # fmt: skip
 
 
