@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
+from stickslip.data.exchange.files import convert
 from stickslip.data.exchange.lammps_text import read_dump
 
 from .packings import SHARP, disks, spheres
@@ -285,3 +286,20 @@ def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
     again, _, _ = ss.io.read_packing(tmp_path / "p.data", **GIVEN)
     assert len(again.grains.radius) == side**3
     assert time.perf_counter() - start < 30  # 6 seconds here
+
+
+@pytest.mark.parametrize("to", ["x.gsd", "x.npz", "x.h5"])
+def test_what_was_assumed_travels_with_the_file(tmp_path, to):
+    """A law that nobody has given is still a guess in the files that are made from the packing."""
+    np.savez(tmp_path / "pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
+    _, words = convert(tmp_path / "pair.npz", tmp_path / to)
+    law = "hertz_mindlin, smooth Coulomb, kn = 1, kt = 0.285714, mu = 10"
+    said = f"no contact law was given: the defaults are assumed ({law})"
+    assert said in words
+    for again in (to, f"y{to[1:]}"):
+        assert said in ss.io.read_packing(tmp_path / again)[2]
+        if again == to:
+            convert(tmp_path / to, tmp_path / f"y{to[1:]}")
+    assert not any("assumed" in one for one in ss.io.read_packing(tmp_path / to, kn=2.0)[2])
+    convert(tmp_path / to, tmp_path / f"z{to[1:]}", kn=2.0)
+    assert not any("assumed" in one for one in ss.io.read_packing(tmp_path / f"z{to[1:]}")[2])

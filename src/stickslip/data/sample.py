@@ -31,6 +31,16 @@ class PackingError(SentenceError):
     """Raised for a packing that cannot be used; the message is one sentence for the user."""
 
 
+class Assumption(str):
+    """A note on what was assumed about a packing; files that are made from the packing repeat it."""
+
+
+def assumed_law(law: Law) -> Assumption:
+    """Return the note on a law that nobody has given."""
+    words = " ".join(repr(law).removeprefix("Law: ").split())
+    return Assumption(f"no contact law was given: the defaults are assumed ({words})")
+
+
 class PackingWarning(UserWarning):
     """Issued if part of a packing was changed or is missing but the packing is still usable."""
 

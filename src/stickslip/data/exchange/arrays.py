@@ -10,13 +10,13 @@ from ...core.laws.dispatch import Kind
 from ...core.state import State
 from .. import archive
 from ..atomic import replace_atomically
-from ..sample import PackingError, law_by_name
+from ..sample import Assumption, PackingError, law_by_name
 from .frame import Frame, law_to_dict, list_losses, without_walls
 
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
-OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0")
+OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
 LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # optional: the law of the packing
 
 
@@ -47,6 +47,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
+        arrays |= {"assumed": list(frame.assumed)} if frame.assumed else {}
     with replace_atomically(Path(path)) as part:
         np.savez(part, **arrays)
     return words + ([f".npz does not store {', '.join(lost)}"] if lost else [])
@@ -86,7 +87,7 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
     path = Path(path)
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")
-    tree: dict = {"law": frames[0].law}
+    tree: dict = {"law": frames[0].law} | ({"assumed": "\n".join(frames[0].assumed)} if frames[0].assumed else {})
     if len(frames) == 1:
         tree["state"] = frames[0].state
     else:
@@ -107,7 +108,8 @@ def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law |
     if wanted not in (None, "all") and wanted not in states:
         raise PackingError(f"{path} has no state {wanted!r}: it has {some}")
     names = list(states) if wanted in (None, "all") else [wanted]
-    return [(name, states[name], _law_above(tree, name), []) for name in names]
+    assumed = [Assumption(words) for words in str(tree.get("assumed", "")).splitlines()]
+    return [(name, states[name], _law_above(tree, name), assumed) for name in names]
 
 
 def _law_above(tree: dict, name: str) -> Law | None:

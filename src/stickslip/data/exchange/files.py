@@ -4,6 +4,8 @@ import difflib
 import warnings
 from pathlib import Path
 
+import numpy as np
+
 from ...core.arguments import checked
 from ...core.contacts.mechanics import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
@@ -11,7 +13,16 @@ from ...core.laws.builtin import SHARP, Law, laws_equal, with_values
 from ...core.laws.user import from_file
 from ...core.state import State
 from ..atomic import check_free
-from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_by_name
+from ..sample import (
+    NO_CONTACTS,
+    Assumption,
+    PackingError,
+    PackingWarning,
+    accepted,
+    assumed_law,
+    from_arrays,
+    law_by_name,
+)
 from .arrays import law_from_options, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
@@ -92,13 +103,14 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if frame not in (None, "all"):
         raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave the frame out")
     arrays, in_file = read_npz(path)
-    given = {} if own else in_file | given
+    user, given = given, {} if own else in_file | given
     if i0 is not None:
         arrays["i0"] = i0
-    words = [] if given or own else ["no contact law was given: the defaults are assumed"]
+    assumed = [Assumption(words) for words in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
+    law = own or law_from_options(given)
+    words = [] if user or own else assumed if given else [assumed_law(law)]
     if "pair_i" not in arrays:
         words = [NO_CONTACTS, *words]
-    law = own or law_from_options(given)
     return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 
 
@@ -125,7 +137,7 @@ def _read_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, ow
         if not contacts.is_file():
             raise PackingError(f"{contacts} is not a file: give the contacts that LAMMPS's `dump local` wrote")
     law = own or lammps_law(given, memory=contacts is not None)
-    words = [] if given or own else ["no contact law was given: the defaults are assumed"]
+    words = [] if given or own else [assumed_law(law)]
     found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
     return [(name, state, law, said + words) for name, state, law, said in found]
 
@@ -157,9 +169,11 @@ def _with_options(
 
     Otherwise its slip is limited to what the new law allows.
     """
-    if not given and its_law is None and not own:
-        words = [*words, "the file has no contact law: the defaults are assumed"]
     law = own or (law_from_options(given) if given or its_law is None else its_law)
+    if given or own:
+        words = [one for one in words if not isinstance(one, Assumption)]
+    elif its_law is None:
+        words = [*words, assumed_law(law)]
     if isinstance(found, dict):
         return name, with_inertia(from_arrays(law=law, **found), i0), law, words
     same = its_law is not None and not given and (own is None or laws_equal(own, its_law))
@@ -236,7 +250,7 @@ def convert(
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
         found = read_packings(path, **{**options, "frame": "all", **chosen})
-        frames = [frame_of(state, law) for _, state, law, _ in found]
+        frames = [frame_of(state, law)._replace(assumed=_assumed(said)) for _, state, law, said in found]
         words = list(dict.fromkeys(word for *_, said in found for word in said))
     else:
         state, law, words = read_packing(path, **options)
@@ -250,6 +264,10 @@ def convert(
         words.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
         targets = targets[:2]
     return targets, words
+
+
+def _assumed(notes: list[str]) -> tuple[str, ...]:
+    return tuple(one for one in notes if isinstance(one, Assumption))
 
 
 def _output_files(to: Path, frames: list[Frame]) -> list[Path]:

@@ -28,6 +28,7 @@ class Frame(NamedTuple):
     contacts: dict[str, np.ndarray]  # columns per touching contact, (M,) or (M, 3), including i, j, image and branch
     turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None if known only in the plane
     moving: bool = False  # True in an animation of a mode, which is not a state to continue from
+    assumed: tuple[str, ...] = ()  # what was assumed about the packing
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if the state is not valid."""

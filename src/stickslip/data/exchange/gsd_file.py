@@ -18,7 +18,7 @@ from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
 from ..older_contacts import restore_contacts
-from ..sample import PackingError
+from ..sample import Assumption, PackingError
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
 SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
@@ -110,6 +110,7 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
         "moving": False,
         "time": frame.state.time,
         "law": law_to_dict(frame.law),
+        "assumed": list(frame.assumed),
         "shapes": shapes,
     }
     return {META: _json_chunk(meta), **chunks}
@@ -174,7 +175,7 @@ def _read_frame(path, file, number: int):
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     state = State(**parts, time=float(meta["time"]))
     check(state)
-    return state, law_from_dict(meta["law"]), []
+    return state, law_from_dict(meta["law"]), [Assumption(words) for words in meta.get("assumed", ())]
 
 
 def _read_array(file, number: int, shapes: dict, name: str) -> np.ndarray:

@@ -16,6 +16,7 @@ from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State
 from ...data.atomic import replace_atomically
+from ...data.sample import Assumption
 from ...solve.balance import BALANCED_BELOW, imbalance
 from ...solve.birth import BirthForm, birth_form
 from ...solve.equilibrate import equilibrate
@@ -86,7 +87,7 @@ def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str
     """Return the likely causes of unbalanced forces, inferred from the packing and the options given for its law."""
     known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
-    assumed = any("the defaults are assumed" in line for line in words)
+    assumed = any(isinstance(line, Assumption) for line in words)
     if given:
         known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
     elif assumed:
