@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ..core.arguments import checked
 from ..core.readable import readable
@@ -277,7 +277,7 @@ def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
 def _evaluate(task: Task, x, filters) -> Estimates:
     """Values with intervals and identifiability, for the noise described by the filters."""
     size, spare, widening = noise_size(task, x, filters)
-    reach = float(student.ppf(0.975, spare)) * widening
+    reach = float(stdtrit(spare, 0.975)) * widening
     inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
     wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)
     sides = find_open_sides(task, x, filters, size * reach, wide)

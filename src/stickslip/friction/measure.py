@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ..core.arguments import Series, checked, require_positive
 from ..core.readable import readable
@@ -112,7 +112,7 @@ def healing(hold: Series, excess: Series) -> Healing:
     slope = float(x @ excess / (x @ x))
     rest = excess - excess.mean() - slope * x
     error = float(np.sqrt(rest @ rest / (len(x) - 2) / (x @ x)))
-    reach = float(student.ppf(0.975, len(x) - 2)) * error
+    reach = float(stdtrit(len(x) - 2, 0.975)) * error
     intercept = float(excess.mean() - slope * np.log(hold).mean())
     return Healing(slope, intercept, error, (slope - reach, slope + reach))
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 LEAST = 3  # minimum number of samples for errors based on their scatter
 DRAWS = 400  # bootstrap draws for the error of a number read off a mean curve
@@ -36,7 +36,7 @@ class Number(NamedTuple):
     def half(self) -> float:
         """Half-width of the 95 % confidence interval from Student's t distribution."""
         units = self.samples if self.samples >= LEAST else self.branches
-        return self.error * float(student.ppf(0.975, units - 1)) if units > 1 else np.nan
+        return self.error * float(stdtrit(units - 1, 0.975)) if units > 1 else np.nan
 
 
 class Curve(NamedTuple):
@@ -168,4 +168,4 @@ def difference(a: Number, b: Number) -> tuple[float, float]:
     if not variances.sum() > 0:
         return a.value - b.value, float(np.sqrt(variances.sum()))
     freedom = variances.sum() ** 2 / (variances**2 / np.maximum(units - 1, 1)).sum()
-    return a.value - b.value, float(np.sqrt(variances.sum()) * student.ppf(0.975, freedom))
+    return a.value - b.value, float(np.sqrt(variances.sum()) * stdtrit(freedom, 0.975))
