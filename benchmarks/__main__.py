@@ -81,7 +81,7 @@ def budgets(full: bool) -> list[dict]:
         rows.append(("reproduce sphere-shear --quick, warm kernels", 120, time_command(
             "reproduce", "sphere-shear", "--quick", "--out", f"{folder}/s", **cold
         )))  # fmt: skip
-        rows.append(("reproduce quasi-rigid --quick, warm kernels", 120, time_command(
+        rows.append(("reproduce quasi-rigid --quick, warm kernels", 60, time_command(
             "reproduce", "quasi-rigid", "--quick", "--out", f"{folder}/q", **cold
         )))  # fmt: skip
         rows.append(("reproduce gouge --quick, warm kernels", 240, time_command(
@@ -155,21 +155,23 @@ def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
     `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--gouge`, `--friction`, `--start`,
-    `--writing` and `--lammps-ranks` select time steps of many grains, the preparation of packings, quasi-static sphere
+    `--writing`, `--lammps-ranks` and `--budgets` select time steps of many grains, the preparation of packings, quasi-static sphere
     packings, their spectra only, strain steps of frictional packings, contact status, time steps of fault gouge, the
     spring-slider with rate-and-state friction, the time to the first result with and without compiled kernels,
-    archives, movies and reports, or the scaling of LAMMPS over MPI ranks.
+    archives, movies and reports, the scaling of LAMMPS over MPI ranks, or the times that help and documentation state.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = set(sys.argv) & {
         "--engine", "--packings", "--spheres", "--spectra", "--steps", "--status", "--gouge", "--friction", "--start",
-        "--writing", "--lammps-ranks",
+        "--writing", "--lammps-ranks", "--budgets",
     }  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
         array = ten_disks()
-        rows += ([array] if array else []) + budgets(full=not quick)
+        rows += [array] if array else []
+    if not chosen or "--budgets" in chosen:
+        rows += budgets(full=not quick)
     if "--packings" in chosen or not (chosen or quick):
         rows += packings.rows("--large" in sys.argv)
     if "--spectra" in chosen:
