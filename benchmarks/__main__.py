@@ -155,10 +155,11 @@ def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
     `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--gouge`, `--friction`, `--start`,
-    `--writing`, `--lammps-ranks` and `--budgets` select time steps of many grains, the preparation of packings, quasi-static sphere
-    packings, their spectra only, strain steps of frictional packings, contact status, time steps of fault gouge, the
-    spring-slider with rate-and-state friction, the time to the first result with and without compiled kernels,
-    archives, movies and reports, the scaling of LAMMPS over MPI ranks, or the times that help and documentation state.
+    `--writing`, `--lammps-ranks` and `--budgets` select time steps of many grains, the preparation of packings,
+    quasi-static sphere packings, their spectra only, strain steps of frictional packings, contact status, time
+    steps of fault gouge, the spring-slider with rate-and-state friction, the time to the first result with and
+    without compiled kernels, archives, movies and reports, the scaling of LAMMPS over MPI ranks, or the times that
+    help and documentation state.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = set(sys.argv) & {
