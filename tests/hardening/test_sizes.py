@@ -213,5 +213,5 @@ def test_sizes_of_protocols_are_refused():
             ValueError, match=r"^[^\n]* [\de.+]+ (GiB|[a-z ]+): at most [\de.+]+( GiB)? are allowed; [^\n]*$"
         ):
             pytest.fail(f"{number}: {request()}")
-    with pytest.raises(ValueError, match="a load of nan was given"):
+    with pytest.raises(ValueError, match="turning_points holds NaN"):
         ss.protocols.load_path([0.0, np.nan], 0.1)

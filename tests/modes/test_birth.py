@@ -257,26 +257,34 @@ def test_the_first_change_of_a_contact_along_a_line_has_a_closed_form():
 
 @cache
 def mixed_row():
-    """A row of unequal disks with small gaps, pressed on a floor, in equilibrium: disk 8 touches only the floor."""
-    rng = np.random.default_rng(28)
-    n = int(rng.integers(5, 12))
-    radius = rng.uniform(0.4, 0.6, n)
+    """A row of unequal disks with small gaps, pressed on a floor, in equilibrium: one disk touches only the floor.
+
+    Returns the state, its law, that disk, and its birth form, in which a contact of that disk is the first to close.
+    Which rows have one differs among processors.
+    """
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=5.0, coulomb="smooth"), 0, 1)
-    state = ss.packings.disk_array(n, radius, press=5e-5, mass=(radius / 0.5) ** 2, gap=-1e-6)
-    place = state.grains.position.copy()
-    place[:, 0] += rng.uniform(-3e-6, 3e-6, n)
-    state, outcome = ss.relax(state._replace(grains=state.grains._replace(position=place)), law, tolerance=1e-13)
-    assert outcome.ok
-    return state, law
+    for seed in range(20, 120):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(5, 12))
+        radius = rng.uniform(0.4, 0.6, n)
+        state = ss.packings.disk_array(n, radius, press=5e-5, mass=(radius / 0.5) ** 2, gap=-1e-6)
+        place = state.grains.position.copy()
+        place[:, 0] += rng.uniform(-3e-6, 3e-6, n)
+        state, outcome = ss.relax(state._replace(grains=state.grains._replace(position=place)), law, tolerance=1e-13)
+        alone = np.flatnonzero(ss.measure.contact_numbers(state) == 1) if outcome.ok else ()
+        if len(alone) and len(ss.stability(state, law).pairs):
+            found = ss.modes.birth_form(state, law)
+            if set(found.closing_contact) & {*alone.tolist()} and found.closing < 0.2 * found.first:
+                return state, law, next(iter(set(found.closing_contact) & {*alone.tolist()})), found
+    raise AssertionError("no row has such a disk")
 
 
 def test_collisions_with_a_grain_that_touches_only_the_floor_are_foreseen():
     """An undamped run on the growing mode closes the same contact at the same displacement."""
-    state, law = mixed_row()
-    assert ss.measure.contact_numbers(state)[8] == 1 and not ss.measure.rattlers(state).any()
-    found = ss.modes.birth_form(state, law)
-    assert found.closing_contact == (7, 8) and found.closing < 0.2 * found.first
-    assert "before that, 7 and 8 come into contact" in found.verdict
+    state, law, _, found = mixed_row()
+    assert not ss.measure.rattlers(state).any()
+    i, j = found.closing_contact
+    assert f"before that, {i} and {j} come into contact" in found.verdict
     plane = birth.invariant_plane(ss.modes.dynamical_matrix(state, law, found.free), found.eigenvalue)
     start = grown(state, found, plane, 0.3 * found.closing)
     dt = 0.2 * ss.measure.stable_time_step(state, law)
@@ -284,7 +292,7 @@ def test_collisions_with_a_grain_that_touches_only_the_floor_are_foreseen():
         start, law, round(3 / found.growth_rate / dt), dt, every=4, probes=range(len(state.grains.radius)), events=True
     )
     first = record.events[0]
-    assert (first["kind"], first["i"], first["j"]) == ("closed", 7, 8)
+    assert (first["kind"], first["i"], first["j"]) == ("closed", i, j)
     moved = np.abs(record.position - state.grains.position)[record.time <= first["time"]].max()
     # the ellipse touches the other disk at one phase, which the run meets once per period
     period_growth = np.exp(2 * np.pi * found.growth_rate / found.frequency)
@@ -307,13 +315,13 @@ def test_the_contact_of_spheres_that_is_lost_first_is_the_predicted_one(swinging
 
 
 def test_a_disk_that_rolls_without_resistance_is_held_in_the_normal_form():
-    """Disk 8 rolls on the floor: its motion is a zero mode, in the coordinates, and no part of the slaved motion."""
-    state, law = mixed_row()
+    """A disk rolls on the floor: its motion is a zero mode, in the coordinates, and no part of the slaved motion."""
+    state, law, disk, _ = mixed_row()
     motion = birth._motion(state, law, backbone(state, law))
     zero = motion.zero
     assert zero.shape[1] == ss.stability(state, law).zero_modes > 0
     assert np.abs(motion.matrix @ zero).max() < 1e-10 * np.abs(motion.matrix.data).max()
-    assert (np.abs(zero[backbone(state, law).body == 8]) > 0.1).any()
+    assert (np.abs(zero[backbone(state, law).body == disk]) > 0.1).any()
 
 
 def test_what_has_no_normal_form_is_refused():

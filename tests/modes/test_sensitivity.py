@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.arguments import checked
 from stickslip.core.contacts.jacobian import linearise
 from stickslip.solve import sensitivity as module
 from tests.modes.conftest import LAW, sheared, triangular
+
+eigenvalues_after = checked(module._eigenvalues_after)  # as within a public function: states are not checked again
 
 
 def between_two(state, i, j, **parameters):
@@ -58,13 +61,14 @@ def assert_twins_agree(state, found, chosen):
     for k in chosen:
         row = found.contact[k]
         if found.what[k] == "opens":
-            twin = ss.stability(*between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0))
+            twin = ss.stability(*between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0), method="dense")
         else:
             slip, mode = state.contacts.slip.copy(), state.contacts.mode.copy()
             limit = linear.mu[row] * linear.force_n[row] / linear.stiffness_t[row]
             slip[row] *= limit / np.linalg.norm(slip[row])
             mode[row] = ss.SLIDE
-            twin = ss.stability(state._replace(contacts=state.contacts._replace(slip=slip, mode=mode)), LAW)
+            changed = state._replace(contacts=state.contacts._replace(slip=slip, mode=mode))
+            twin = ss.stability(changed, LAW, method="dense")
         rates = np.concatenate([twin.growth_rate, np.sqrt(np.maximum(-twin.negative, 0))])
         assert rates.max(initial=0.0) == pytest.approx(found.after[k], rel=1e-7, abs=1e-9)
         assert found.turns[k] == (twin.grows == (found.verdict == "stable"))
@@ -120,7 +124,7 @@ def test_a_grain_that_is_let_go_is_left_out():
     mine = [change for change in opened if 15 in (state.contacts.i[change[0]], state.contacts.j[change[0]])]
     assert len(mine) == 2 and len(free) == len(truth) + 3
     for change in mine:
-        values = np.sort(module._eigenvalues_after(state, law, modes, free, *change).real)
+        values = np.sort(eigenvalues_after(state, law, modes, free, *change).real)
         np.testing.assert_allclose(values, truth, atol=1e-12 * truth.max())
 
 
@@ -146,7 +150,7 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
     for k in opened:
         twin, law = between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0)
         truth = np.sort(np.linalg.eigvals(ss.modes.dynamical_matrix(twin, law, free).toarray()).real)
-        values = module._eigenvalues_after(state, LAW, modes, free, *changes[found.contact[k]])
+        values = eigenvalues_after(state, LAW, modes, free, *changes[found.contact[k]])
         # the twin's contact bears 1e-14 still; nearly equal eigenvalues of J amplify round-off
         np.testing.assert_allclose(np.sort(values.real), truth, atol=1e-10 * truth.max())
 

@@ -49,7 +49,7 @@ def test_nouns_say_how_many(state):
     assert repr(state) == "State: 500 spheres in a periodic cell, 0 contacts (0 sliding), t = 0"
     assert repr(state.grains) == "Grains: 500 grains, radii 0.5 to 0.5, mass 500"
     assert repr(state.cell) == "Cell: 3 dimensions, 10 × 10 × 10, periodic along xyz"
-    assert repr(LAW) == "Law: hertz_mindlin, smooth Coulomb, 1 material, kn = 1, kt = 0.285714, mu = 10"
+    assert repr(LAW) == "Law: hertz_mindlin, smooth Coulomb, kn = 1, kt = 0.285714, mu = 10"
     assert "500 bodies" in repr(state.control)
 
 

@@ -84,18 +84,18 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if getattr(_door, "passed", False):
             return function(*args, **kwargs)
-        given: list[Any] = list(args)
-        for place, name, check in _parameters(function):
-            if place < len(given):
-                given[place] = check(name, given[place])
-            elif name in kwargs:
-                kwargs[name] = check(name, kwargs[name])
-        everything = [*given, *kwargs.values()]
-        for value in everything:
-            if hasattr(value, "check_belongs"):
-                value.check_belongs(everything)
-        _door.passed = True
         try:
+            given: list[Any] = list(args)
+            for place, name, check in _parameters(function):
+                if place < len(given):
+                    given[place] = check(name, given[place])
+                elif name in kwargs:
+                    kwargs[name] = check(name, kwargs[name])
+            everything = [*given, *kwargs.values()]
+            for value in everything:
+                if hasattr(value, "check_belongs"):
+                    value.check_belongs(everything)
+            _door.passed = True
             return function(*given, **kwargs)  # type: ignore[arg-type]
         except TypeError as problem:
             if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it has not even started

@@ -170,7 +170,7 @@ def mode_shape(spectrum: Spectrum, index: int):
     """Components of one mode by coordinate: x, y and R·angle of all disks (Fig 6)."""
     require_index(spectrum.modes.shape[1], index=index)
     figure, axes = column_axes(height=2.3)
-    mode = spectrum.modes[:, index]
+    mode = spectrum.modes[:, int(index)]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))
     value = mode.real * np.sqrt(spectrum.free.mass)
     n = int(np.sum(spectrum.free.axis == 0))

@@ -1,9 +1,13 @@
 """Charts of a watched simulation against the time step."""
 
+from typing import Annotated, Any
+
 import numpy as np
 
+from ..core.arguments import Array
 from .style import BLUE, GREEN, ORANGE, RED, SKY, column_axes, label_axes, legend_above, styled
 
+Column = Annotated[Any, Array((1,), finite=False)]  # NaN where a quantity is not known
 COLOURS = {"stable": GREEN, "unstable": RED}  # of a verdict; others have none
 
 
@@ -15,7 +19,7 @@ def _line(axes, step, values, color, label=None, words=None):
 
 
 @styled
-def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
+def watched_stress(step: Column, pressure: Column, shear: Column):
     """Pressure, and shear stress over pressure, against the time step."""
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
     _line(above, step, pressure, BLUE, words=("pressure", "stress"))
@@ -26,7 +30,7 @@ def watched_stress(step: np.ndarray, pressure: np.ndarray, shear: np.ndarray):
 
 
 @styled
-def watched_contacts(step: np.ndarray, coordination: np.ndarray, sliding: np.ndarray):
+def watched_contacts(step: Column, coordination: Column, sliding: Column):
     """Coordination and the fraction of sliding contacts against the time step."""
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
     _line(above, step, coordination, BLUE, words="contacts per grain")
@@ -40,7 +44,7 @@ def watched_contacts(step: np.ndarray, coordination: np.ndarray, sliding: np.nda
 
 
 @styled
-def watched_spectrum(step: np.ndarray, softest: np.ndarray, growth: np.ndarray, verdicts: list[str]):
+def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: list[str]):
     """Softest eigenvalue, and growth rate of the fastest pair, against the time step; filled where there is a verdict.
 
     Parameters
@@ -70,7 +74,7 @@ def watched_spectrum(step: np.ndarray, softest: np.ndarray, growth: np.ndarray, 
 
 
 @styled
-def watched_balance(step: np.ndarray, residual: np.ndarray, limit: float):
+def watched_balance(step: Column, residual: Column, limit: float):
     """Largest unbalanced force over the mean contact force against the time step, with the limit for a verdict."""
     figure, axes = column_axes(1, 1.7)
     good = np.where(residual > 0, residual, np.nan)

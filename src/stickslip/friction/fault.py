@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.arguments import checked, require_positive
 from ..core.readable import readable
+from ..core.text import quoted
 from .laws import EVOLUTIONS, FORMS, form_code
 from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
 
@@ -160,7 +161,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
     except (TypeError, ValueError):
         points = None
     if points is None or value is None or isinstance(value, str):
-        raise ValueError(f"{name} = {value!r} was given: use a number, or pairs of depth and value")
+        raise ValueError(f"{name} = {quoted(value)} was given: use a number, or pairs of depth and value")
     if points.ndim == 0:
         points = np.array([[0.0, float(points)]])
     if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:

@@ -212,7 +212,6 @@ def random_grains(
 
     Powers are taken in units of `length`, by default the smallest diameter, so that units change nothing but units.
     """
-    require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     if dim not in JAMMED:
         raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
     sizes = check_radii(radius, n)
@@ -236,6 +235,7 @@ def check_radii(radius, n: int) -> np.ndarray:
     """Radii of n grains, from one, a few with equal numbers of grains, or n of them."""
     if n < 2:
         raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+    require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not ((sizes > 0) & (sizes <= 1e100)).all():

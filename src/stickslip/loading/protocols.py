@@ -67,9 +67,6 @@ def load_path(turning_points: Series, step: float, through: Several = ()) -> np.
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
     require_positive(step=step)
-    loads = np.array([*turning_points, *np.atleast_1d(through)], float)
-    if not np.isfinite(loads).all():
-        raise ValueError(f"a load of {loads[~np.isfinite(loads)][0]} was given: use finite loads")
     steps = float(np.abs(np.diff(turning_points)).sum()) / step
     require_sizes([Size(f"step = {step:g} makes", steps, "load steps", "use a larger step")])
     loads, waiting = [turning_points[0]], list(dict.fromkeys(np.atleast_1d(through)))

@@ -18,7 +18,7 @@ from .ledger import open_books
 from .record import OBSERVABLES, allocate_buffers, make_record
 from .timestep import check_time_step, stable_time_step
 
-MOST_STEPS, MOST_SAMPLES = 10**15, 10**7  # of a run; samples are held in memory
+MOST_STEPS = 10**15  # of a run
 
 
 @checked
@@ -130,11 +130,10 @@ def _check_arguments(
         raise ValueError(f"dt = {dt} was given: the time step must be positive")
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
-    if steps > MOST_STEPS or (every and steps // every > MOST_SAMPLES):
-        raise ValueError(
-            f"steps = {float(steps):.4g}, every = {float(every):.4g} were given: at most {MOST_STEPS:g} steps and "
-            f"{MOST_SAMPLES:g} samples are allowed"
-        )
+    if steps > MOST_STEPS:
+        raise ValueError(f"steps = {float(steps):.4g} was given: at most {MOST_STEPS:g} are allowed")
+    samples = float(steps // every) if every else 0.0
+    require_sizes([Size(f"every = {float(every):.4g} makes", samples, "samples", "use a larger `every`")])
     if ledger and not every:
         raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
     if slip_update not in ("difference", "rate"):

@@ -12,8 +12,7 @@ from ...core.arguments import checked
 from ...core.control import factors_at
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.laws.builtin import Law
-from ...core.measure import touching
-from ...core.state import State
+from ...core.state import OPEN, State
 from ...data.exchange.lammps_text import read_dump
 from ...data.schema import ScenarioError
 from .cell import needs_forces, read_cell
@@ -94,7 +93,8 @@ def write_start(leg: Leg, folder: Path) -> Path:
     """Write the input of a leg that starts from its state; if there is contact memory, LAMMPS makes a restart file."""
     path = write_input(leg, folder)
     contacts = leg.state.contacts
-    if not contacts.slip[touching(leg.state)].any():
+    count = int(contacts.count[0])
+    if not contacts.slip[:count][contacts.mode[:count] != OPEN].any():
         return path
     (folder / PREPARE).write_text(format_preparation(leg), encoding="utf-8")
     made = run_lammps(PREPARE, folder=folder)

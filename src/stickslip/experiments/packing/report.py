@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from ...builtin_laws import NAMES
-from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names
+from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names, with_values
 from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
@@ -53,7 +53,7 @@ class Settling(NamedTuple):
 def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthForm | str:
     """Return the normal form of the fastest pair, or the reason why there is none."""
     try:
-        return birth_form(state, law if dashpots else law._replace(damping=0))
+        return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
     except ValueError as problem:
         return str(problem)
 
