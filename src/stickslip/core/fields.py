@@ -70,6 +70,16 @@ FIELDS = {
 }  # fmt: skip
 
 
+def _prepared(part: str, name: str, field: Field) -> tuple:
+    """Full name of a field, the field, type and dimensions as arrays have them, and whether it may be any number."""
+    unbounded = field.dtype is np.float64 and field.shape is not None and not field.optional and field.low == -LARGEST
+    dimensions = None if field.shape is None else len(field.shape)
+    return f"{part}.{name}".strip("."), field, np.dtype(field.dtype), dimensions, unbounded
+
+
+_ENTRIES = {part: tuple(_prepared(part, *one) for one in fields.items()) for part, fields in FIELDS.items()}
+
+
 def check_parts(parts: Mapping[str, Any]) -> None:
     """Raise ValueError with a one-sentence message if an entry of a state, or of parts of it, is not allowed.
 
@@ -81,14 +91,19 @@ def check_parts(parts: Mapping[str, Any]) -> None:
     for part, noun in parts.items():
         if part and getattr(noun, "_fields", None) != tuple(FIELDS[part]):
             raise ValueError(f"{part} must be those of a State, but {type(noun).__name__} was given")
-        entries += [(f"{part}.{name}".strip("."), getattr(noun, name), field) for name, field in FIELDS[part].items()]
-    for entry in entries:
-        _check_type(*entry)
+        values = noun if part else (noun.time,)
+        entries += [(name, value, *known) for (name, *known), value in zip(_ENTRIES[part], values, strict=True)]
+    for name, value, field, dtype, dimensions, _ in entries:
+        if not (type(value) is np.ndarray and value.dtype is dtype and value.ndim == dimensions):
+            _check_type(name, value, field)
     sizes = _sizes(parts)
-    for entry in entries:
-        _check_shape(*entry, sizes)
-    for entry in entries:
-        _check_range(*entry, sizes)
+    for name, value, field, _, _, unbounded in entries:
+        _check_shape(name, value, field, sizes)
+        if unbounded:  # the sum of squares tells in one pass that nothing is NaN or too large
+            known = value[: sizes["pairs"]] if field.shape[0] == "rows" else value
+            if np.vdot(known, known) <= LARGEST**2:
+                continue
+        _check_range(name, value, field, sizes)
     if "contacts" in parts:
         _check_keys(parts["contacts"])
 
