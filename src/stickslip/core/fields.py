@@ -97,8 +97,9 @@ def check_parts(parts: Mapping[str, Any]) -> None:
         if not (type(value) is np.ndarray and value.dtype is dtype and value.ndim == dimensions):
             _check_type(name, value, field)
     sizes = _sizes(parts)
-    for name, value, field, _, _, unbounded in entries:
+    for name, value, field, *_ in entries:
         _check_shape(name, value, field, sizes)
+    for name, value, field, _, _, unbounded in entries:
         if unbounded:  # the sum of squares tells in one pass that nothing is NaN or too large
             known = value[: sizes["pairs"]] if field.shape[0] == "rows" else value
             if np.vdot(known, known) <= LARGEST**2:
