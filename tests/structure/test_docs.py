@@ -149,6 +149,19 @@ def test_the_cells_of_a_tutorial_run_in_an_empty_folder(page, tmp_path):
 RATIO = re.compile(r"(\d+\.\d+) (?:×|times)(?: as many[^.|]*| the rate of| that of)? (?:`?)(?:LAMMPS|YADE)")
 
 
+def test_papers_have_their_authors_names():
+    """Readers do not know numbers of papers; pages, help texts and titles say who wrote them and when."""
+    root = DOCS.parent
+    texts = (root / "README.md", *PAGES, *(root / "examples").glob("*.*"), *(root / "src").rglob("*.py*"))
+    numbered = [
+        f"{path.relative_to(root)}: {found}"
+        for path in texts
+        if path.suffix in (".md", ".py", ".pyi", ".toml")
+        for found in re.findall(r"(?i)\bpapers?[ -]00\d", path.read_text(encoding="utf-8"))
+    ]
+    assert not numbered
+
+
 def test_each_speed_stands_once():
     """Ratios to other codes are on the page of speeds; the README repeats its first one."""
     pages = (DOCS.parent / "README.md", *PAGES)

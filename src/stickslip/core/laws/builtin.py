@@ -151,7 +151,7 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
 
     Source
     ------
-    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form given in the supplement of paper 003 (fault gouge).
+    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form given by Ferdowsi & Rubin 2021.
 
     Examples
     --------
