@@ -149,6 +149,22 @@ def test_the_cells_of_a_tutorial_run_in_an_empty_folder(page, tmp_path):
 RATIO = re.compile(r"(\d+\.\d+) (?:×|times)(?: as many[^.|]*| the rate of| that of)? (?:`?)(?:LAMMPS|YADE)")
 
 
+WIDTH = 84  # columns of a code block in a window of 1440 px, measured in Chromium
+
+
+def code_blocks(text: str) -> list[str]:
+    """Fenced and indented blocks of a Markdown page, without tables of contents and options of cells."""
+    fenced = re.findall(r"^```(?!\{toctree\})[^\n]*\n((?:(?!```).*\n)*)```", text, flags=re.M)
+    rest = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    return fenced + [re.sub(r"^    ", "", block, flags=re.M) for block in re.findall(r"(?<=\n\n)(?:    .*\n)+", rest)]
+
+
+@pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
+def test_no_line_of_code_is_cut(page):
+    lines = [line for block in code_blocks(page.read_text(encoding="utf-8")) for line in block.splitlines()]
+    assert not [line for line in lines if len(line) > WIDTH]
+
+
 def test_papers_have_their_authors_names():
     """Readers do not know numbers of papers; pages, help texts and titles say who wrote them and when."""
     root = DOCS.parent
