@@ -1,5 +1,6 @@
 """The documentation: every key of every scenario stands in it, links lead somewhere, it builds without a warning."""
 
+import importlib
 import importlib.util
 import os
 import re
@@ -20,8 +21,8 @@ PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
 
 
-def generator():
-    spec = importlib.util.spec_from_file_location("scenario_reference", DOCS / "scenario_reference.py")
+def generator(name="scenario_reference"):
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -56,6 +57,23 @@ def test_every_key_of_a_scenario_has_its_line_and_says_what_it_is(name):
             silent = key in ("experiment", "kind") or tables_in(field.annotation)  # tables say it by their docstrings
             assert silent or field.description, f"{table.__name__}.{key} has no description"
     assert f'experiment = "{name}"' in page.split("## Example", 1)[1]
+
+
+API = generator("api_reference")
+
+
+@pytest.mark.parametrize("namespace", API.NAMESPACES)
+def test_the_overview_of_a_namespace_has_a_row_for_each_of_its_names(namespace):
+    """A docstring whose columns were lost by reflowing leaves names out."""
+    listed = [name for _, rows in API.overview(namespace) for names, _ in rows for name in names]
+    public = set(importlib.import_module(API.full(namespace)).__all__) - {"__version__"}
+    assert sorted(listed) == sorted(public)
+
+
+def test_functions_come_before_classes_and_constants():
+    found = API.names("packings")
+    assert found.index("jammed") < found.index("PackingError") < found.index("TOP")
+    assert ":py:obj:`~stickslip.packings.jammed`" in API.page("packings")
 
 
 def anchors(page: Path) -> set[str]:

@@ -34,7 +34,7 @@ Spheres in shear (Bonfanti et al. 2020)
     spectrum_in_time       eigenvalues during a run, above M(t)
     growth                 M(t) with the predicted growth and the fitted oscillation
     trajectories           displacements during growth
-    stress_through_failure shear stress and contacts through failure
+    stress_through_failure  shear stress and contacts through failure
 
 Quasi-rigid loading (McNamara & Herrmann 2006)
 
