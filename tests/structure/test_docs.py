@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+import inspect
 import os
 import re
 import subprocess
@@ -180,6 +181,14 @@ def code_blocks(text: str) -> list[str]:
 @pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
 def test_no_line_of_code_is_cut(page):
     lines = [line for block in code_blocks(page.read_text(encoding="utf-8")) for line in block.splitlines()]
+    assert not [line for line in lines if len(line) > WIDTH]
+
+
+@pytest.mark.parametrize("namespace", API.NAMESPACES)
+def test_no_example_of_a_docstring_is_cut(namespace):
+    module = importlib.import_module(API.full(namespace))
+    docs = [inspect.getdoc(getattr(module, name)) or "" for name in API.names(namespace)]
+    lines = [line for doc in docs for line in doc.splitlines() if line.startswith((">>> ", "... "))]
     assert not [line for line in lines if len(line) > WIDTH]
 
 

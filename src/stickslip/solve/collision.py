@@ -209,7 +209,9 @@ def eq8_damping(
     Examples
     --------
     >>> mass = 2500 * 4 / 3 * np.pi * 0.0015**3
-    >>> gamma = eq8_damping(0.98, young=50e9, poisson=0.3, radius=0.0015, mass=mass, speed=25.0)
+    >>> gamma = eq8_damping(
+    ...     0.98, young=50e9, poisson=0.3, radius=0.0015, mass=mass, speed=25.0
+    ... )
     >>> f"{gamma:.2e}"
     '1.01e+04'
     """

@@ -213,7 +213,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
 
     Examples
     --------
-    >>> law = for_pair(hertz_mindlin(mu=0.5), 0, 1, mu=0.2)   # grains are material 0, walls material 1
+    >>> law = for_pair(hertz_mindlin(mu=0.5), 0, 1, mu=0.2)  # grains are 0, walls 1
     >>> [float(law.table[0, m, MU]) for m in (0, 1)]
     [0.5, 0.2]
     """
