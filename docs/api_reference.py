@@ -90,7 +90,7 @@ def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
 
 def table(namespace: str, rows) -> list[str]:
     """List-table of names, which are links, and what they are."""
-    out = [".. list-table::", "   :widths: 35 65", ""]
+    out = [".. list-table::", "   :widths: 35 65", "   :width: 100%", ""]
     for linked, words in rows:
         out += [f"   * - {', '.join(link(namespace, name) for name in linked)}", f"     - {marked(words)}"]
     return [*out, ""]
