@@ -192,6 +192,28 @@ def test_no_example_of_a_docstring_is_cut(namespace):
     assert not [line for line in lines if len(line) > WIDTH]
 
 
+def prose(page: Path) -> str:
+    """Text of a page without code, equations, links and identifiers."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    text = re.sub(r"(?<=\n\n)(?:    .*\n)+", "", text)
+    text = re.sub(r"`[^`]*`|\$\$.*?\$\$|\$[^$\n]*\$", "", text, flags=re.S)
+    return re.sub(r"\]\([^)]*\)|(?:doi:|arXiv:|https?:)\S+|Phys\. Rev\. E \d+, \d+", "", text)
+
+
+STYLE = {
+    r"(?<![\d.,])\d{5,}(?![\d.])|\d[ \u202f]\d{3}\b|(?<![\d,.])\d,\d{3}(?![\d,])": "10,000, but 1000",
+    r"10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]{2,}": "1e-6",
+    r"\b\d+(?:\.\d+)?(?:mm|µm|km|ms|µs|GB|MB|[kMG]?Pa|Hz|%)(?!\w)": "5 MPa, 3 %",
+}
+
+
+@pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
+def test_numbers_are_in_one_style(page):
+    text = prose(page)
+    found = [f"{word.strip()}: write as in {rule}" for pattern, rule in STYLE.items() for word in re.findall(pattern, text)]
+    assert not found
+
+
 def test_papers_have_their_authors_names():
     """Readers do not know numbers of papers; pages, help texts and titles say who wrote them and when."""
     root = DOCS.parent
