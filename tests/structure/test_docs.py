@@ -210,7 +210,7 @@ STYLE = {
 @pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
 def test_numbers_are_in_one_style(page):
     text = prose(page)
-    found = [f"{word.strip()}: write as in {rule}" for pattern, rule in STYLE.items() for word in re.findall(pattern, text)]
+    found = [f"{word}: write as in {rule}" for pattern, rule in STYLE.items() for word in re.findall(pattern, text)]
     assert not found
 
 
