@@ -188,7 +188,8 @@ def test_no_line_of_code_is_cut(page):
 def test_no_example_of_a_docstring_is_cut(namespace):
     module = importlib.import_module(API.full(namespace))
     docs = [inspect.getdoc(getattr(module, name)) or "" for name in API.names(namespace)]
-    lines = [line for doc in docs for line in doc.splitlines() if line.startswith((">>> ", "... "))]
+    blocks = [block for doc in docs for block in re.findall(r"^>>> (?:.+\n?)+", doc, flags=re.M)]  # with their output
+    lines = [line for block in blocks for line in block.splitlines()]
     assert not [line for line in lines if len(line) > WIDTH]
 
 
