@@ -12,6 +12,7 @@ from shutil import which
 
 import pytest
 from selenium import webdriver
+from selenium.webdriver.support.ui import WebDriverWait
 
 import stickslip as ss
 from stickslip.data.schema import tables_in
@@ -129,8 +130,26 @@ def test_tutorials_are_offered_as_notebooks(built):
     assert offered == {f"{page.stem}.ipynb" for page in TUTORIALS}
 
 
+CUT = "return [...document.querySelectorAll('pre')].filter(e => e.scrollWidth > e.clientWidth + 1).length"
+OPENING = "return [...document.querySelectorAll('.opening > div')].map(e => e.getBoundingClientRect())"
+
+
+def visit(driver, page: Path) -> None:
+    """Open a page and wait for it: `get` may return while the page before it is still shown."""
+    driver.get("about:blank")
+    driver.get(page.as_uri())
+    loaded = "return document.readyState == 'complete' && location.href != 'about:blank'"
+    WebDriverWait(driver, 30).until(lambda driver: driver.execute_script(loaded))
+
+
+def test_the_home_page_begins_with_what_this_is_and_how_to_install_it():
+    opening = (DOCS / "index.md").read_text(encoding="utf-8").split("\n## ")[0]
+    text, picture = opening.split("<div>\n")[1:]
+    assert "is a Python package" in text and "pip install" in text and "![" in picture
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [360, 1024, 1920])
+@pytest.mark.parametrize("width", [360, 1024, 1440, 1920])
 def test_no_page_scrolls_sideways(built, width):
     if not (which("chromium") and which("chromedriver")):
         pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
@@ -145,11 +164,17 @@ def test_no_page_scrolls_sideways(built, width):
         wide = {}
         for page in sorted(built.rglob("*.html")):
             if "_static" not in page.parts:
-                driver.get(page.as_uri())
+                visit(driver, page)
                 found = driver.execute_script("return document.documentElement.scrollWidth")
                 if found > width:
                     wide[str(page.relative_to(built))] = found
+                cut = driver.execute_script(CUT) if width >= 1024 else 0
+                if cut:
+                    wide[f"code of {page.relative_to(built)}"] = cut
         assert not wide
+        visit(driver, built / "index.html")
+        text, picture = driver.execute_script(OPENING)
+        assert (picture["left"] > text["right"]) if width >= 1024 else (picture["top"] > text["bottom"])
     finally:
         driver.quit()
 
