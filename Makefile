@@ -6,7 +6,7 @@ DOCS := .venv/.docs-installed
 
 .PHONY: demo test coverage quick slow lint bench docs release lock clean
 
-demo: $(RUN)  ## install, run a quick version of paper 000, print how much is reproduced and the paths of the figures
+demo: $(RUN)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	@nice $(BIN)/stickslip warm stability >/dev/null 2>&1 &
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 

@@ -1,4 +1,4 @@
-"""Restitution of two spheres for both readings of the damping in paper 003, from our equation of motion and LAMMPS.
+"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, from our equation of motion and LAMMPS.
 
 python -m benchmarks.collisions
 """

@@ -13,7 +13,7 @@ from rich.console import Console
 from stickslip.friction import kernel
 
 TOLERANCE, TIGHTER, EXACT, SAMPLES, ROUNDS = 1e-10, 1e-12, 1e-13, 500, 25
-# paper 003, with a spring and the aging law
+# Ferdowsi & Rubin 2021, with a spring and the aging law
 PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 COUNT = len(PARAMETERS)
 HISTORIES = {  # durations [s] and velocities of the load point [m/s]

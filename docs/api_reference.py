@@ -14,8 +14,8 @@ from pydantic import BaseModel
 NAMESPACES = (
     "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
     "experiments", "experiments.disk_array", "experiments.sphere_shear", "experiments.quasi_rigid", "experiments.gouge",
-    "experiments.flow", "experiments.rate_state", "experiments.catalogue", "experiments.threshold", "io", "figures",
-    "results", "ensemble",
+    "experiments.flow", "experiments.rate_state", "experiments.fault", "experiments.catalogue",
+    "experiments.threshold", "io", "figures", "results", "ensemble", "examples",
 )  # fmt: skip
 
 
@@ -25,15 +25,19 @@ def full(namespace: str) -> str:
 
 
 def names(namespace: str) -> list[str]:
-    """Public names of a namespace, without modules."""
+    """Public names of a namespace, without modules: functions, then classes, then constants."""
     module = import_module(full(namespace))
-    found = sorted(name for name in module.__all__ if name != "__version__")
-    return [name for name in found if not inspect.ismodule(getattr(module, name))]
+    things = {name: getattr(module, name) for name in sorted(module.__all__) if name != "__version__"}
+
+    def rank(name):
+        return 1 if inspect.isclass(things[name]) else 0 if callable(things[name]) else 2
+
+    return sorted((name for name, thing in things.items() if not inspect.ismodule(thing)), key=rank)
 
 
 def _links() -> dict[str, str]:
     """Map public names that occur in exactly one namespace to their dotted names."""
-    out, twice = {}, set()
+    out, twice = {}, {"names", "path", "copy"}  # functions of `examples`; in text these words mean other things
     for namespace in NAMESPACES:
         for name in names(namespace):
             (twice.add(name) if name in out else None)
@@ -54,12 +58,50 @@ def write(folder: Path) -> None:
 
 
 def page(namespace: str) -> str:
-    """Page of a namespace: the table of contents from its docstring, and its names."""
-    title = f"``{full(namespace)}``"
-    head, _, rest = (import_module(full(namespace)).__doc__ or "").partition("\n\n")
-    contents = ["::", "", *(f"    {line}" for line in rest.rstrip().splitlines()), ""] if rest.strip() else []
-    parts = [title, "=" * len(title), "", marked(head.replace("\n", " ")), "", *contents]
+    """Page of a namespace: a table of its names from its docstring, then each of them."""
+    title, head = f"``{full(namespace)}``", overview(namespace)[0][0]
+    parts = [title, "=" * len(title), "", marked(head), ""]
+    for text, rows in overview(namespace)[1:]:
+        parts += [f".. rubric:: {marked(text)}" if rows else marked(text), ""] if text else []
+        parts += table(namespace, rows) if rows else []
     return "\n".join(parts + [entry(namespace, name) for name in names(namespace)])
+
+
+def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
+    """Paragraphs of a namespace's docstring: text (the title of a table, if there are rows) and rows (names, words).
+
+    A namespace whose docstring has one paragraph gets rows from the first lines of its names' docstrings.
+    """
+    module = import_module(full(namespace))
+    out = []
+    for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(module.__doc__)):
+        found = [re.fullmatch(r" *(\w+(?:, \w+)*) {2,}(\S.*)", line) for line in paragraph.splitlines()]
+        rows = [(row[1].split(", "), row[2]) for row in found if row]
+        text = " ".join(line for line, row in zip(paragraph.splitlines(), found, strict=True) if not row)
+        if rows and not text and out and not out[-1][1]:  # figures: a title stands in a paragraph of its own
+            text = out.pop()[0] if len(out) > 1 else ""
+        out.append((text, rows))
+    if len(out) == 1:
+        modules = [name for name in module.__all__ if inspect.ismodule(getattr(module, name))]
+        firsts = [(n, inspect.getdoc(getattr(module, n)).split("\n")[0]) for n in names(namespace) + modules]
+        out.append(("", [([name], first.rstrip(".")) for name, first in firsts]))
+    return out
+
+
+def table(namespace: str, rows) -> list[str]:
+    """List-table of names, which are links, and what they are."""
+    out = [".. list-table::", "   :widths: 35 65", "   :width: 100%", ""]
+    for linked, words in rows:
+        out += [f"   * - {', '.join(link(namespace, name) for name in linked)}", f"     - {marked(words)}"]
+    return [*out, ""]
+
+
+def link(namespace: str, name: str) -> str:
+    """Link to a public name, or to the page of a namespace if there is one."""
+    if not inspect.ismodule(getattr(import_module(full(namespace)), name)):
+        return f":py:obj:`~{full(namespace)}.{name}`"
+    place = name if namespace == "stickslip" else f"{namespace}.{name}"
+    return f":doc:`{name} <{place}>`" if place in NAMESPACES else f"``{name}``"
 
 
 def entry(namespace: str, name: str) -> str:

@@ -60,7 +60,7 @@ def write(folder: Path) -> None:
 
 def start() -> str:
     """Overview page."""
-    counts = {kind: f"{most >> 30} GiB" if kind == "bytes" else most for kind, most in LIMITS.items()}
+    counts = {kind: f"{most >> 30} GiB" if kind == "bytes" else _count(most) for kind, most in LIMITS.items()}
     limits = "\n".join(f"| {most} | {kind} |" for kind, most in counts.items())
     rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
     return f"""# Scenario reference
@@ -176,6 +176,11 @@ def _type(entry: dict) -> str:
     return names.get(entry.get("type"), "")
 
 
+def _count(value: float) -> str:
+    """A number as in the text of the other pages: with commas from five digits on."""
+    return (f"{value:,.15g}" if abs(value) >= 1e4 else f"{value:.15g}").replace("e+", "e")
+
+
 def _allowed(entry: dict) -> str:
     if "const" in entry:
         return f"`{json.dumps(entry['const'])}`"
@@ -184,20 +189,15 @@ def _allowed(entry: dict) -> str:
     if entry.get("type") == "array":
         few, most = entry.get("minItems"), entry.get("maxItems")
         each = _allowed(entry["prefixItems"][0] if "prefixItems" in entry else entry["items"])
-        number = "" if few is None or few == most else f"at least {few}" if most is None else f"{few} to {most}"
+        number = "" if few is None or few == most else f"at least {few}" if most is None else f"{few} to {_count(most)}"
         return "; ".join(filter(None, [number, each and f"each {each}"]))
     if "anyOf" in entry:
         return "; ".join(dict.fromkeys(filter(None, map(_allowed, entry["anyOf"]))))
     low, high = entry.get("minimum"), entry.get("maximum")
     if low is not None and high is not None:
-        return f"{low:.15g} to {high:.15g}"
-    signs = {
-        "exclusiveMinimum": "> {:.15g}",
-        "minimum": "≥ {:.15g}",
-        "exclusiveMaximum": "< {:.15g}",
-        "maximum": "≤ {:.15g}",
-    }
-    found = [sign.format(entry[name]) for name, sign in signs.items() if name in entry]
+        return f"{_count(low)} to {_count(high)}"
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    found = [f"{sign} {_count(entry[name])}" for name, sign in signs.items() if name in entry]
     return ", ".join(found + ([f"at most {entry['maxLength']} characters"] if "maxLength" in entry else []))
 
 
@@ -222,7 +222,7 @@ modes, the output files and the use of clusters are described in [many runs](../
 {options}
 
 All other keys are dotted names of scenario keys in quotes, with entries of lists counted from one
-(`"legs.2.velocity"`). At most {MOST} members are allowed. A value is a list, or one of
+(`"legs.2.velocity"`). At most {MOST:,} members are allowed. A value is a list, or one of
 
 | | |
 |---|---|

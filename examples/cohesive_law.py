@@ -1,13 +1,15 @@
-"""Cohesive law for wet grains: Hertz–Mindlin contacts with a liquid bridge that decays across a gap until it ruptures.
+"""Cohesive law for wet grains: Hertz–Mindlin contacts with a liquid bridge.
 
-The bridge model is that of Richefeu, El Youssoufi & Radjai, doi:10.1103/PhysRevE.73.051304, with 2 r_eff as the radius
-of equal grains. The attraction at rupture is subtracted, so that the force vanishes continuously. The bridge does not
-contribute to the friction cap.
+The attraction decays across a gap until the bridge ruptures, as in the model of
+Richefeu, El Youssoufi & Radjai, doi:10.1103/PhysRevE.73.051304, with 2 r_eff as the
+radius of equal grains. The attraction at rupture is subtracted, so that the force
+vanishes continuously. The bridge does not contribute to the friction cap.
 """
 
 from math import exp, sqrt
 
-parameters = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5, "tension": 1e-4, "decay": 0.02, "rupture": 0.05}
+parameters = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
+parameters |= {"tension": 1e-4, "decay": 0.02, "rupture": 0.05}
 
 
 def contact_range(rupture):
@@ -21,7 +23,8 @@ def elastic(overlap, kn):
 
 def normal_force(overlap, r_eff, kn, tension, decay, rupture):
     gap, rest = max(-overlap, 0.0), exp(-rupture / decay)
-    return elastic(overlap, kn) - 2 * r_eff * tension * (exp(-gap / decay) - rest) / (1 - rest)
+    bridge = 2 * r_eff * tension * (exp(-gap / decay) - rest) / (1 - rest)
+    return elastic(overlap, kn) - bridge
 
 
 def tangential_stiffness(overlap, kt):

@@ -1,7 +1,8 @@
-"""Contact law with rolling resistance: a linear contact with an elastic-plastic rolling spring.
+"""Contact law with rolling resistance: linear, elastic-plastic rolling spring.
 
-Model C of Ai, Chen, Rotter & Ooi, doi:10.1016/j.powtec.2010.09.030, without its dashpot: the moment is k_r times the
-relative rotation, at most mu_r r_eff F_n, with k_r = 2.25 kn (mu_r r_eff)².
+Model C of Ai, Chen, Rotter & Ooi, doi:10.1016/j.powtec.2010.09.030, without its
+dashpot: the moment is k_r times the relative rotation, at most mu_r r_eff F_n, with
+k_r = 2.25 kn (mu_r r_eff)².
 """
 
 parameters = {"kn": 1.0, "kt": 0.8, "mu": 0.5, "mu_r": 0.1}

@@ -27,8 +27,8 @@ class BuiltinLaw(NamedTuple):
 _HERTZ = "Hertz1882", "Mindlin1949", "Cundall1979"
 _ELASTIC = "Hertz1882", "Mindlin1953", "Silbert2001"
 BUILTIN_LAWS = (
-    BuiltinLaw("hertz_mindlin", "k δ^(3/2), as in papers 000 and 001", 1.5, _HERTZ),
-    BuiltinLaw("linear", "k δ, as in paper 002", 1.0, ("Cundall1979",)),
+    BuiltinLaw("hertz_mindlin", "k δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020", 1.5, _HERTZ),
+    BuiltinLaw("linear", "k δ, as in McNamara & Herrmann 2006", 1.0, ("Cundall1979",)),
     BuiltinLaw("hertz_mindlin_reff", "k √R δ^(3/2), as in LAMMPS", 1.5, _ELASTIC, uses_radius=True),
     BuiltinLaw(
         "hertz_mindlin_rescaled", "k δ^(3/2), slip shrinks with the overlap", 1.5, (*_HERTZ, "LAMMPS"), rescales=True

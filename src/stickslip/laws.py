@@ -1,9 +1,9 @@
 """Contact laws: choose one, combine several, write your own.
 
 Built-in laws
-    hertz_mindlin       F_n = k_n δ^(3/2), as in papers 000 and 001
-    hertz_mindlin_reff  F_n = k_n √(R_eff) δ^(3/2), as in paper 003 and LAMMPS `gran/hertz/history`
-    linear              F_n = k_n δ, as in paper 002
+    hertz_mindlin       F_n = k_n δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020
+    hertz_mindlin_reff  F_n = k_n √(R_eff) δ^(3/2), as in Ferdowsi & Rubin 2021 and LAMMPS `gran/hertz/history`
+    linear              F_n = k_n δ, as in McNamara & Herrmann 2006
     elastic_constants   k_n and k_t from Young's modulus and Poisson's ratio
     for_pair            other parameters for one pair of materials
     frictionless        the same normal force without friction and dashpots
@@ -16,7 +16,7 @@ User-defined laws
 Dashpots
     with_restitution    choose γ_n for a coefficient of restitution at a given size and speed
     collision           integrate the head-on collision of two grains
-    eq8_damping         γ_n from Eq 8 of paper 003, taken literally
+    eq8_damping         γ_n from Eq 8 of Ferdowsi & Rubin 2021, taken literally
 """
 
 from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear

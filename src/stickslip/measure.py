@@ -23,7 +23,7 @@ Continuum
 Equilibrium
     unbalanced_forces   generalised force on every body
     residual            the largest of them
-    imbalance           the residual over the mean contact force; BALANCED_BELOW is the limit for a verdict
+    imbalance, BALANCED_BELOW   the residual over the mean contact force, and its limit for a verdict
     likely_causes       likely reasons why forces do not balance
 
 Space and time

@@ -5,7 +5,7 @@ Complex pairs
     fastest_pair        the fastest growing pair of a very large one
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
-    contact_sensitivity effect of each contact on a pair
+    contact_sensitivity  effect of each contact on a pair
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 
 With dashpots and drag

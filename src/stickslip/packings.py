@@ -3,8 +3,9 @@
 Generate
     jammed          frictionless jammed packing of disks or spheres in a periodic box
     compressed      packing of disks or spheres in a periodic box, compressed with friction to a pressure
-    disk_array      row of disks on a substrate, as in paper 000
-    biaxial_box     disks between four walls under a pressure; its walls are LEFT, BOTTOM, RIGHT, TOP
+    disk_array      row of disks on a substrate, as in Charan et al. 2020
+    biaxial_box     disks between four walls under a pressure
+    LEFT, BOTTOM, RIGHT, TOP    numbers of its walls, counted from the last disk
     sheared_box     disks in a periodic cell under a pressure
     poured          grains, walls and plates of a flow scenario
     from_arrays     state from positions, radii and, if known, contacts with their slip

@@ -1,20 +1,37 @@
-"""Types of results, for annotations and `isinstance`; the function that returns each is in parentheses.
+"""Types of results, for annotations and `isinstance`, with the functions that return them.
 
-Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity,
-    DensityOfStates, ElasticModuli, TransientGrowth, BirthForm (functions of `modes`), Freedom (freedom),
-    Factorisation (newton)
-Loading: ContactLoads (forces), Equilibrium (protocols.ramp), Released (protocols.release), KineticThreshold,
-    Event, EventKind, Events, StrainStep (protocols.find_events),
-    PackingInfo (packings.jammed, packings.compressed), Poured (packings.poured), Record, Ledger (run),
-    Collision (laws.collision)
-Quasi-rigidity: LinearSystem, ContactStatus, Verdict, Complementarity, Apex, Mechanism, Uniqueness, LoadPath, SlowRun,
-    StatusSolution (statuses_at_apex), StatusMap (status_map)
-Friction: SlipHistory (friction.spring_slider), Fit (friction.fit), Posterior (friction.posterior),
-    LawComparison (friction.compare_laws), Sliding, Mean, Healing, HoldResponse, Nucleation (functions of `friction`),
-    FaultHistory, FaultEvents (friction.simulate_fault)
-Experiments: CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult, FlowResult, FlowSeries,
-    Deposit, PlaneShear, SliderResult, FaultResult, ThresholdResult, Sweep, SweepResult (run_sweep)
-Files: Frame (io.frame_of)
+Stability
+    Spectrum, Stability     `spectrum`, `stability`
+    ComplexPairs, FastestPair, BirthForm    functions of `modes` for complex pairs
+    ContactSensitivity, DensityOfStates, ElasticModuli, TransientGrowth     other functions of `modes`
+    Freedom, Factorisation  `freedom`, `newton`
+
+Loading
+    ContactLoads            `forces`
+    Equilibrium, Released, KineticThreshold     `protocols.ramp`, `protocols.release`, `protocols.kinetic_threshold`
+    Event, EventKind, Events, StrainStep        `protocols.find_events`
+    PackingInfo, Poured     `packings.jammed` and `packings.compressed`; `packings.poured`
+    Record, Ledger          `run`
+    Collision               `laws.collision`
+
+Quasi-rigidity
+    LinearSystem, ContactStatus, Verdict, Complementarity, Apex     functions of `quasirigid`
+    Mechanism, Uniqueness, LoadPath, SlowRun    functions of `quasirigid`
+    StatusSolution, StatusMap       `quasirigid.statuses_at_apex`, `quasirigid.status_map`
+
+Friction
+    SlipHistory             `friction.spring_slider`
+    Fit, Posterior, LawComparison   `friction.fit`, `friction.posterior`, `friction.compare_laws`
+    Sliding, Mean, Healing, HoldResponse, Nucleation    functions of `friction`
+    FaultHistory, FaultEvents       `friction.simulate_fault`
+
+Experiments
+    CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult  `simulate`
+    FlowResult, FlowSeries, Deposit, PlaneShear, SliderResult, FaultResult, ThresholdResult     `simulate`
+    Sweep, SweepResult      `sweep`, `run_sweep`
+
+Files
+    Frame                   `io.frame_of`
 """
 
 from .core.contacts.forces import ContactLoads

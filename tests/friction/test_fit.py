@@ -14,7 +14,7 @@ from stickslip.friction.noise import autoregression, effective_samples, whitened
 from stickslip.friction.problem import Task, jacobian, residual
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
 
-PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # paper 003
+PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021
 STIFFNESS = 100.0
 TRUE = {"a": 0.0247, "b": 0.0178, "dc": 5.3e-3, "mu0": 0.4, "stiffness": STIFFNESS, "trend": 0.0}
 STEP = velocity_steps([0.02, 0.1], distance=0.05)

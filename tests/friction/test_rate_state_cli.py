@@ -39,7 +39,7 @@ def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
     assert {key: found[key] for key in written} == written
     assert {path.name for path in (tmp_path / "fit").iterdir()} == {"fit.json", "fit.png", "manifest.json"}
     slip = found["fits"]["slip"]
-    for name, true in (("a", 0.0247), ("b", 0.0178), ("dc", 5.3e-3), ("mu0", 0.4)):  # the example's, paper 003's
+    for name, true in (("a", 0.0247), ("b", 0.0178), ("dc", 5.3e-3), ("mu0", 0.4)):  # of the example
         assert abs(slip["values"][name] - true) < 4 * slip["errors"][name], name
     assert found["comparison"]["preferred"] == "slip"
     assert found["fits"]["aging"]["intervals"]["a"] == [None, None]

@@ -13,7 +13,7 @@ from stickslip.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.friction.ratestate import End, RateState, Spring, kernel_parameters, prescribed, spring_slider
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 
-PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # paper 003
+PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021
 WEAK = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
 LAWS = ("aging", "slip")
 CLOSE = 1e-6  # relative, to every closed form

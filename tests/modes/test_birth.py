@@ -22,7 +22,7 @@ LAW = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
 
 @cache
 def pushed(load: float):
-    """The array of paper 000 pushed with a force, in the paper's units, in equilibrium under drag."""
+    """The array of Charan et al. 2020 pushed with a force, in the paper's units, in equilibrium under drag."""
     state = ss.packings.disk_array(10, press=0.1 * UNIT)
     for push in (*np.arange(0.0, load, 5e-4), load):
         force = state.control.force.copy()

@@ -1,4 +1,4 @@
-"""Paper 000 from the command line, quickly: every file, every claim, and the physics that must hold at any length."""
+"""The disk array from the command line, quickly: every file, every claim, and physics that must hold at any length."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Paper 001 on the command line: a small run in three and in two dimensions by one key, and the quick reproduction."""
+"""Sheared spheres on the command line: a small run in three and two dimensions by one key, the quick reproduction."""
 
 import json
 

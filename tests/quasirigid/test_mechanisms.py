@@ -1,4 +1,4 @@
-"""Null modes of the stiffness matrix fall into the classes of Sec. III E of paper 002."""
+"""Null modes of the stiffness matrix fall into the classes of Sec. III E of McNamara & Herrmann 2006."""
 
 import numpy as np
 import pytest

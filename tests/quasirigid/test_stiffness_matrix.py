@@ -1,4 +1,4 @@
-"""The matrices of Sec. III of paper 002: Table I against the engine, k against the Jacobian of `core`."""
+"""The matrices of Sec. III of McNamara & Herrmann 2006: Table I against the engine, k against `core`'s Jacobian."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,8 @@
 """The documentation: every key of every scenario stands in it, links lead somewhere, it builds without a warning."""
 
+import importlib
 import importlib.util
+import inspect
 import os
 import re
 import subprocess
@@ -10,6 +12,7 @@ from shutil import which
 
 import pytest
 from selenium import webdriver
+from selenium.webdriver.support.ui import WebDriverWait
 
 import stickslip as ss
 from stickslip.data.schema import tables_in
@@ -20,8 +23,8 @@ PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
 
 
-def generator():
-    spec = importlib.util.spec_from_file_location("scenario_reference", DOCS / "scenario_reference.py")
+def generator(name="scenario_reference"):
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -56,6 +59,23 @@ def test_every_key_of_a_scenario_has_its_line_and_says_what_it_is(name):
             silent = key in ("experiment", "kind") or tables_in(field.annotation)  # tables say it by their docstrings
             assert silent or field.description, f"{table.__name__}.{key} has no description"
     assert f'experiment = "{name}"' in page.split("## Example", 1)[1]
+
+
+API = generator("api_reference")
+
+
+@pytest.mark.parametrize("namespace", API.NAMESPACES)
+def test_the_overview_of_a_namespace_has_a_row_for_each_of_its_names(namespace):
+    """A docstring whose columns were lost by reflowing leaves names out."""
+    listed = [name for _, rows in API.overview(namespace) for names, _ in rows for name in names]
+    public = set(importlib.import_module(API.full(namespace)).__all__) - {"__version__"}
+    assert sorted(listed) == sorted(public)
+
+
+def test_functions_come_before_classes_and_constants():
+    found = API.names("packings")
+    assert found.index("jammed") < found.index("PackingError") < found.index("TOP")
+    assert ":py:obj:`~stickslip.packings.jammed`" in API.page("packings")
 
 
 def anchors(page: Path) -> set[str]:
@@ -110,8 +130,26 @@ def test_tutorials_are_offered_as_notebooks(built):
     assert offered == {f"{page.stem}.ipynb" for page in TUTORIALS}
 
 
+CUT = "return [...document.querySelectorAll('pre')].filter(e => e.scrollWidth > e.clientWidth + 1).length"
+OPENING = "return [...document.querySelectorAll('.opening > div')].map(e => e.getBoundingClientRect())"
+
+
+def visit(driver, page: Path) -> None:
+    """Open a page and wait for it: `get` may return while the page before it is still shown."""
+    driver.get("about:blank")
+    driver.get(page.as_uri())
+    loaded = "return document.readyState == 'complete' && location.href != 'about:blank'"
+    WebDriverWait(driver, 30).until(lambda driver: driver.execute_script(loaded))
+
+
+def test_the_home_page_begins_with_what_this_is_and_how_to_install_it():
+    opening = (DOCS / "index.md").read_text(encoding="utf-8").split("\n## ")[0]
+    text, picture = opening.split("<div>\n")[1:]
+    assert "is a Python package" in text and "pip install" in text and "![" in picture
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [360, 1024, 1920])
+@pytest.mark.parametrize("width", [360, 1024, 1440, 1920])
 def test_no_page_scrolls_sideways(built, width):
     if not (which("chromium") and which("chromedriver")):
         pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
@@ -126,11 +164,17 @@ def test_no_page_scrolls_sideways(built, width):
         wide = {}
         for page in sorted(built.rglob("*.html")):
             if "_static" not in page.parts:
-                driver.get(page.as_uri())
+                visit(driver, page)
                 found = driver.execute_script("return document.documentElement.scrollWidth")
                 if found > width:
                     wide[str(page.relative_to(built))] = found
+                cut = driver.execute_script(CUT) if width >= 1024 else 0
+                if cut:
+                    wide[f"code of {page.relative_to(built)}"] = cut
         assert not wide
+        visit(driver, built / "index.html")
+        text, picture = driver.execute_script(OPENING)
+        assert (picture["left"] > text["right"]) if width >= 1024 else (picture["top"] > text["bottom"])
     finally:
         driver.quit()
 
@@ -147,6 +191,66 @@ def test_the_cells_of_a_tutorial_run_in_an_empty_folder(page, tmp_path):
 
 
 RATIO = re.compile(r"(\d+\.\d+) (?:×|times)(?: as many[^.|]*| the rate of| that of)? (?:`?)(?:LAMMPS|YADE)")
+
+
+WIDTH = 84  # columns of a code block in a window of 1440 px, measured in Chromium
+
+
+def code_blocks(text: str) -> list[str]:
+    """Fenced and indented blocks of a Markdown page, without tables of contents and options of cells."""
+    fenced = re.findall(r"^```(?!\{toctree\})[^\n]*\n((?:(?!```).*\n)*)```", text, flags=re.M)
+    rest = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    return fenced + [re.sub(r"^    ", "", block, flags=re.M) for block in re.findall(r"(?<=\n\n)(?:    .*\n)+", rest)]
+
+
+@pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
+def test_no_line_of_code_is_cut(page):
+    lines = [line for block in code_blocks(page.read_text(encoding="utf-8")) for line in block.splitlines()]
+    assert not [line for line in lines if len(line) > WIDTH]
+
+
+@pytest.mark.parametrize("namespace", API.NAMESPACES)
+def test_no_example_of_a_docstring_is_cut(namespace):
+    module = importlib.import_module(API.full(namespace))
+    docs = [inspect.getdoc(getattr(module, name)) or "" for name in API.names(namespace)]
+    blocks = [block for doc in docs for block in re.findall(r"^>>> (?:.+\n?)+", doc, flags=re.M)]  # with their output
+    lines = [line for block in blocks for line in block.splitlines()]
+    assert not [line for line in lines if len(line) > WIDTH]
+
+
+def prose(page: Path) -> str:
+    """Text of a page without code, equations, links and identifiers."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    text = re.sub(r"(?<=\n\n)(?:    .*\n)+", "", text)
+    text = re.sub(r"`[^`]*`|\$\$.*?\$\$|\$[^$\n]*\$", "", text, flags=re.S)
+    return re.sub(r"\]\([^)]*\)|(?:doi:|arXiv:|https?:)\S+|Phys\. Rev\. E \d+, \d+", "", text)
+
+
+STYLE = {
+    r"(?<![\d.,])\d{5,}(?![\d.])|\d[ \u202f]\d{3}\b|(?<![\d,.])\d,\d{3}(?![\d,])": "10,000, but 1000",
+    r"10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]{2,}": "1e-6",
+    r"\b\d+(?:\.\d+)?(?:mm|µm|km|ms|µs|GB|MB|[kMG]?Pa|Hz|%)(?!\w)": "5 MPa, 3 %",
+}
+
+
+@pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
+def test_numbers_are_in_one_style(page):
+    text = prose(page)
+    found = [f"{word}: write as in {rule}" for pattern, rule in STYLE.items() for word in re.findall(pattern, text)]
+    assert not found
+
+
+def test_papers_have_their_authors_names():
+    """Readers do not know numbers of papers; pages, help texts and titles say who wrote them and when."""
+    root = DOCS.parent
+    texts = (root / "README.md", *PAGES, *(root / "examples").glob("*.*"), *(root / "src").rglob("*.py*"))
+    numbered = [
+        f"{path.relative_to(root)}: {found}"
+        for path in texts
+        if path.suffix in (".md", ".py", ".pyi", ".toml")
+        for found in re.findall(r"(?i)\bpapers?[ -]00\d", path.read_text(encoding="utf-8"))
+    ]
+    assert not numbered
 
 
 def test_each_speed_stands_once():

@@ -238,7 +238,7 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
     ("shell", "line", "word"),
     [
         ("zsh", "stickslip reproduce ", '"gouge"'),
-        ("fish", "stickslip reproduce ", "gouge\tpaper 003"),
+        ("fish", "stickslip reproduce ", "gouge\tFerdowsi & Rubin 2021"),
         ("zsh", "stickslip run x", "_files"),
     ],
 )

@@ -76,7 +76,8 @@ def force_controlled(control: Control, bodies: Bodies, force: Numbers) -> Contro
     A lid, body 101, pressed down with a force of 0.5:
 
     >>> import stickslip as ss
-    >>> control = ss.control.force_controlled(ss.control.loads(100, 2), [101], [0, -0.5])
+    >>> bodies = ss.control.loads(100, 2)
+    >>> control = ss.control.force_controlled(bodies, [101], [0, -0.5])
     >>> control.free[101, :3]
     array([False,  True, False])
     """
@@ -166,7 +167,8 @@ def time_dependent(
     >>> import stickslip as ss
     >>> control = ss.control.driven(ss.control.loads(10, 1), [10], [0.1, 0, 0, 0, 0, 0])
     >>> times = np.linspace(0, 200, 401)
-    >>> ss.control.time_dependent(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
+    >>> swing = np.cos(2 * np.pi * times / 50)
+    >>> ss.control.time_dependent(control, [10], times, swing).follows[10, :3]
     array([0, 0, 0], dtype=int16)
     """
     control = control._replace(course=_add_column(control.course))
@@ -212,7 +214,8 @@ def spring_loaded(
     A slider, body 0, pulled at a velocity of 0.1 for 20 time units, then held:
 
     >>> import stickslip as ss
-    >>> control = spring_loaded(ss.control.loads(1), [0], [[0, 0, 0]], 2.0, times=[0, 20], displacement=[0, 2])
+    >>> pull = {"times": [0, 20], "displacement": [0, 2]}
+    >>> control = spring_loaded(ss.control.loads(1), [0], [[0, 0, 0]], 2.0, **pull)
     >>> spring_forces(control, np.zeros((1, 3)), 5.0)[0]
     array([1., 0., 0.])
     """

@@ -376,7 +376,8 @@ def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
 
     Examples
     --------
-    >>> heights(np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), flat_walls([0, 0], [0, 1]))
+    >>> points = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    >>> heights(points, flat_walls([0, 0], [0, 1]))
     array([[ 1.],
            [-1.]])
     """

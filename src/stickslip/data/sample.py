@@ -83,7 +83,8 @@ def from_arrays(
     --------
     >>> import stickslip as ss
     >>> law = ss.laws.hertz_mindlin()
-    >>> ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law).contacts.mode[:1]
+    >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    >>> pair.contacts.mode[:1]
     array([1], dtype=int8)
     """
     if dim not in (2, 3):

@@ -75,7 +75,7 @@ def measure_forces(law: Law) -> dict[str, float]:
 
 
 def pushed_array(law: Law) -> State:
-    """Ten disks on a substrate, pushed until a complex pair appears (paper 000)."""
+    """Ten disks on a substrate, pushed until a complex pair appears (Charan et al. 2020)."""
     state, _ = relax(disk_array(10, press=5e-5), law)
     for push in PUSHES:
         state = _require_success(*relax(with_push(state, push), law))
@@ -100,7 +100,7 @@ def measure_dynamics(state: State, law: Law) -> dict[str, float | str]:
 
 
 def measure_slider() -> dict[str, float]:
-    """Friction right after a hold, from the slip law with the parameters of paper 003."""
+    """Friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
     surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
     legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
     history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
@@ -108,7 +108,7 @@ def measure_slider() -> dict[str, float]:
 
 
 def measure_contact_status() -> dict[str, float]:
-    """Status of four critical contacts in a row of disks under two forces (paper 002); their slip is given."""
+    """Status of four critical contacts in a row of disks, given their slip (McNamara & Herrmann 2006)."""
     law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]

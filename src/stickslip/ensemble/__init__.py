@@ -6,7 +6,7 @@ reach            check that runs can be distributed as requested
 default_workers  number of cores that this process may use
 
 Member           result of one run, or the sentence that says why it failed
-Spread number of simultaneous runs, and where they run
+Spread           number of simultaneous runs, and where they run
 Workers          type of `workers`: a number of processes, or the address of a Dask scheduler
 """
 

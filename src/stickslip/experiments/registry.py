@@ -59,7 +59,9 @@ def simulate(
 
     Examples
     --------
-    >>> short = scenario(load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()})
+    >>> short = scenario(
+    ...     load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()}
+    ... )
     >>> [len(point.spectrum.pairs) for point in simulate(short).path]
     [0, 1, 1]
     """
@@ -95,7 +97,8 @@ def scenario(*, trust: bool = False, **tables) -> ScenarioBase:
 
     Examples
     --------
-    >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
+    >>> tables = {"load": {"push": (0.0, 0.05)}, "dynamics": {"loads": (0.03,)}}
+    >>> scenario(array={"disks": 5}, **tables).array.disks
     5
     """
     if trust:

@@ -19,7 +19,7 @@ Events of sheared packings
     drops                  distributions of stress drops and jumps
     roc_curves             what is announced, against false alarms
 
-Disk array (paper 000)
+Disk array (Charan et al. 2020)
 
     complex_pairs          Im λ of all complex pairs against the push
     mean_square_displacement   M(t) at every load, with the predicted growth
@@ -28,22 +28,22 @@ Disk array (paper 000)
     mode_shape             components of one mode
     center_of_mass         centre of mass through the transition, and sliding velocity
 
-Spheres in shear (paper 001)
+Spheres in shear (Bonfanti et al. 2020)
 
     pairs_along_strain     complex pairs against strain
     spectrum_in_time       eigenvalues during a run, above M(t)
     growth                 M(t) with the predicted growth and the fitted oscillation
     trajectories           displacements during growth
-    stress_through_failure shear stress and contacts through failure
+    stress_through_failure  shear stress and contacts through failure
 
-Quasi-rigid loading (paper 002)
+Quasi-rigid loading (McNamara & Herrmann 2006)
 
     curves                 stress ratio and volumetric strain against strain
     cone                   contact forces in the Coulomb cone
     stiffness              sliding contacts, smallest eigenvalues and complex pairs along a path
     errors                 difference between path and slow dynamics
 
-Fault gouge (paper 003), rate and state
+Fault gouge (Ferdowsi & Rubin 2021), rate and state
 
     steady_sliding         friction and thickness against slip
     velocity_steps         change in friction after velocity steps

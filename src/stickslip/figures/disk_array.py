@@ -1,4 +1,4 @@
-"""Figures of the disk array (paper 000)."""
+"""Figures of the disk array (Charan et al. 2020)."""
 
 from pathlib import Path
 from typing import Annotated, Any

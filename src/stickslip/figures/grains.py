@@ -80,7 +80,8 @@ def packing(
     --------
     >>> import stickslip as ss
     >>> law = ss.laws.hertz_mindlin()
-    >>> ss.figures.packing(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).axes[0].get_title()
+    >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    >>> ss.figures.packing(pair, law).axes[0].get_title()
     ''
     """
     require_positive(width=width)

@@ -1,4 +1,4 @@
-"""Figures of the sheared packing (paper 001)."""
+"""Figures of the sheared packing (Bonfanti et al. 2020)."""
 
 from typing import Annotated, Any
 

@@ -126,7 +126,8 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     --------
     The first benchmark problem of the SEAS initiative (Erickson et al. 2020, doi:10.1785/0220190248):
 
-    >>> fault = line_fault(40e3, 100.0, a=[(15e3, 0.010), (18e3, 0.025)], b=0.015, dc=8e-3, normal=50e6)
+    >>> a = [(15e3, 0.010), (18e3, 0.025)]
+    >>> fault = line_fault(40e3, 100.0, a=a, b=0.015, dc=8e-3, normal=50e6)
     >>> fault
     Fault: antiplane, 400 cells of 100 m, aging law
     """

@@ -107,7 +107,8 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     Examples
     --------
     >>> from stickslip import friction
-    >>> fault = friction.line_fault(40e3, 100.0, a=[(15e3, 0.01), (18e3, 0.025)], b=0.015, dc=8e-3, normal=50e6)
+    >>> a = [(15e3, 0.010), (18e3, 0.025)]
+    >>> fault = friction.line_fault(40e3, 100.0, a=a, b=0.015, dc=8e-3, normal=50e6)
     >>> print(round(initial_state(fault).prestress[0] / 1e6, 6))
     26.546122
     """

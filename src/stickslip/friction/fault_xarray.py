@@ -20,7 +20,9 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     --------
     >>> from stickslip import friction
     >>> fault = friction.line_fault(10e3, 100.0, a=0.02, b=0.015, dc=8e-3, normal=50e6)
-    >>> found = friction.simulate_fault(fault, 10.0, recording=friction.Recording(stations=(0.0, 5e3)))
+    >>> found = friction.simulate_fault(
+    ...     fault, 10.0, recording=friction.Recording(stations=(0.0, 5e3))
+    ... )
     >>> dict(fault_dataset(found).sizes)["station"]
     2
     """

@@ -131,8 +131,12 @@ def fit(
     --------
     >>> from stickslip import friction
     >>> legs = friction.velocity_steps([1e-6, 1e-5], distance=2e-4)
-    >>> h = friction.spring_slider(friction.RateState(0.010, 0.006, 1e-5), friction.Spring(1e4), legs)
-    >>> found = friction.fit(friction.Data(h.time, h.friction, legs), fixed={"stiffness": 1e4})
+    >>> h = friction.spring_slider(
+    ...     friction.RateState(0.010, 0.006, 1e-5), friction.Spring(1e4), legs
+    ... )
+    >>> found = friction.fit(
+    ...     friction.Data(h.time, h.friction, legs), fixed={"stiffness": 1e4}
+    ... )
     >>> print(round(found.values["a"], 6), round(found.values["b"], 6))
     0.01 0.006
     """

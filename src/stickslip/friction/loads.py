@@ -52,7 +52,8 @@ def slide_hold_slide(
 
     Examples
     --------
-    >>> [leg.velocity for leg in slide_hold_slide([1.0, 10.0], velocity=1e-5, distance=1e-4)]
+    >>> legs = slide_hold_slide([1.0, 10.0], velocity=1e-5, distance=1e-4)
+    >>> [leg.velocity for leg in legs]
     [1e-05, 0.0, 1e-05, 0.0, 1e-05]
     """
     again = velocity if reslide is None else reslide

@@ -90,7 +90,9 @@ def posterior(
     --------
     >>> from stickslip import friction
     >>> legs = friction.velocity_steps([1e-6, 1e-5, 1e-6], distance=2e-4)
-    >>> h = friction.spring_slider(friction.RateState(0.010, 0.006, 1e-5), friction.Spring(1e4), legs)
+    >>> h = friction.spring_slider(
+    ...     friction.RateState(0.010, 0.006, 1e-5), friction.Spring(1e4), legs
+    ... )
     >>> noisy = h.friction + np.random.default_rng(0).normal(0, 1e-4, len(h.time))
     >>> known = {"stiffness": 1e4, "a": 0.010, "dc": 1e-5}
     >>> found = friction.posterior(friction.Data(h.time, noisy, legs), fixed=known)

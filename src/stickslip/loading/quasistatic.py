@@ -61,7 +61,8 @@ def aqs(
     >>> import stickslip as ss
     >>> state, _ = ss.packings.jammed(30, packing_fraction=0.7)
     >>> protocol = ss.protocols.aqs(ss.laws.hertz_mindlin(mu=10, coulomb="smooth"))
-    >>> [len(point.spectrum.pairs) for point in ss.protocols.ramp(state, [0.0, 1e-5], protocol)]
+    >>> path = ss.protocols.ramp(state, [0.0, 1e-5], protocol)
+    >>> [len(point.spectrum.pairs) for point in path]
     [0, 0]
     """
     if on_instability not in CHOICES:

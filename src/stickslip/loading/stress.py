@@ -75,7 +75,8 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: float = BALANCED) -> Prot
     >>> control = ss.control.force_controlled(control, [1], [0, -0.01])
     >>> state = ss.assembly(ss.spheres([[0, 0, 0], [0, 0.99, 0]], 0.5), control=control)
     >>> path = ss.protocols.ramp(state, [0.0, 0.2], plate_shear(law, [1]))
-    >>> float((path[1].state.grains.position - path[0].state.grains.position)[1, 0].round(4))
+    >>> start, end = (point.state.grains.position for point in path[:2])
+    >>> float((end - start)[1, 0].round(4))
     0.0041
     """
     require_positive(tolerance=tolerance)

@@ -174,9 +174,14 @@ def kinetic_threshold(
 
     >>> import stickslip as ss
     >>> law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
-    >>> protocol = ss.protocols.Protocol(law, ss.packings.with_push, lambda state, load: ss.relax(state, law))
-    >>> path = ss.protocols.ramp(ss.packings.disk_array(3, press=5e-5), [0.0, 1e-6, 2e-6], protocol)
-    >>> found = kinetic_threshold(path, protocol, kicks=1e-9, realizations=2, duration=100.0, dt=0.1, workers=1)
+    >>> protocol = ss.protocols.Protocol(
+    ...     law, ss.packings.with_push, lambda state, load: ss.relax(state, law)
+    ... )
+    >>> path = ss.protocols.ramp(
+    ...     ss.packings.disk_array(3, press=5e-5), [0.0, 1e-6, 2e-6], protocol
+    ... )
+    >>> runs = {"kicks": 1e-9, "realizations": 2, "duration": 100.0, "dt": 0.1}
+    >>> found = kinetic_threshold(path, protocol, **runs, workers=1)
     >>> found.slid.tolist()
     [[0], [0], [0]]
     """

@@ -1,10 +1,13 @@
 """Quasi-rigid contact mechanics: contact status, uniqueness, and piecewise-linear load paths.
 
-linear_system       matrices of a state: contact matrix, stiffness, loads stiffness_matrix, damping_matrix,
-quadratic_form    matrices and energy derived from them contact_status      status of all contacts under a load rate
-complementarity, status_map, consistent_statuses, statuses_at_apex      the underlying problem, and slower ways to solve
-it certificate         uniqueness of the status mechanisms          motions that nothing resists load_path, with_load
-piecewise-linear path from event to event slow_dynamics       the same path by slow dynamics
+linear_system       matrices of a state: contact matrix, stiffness, loads
+stiffness_matrix, damping_matrix, quadratic_form    matrices and energy derived from them
+contact_status      status of all contacts under a load rate
+complementarity, status_map, consistent_statuses, statuses_at_apex  the underlying problem, and slower ways to solve it
+certificate         uniqueness of the status
+mechanisms          motions that nothing resists
+load_path, with_load    piecewise-linear path from event to event
+slow_dynamics       the same path by slow dynamics
 """
 
 from ..lazy import attach

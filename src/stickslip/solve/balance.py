@@ -39,7 +39,8 @@ def imbalance(state: State, law: Law) -> float:
     --------
     >>> import stickslip as ss
     >>> law = ss.laws.linear()
-    >>> round(imbalance(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law), 12)
+    >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    >>> round(imbalance(pair, law), 12)
     1.0
     """
     loads = forces(state, law)[0]
@@ -171,7 +172,8 @@ def with_modes_under(state: State, law: Law) -> State:
     --------
     >>> import stickslip as ss
     >>> state, _ = ss.packings.jammed(10, packing_fraction=0.7)
-    >>> set(with_modes_under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
+    >>> found = with_modes_under(state, ss.laws.hertz_mindlin(mu=0.5))
+    >>> set(found.contacts.mode[touching(state)].tolist()) == {STICK}
     True
     """
     contacts, line = state.contacts, linearise(state, law)

@@ -180,7 +180,7 @@ def with_restitution(
 def eq8_damping(
     restitution: float, *, young: float, poisson: float, radius: float, mass: float, speed: float, ratio: float = 0.5
 ) -> float:
-    """Damping γ_n from Eq 8 of the supplement of paper 003 (fault gouge), taken literally [1/(length time)].
+    """Damping γ_n from Eq 8 of Ferdowsi & Rubin 2021, taken literally [1/(length time)].
 
     The collision obeys m_eff δ'' + K (δ^{3/2} + (3/2) A √δ δ') = 0 with K = (2/3) E/(1 − ν²) √R_eff, and
 
@@ -204,12 +204,14 @@ def eq8_damping(
 
     Source
     ------
-    Ferdowsi & Rubin, supplement of paper 003, Eq 8; Brilliantov et al., doi:10.1103/PhysRevE.53.5382, for A.
+    Ferdowsi & Rubin 2021, Eq 8; Brilliantov et al., doi:10.1103/PhysRevE.53.5382, for A.
 
     Examples
     --------
     >>> mass = 2500 * 4 / 3 * np.pi * 0.0015**3
-    >>> gamma = eq8_damping(0.98, young=50e9, poisson=0.3, radius=0.0015, mass=mass, speed=25.0)
+    >>> gamma = eq8_damping(
+    ...     0.98, young=50e9, poisson=0.3, radius=0.0015, mass=mass, speed=25.0
+    ... )
     >>> f"{gamma:.2e}"
     '1.01e+04'
     """

@@ -126,8 +126,11 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     >>> import stickslip as ss
     >>> law = ss.laws.linear(1.0, 0.5, 0.5)
     >>> site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
-    >>> place = np.concatenate([site, site + [0, 3**0.5], site + [2, 0], site + [2, 3**0.5]])
-    >>> state = ss.packings.from_arrays(place, np.full(16, 0.5 + 1e-9), law, cell=[4, 2 * 3**0.5], dim=2)
+    >>> shifts = [[0, 0], [0, 3**0.5], [2, 0], [2, 3**0.5]]
+    >>> place = np.concatenate([site + shift for shift in shifts])
+    >>> state = ss.packings.from_arrays(
+    ...     place, np.full(16, 0.5 + 1e-9), law, cell=[4, 2 * 3**0.5], dim=2
+    ... )
     >>> found = elastic_moduli(state, law)
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)

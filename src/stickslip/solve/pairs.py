@@ -86,7 +86,8 @@ def complex_pairs(
 
     Examples
     --------
-    >>> found = complex_pairs(state, law)  # 1000 spheres, sheared by 8e-4  # doctest: +SKIP
+    >>> # 1000 spheres, sheared by 8e-4
+    >>> found = complex_pairs(state, law)  # doctest: +SKIP
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """

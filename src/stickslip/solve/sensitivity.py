@@ -120,9 +120,12 @@ def contact_sensitivity(
 
     >>> import numpy as np
     >>> import stickslip as ss
-    >>> law, place = ss.laws.linear(1.0, 0.5, 0.5), np.array([[0, 0], [1, 0], [0.5, 0.75**0.5]])
+    >>> law = ss.laws.linear(1.0, 0.5, 0.5)
+    >>> place = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5]])
     >>> press = -2e-6 * 3 * (place - place.mean(axis=0))
-    >>> three = ss.packings.from_arrays(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
+    >>> three = ss.packings.from_arrays(
+    ...     place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press
+    ... )
     >>> found = contact_sensitivity(three, law)
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
     ['buckles', 'buckles', 'buckles']

@@ -107,9 +107,12 @@ def transient_growth(
     >>> import numpy as np
     >>> import stickslip as ss
     >>> site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
-    >>> place = np.concatenate([site, site + [0, 3**0.5], site + [2, 0], site + [2, 3**0.5]])
+    >>> shifts = [[0, 0], [0, 3**0.5], [2, 0], [2, 3**0.5]]
+    >>> place = np.concatenate([site + shift for shift in shifts])
     >>> law = ss.laws.linear(1.0, 0.5, 0.5)
-    >>> state = ss.packings.from_arrays(place, np.full(16, 0.5005), law, cell=[4, 2 * 3**0.5], dim=2)
+    >>> state = ss.packings.from_arrays(
+    ...     place, np.full(16, 0.5005), law, cell=[4, 2 * 3**0.5], dim=2
+    ... )
     >>> found = transient_growth(state, law, samples=9)
     >>> round(found.amplitude, 6), round(found.bound, 6)
     (1.0, 1.0)

@@ -406,7 +406,8 @@ def without_walls(state: State, walls: Bodies) -> State:
     Examples
     --------
     >>> import stickslip as ss
-    >>> state = ss.assembly(ss.disks([[0.5, 0.5]], 0.5), ss.flat_walls([[0, 0], [0, 0]], [[0, 1], [1, 0]]))
+    >>> corner = ss.flat_walls([[0, 0], [0, 0]], [[0, 1], [1, 0]])
+    >>> state = ss.assembly(ss.disks([[0.5, 0.5]], 0.5), corner)
     >>> without_walls(state, [0]).walls.normal
     array([[1., 0., 0.]])
     """

@@ -151,7 +151,7 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
 
     Source
     ------
-    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form given in the supplement of paper 003 (fault gouge).
+    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form given by Ferdowsi & Rubin 2021.
 
     Examples
     --------
@@ -213,7 +213,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
 
     Examples
     --------
-    >>> law = for_pair(hertz_mindlin(mu=0.5), 0, 1, mu=0.2)   # grains are material 0, walls material 1
+    >>> law = for_pair(hertz_mindlin(mu=0.5), 0, 1, mu=0.2)  # grains are 0, walls 1
     >>> [float(law.table[0, m, MU]) for m in (0, 1)]
     [0.5, 0.2]
     """

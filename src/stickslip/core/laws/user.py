@@ -275,7 +275,9 @@ def custom(
 
     Examples
     --------
-    >>> law = custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"kn": 2.0})
+    >>> law = custom(
+    ...     normal_force=lambda overlap, kn: kn * overlap, parameters={"kn": 2.0}
+    ... )
     >>> float(law.table[0, 0, 0])
     2.0
     """

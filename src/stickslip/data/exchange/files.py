@@ -72,8 +72,10 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     --------
     >>> import numpy as np, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     np.savez(f"{folder}/pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
-    ...     read_packing(f"{folder}/pair.npz", law="linear", coulomb="sharp", mu=0.5)[0].contacts.count
+    ...     path, place = f"{folder}/pair.npz", [[0, 0, 0], [0.99, 0, 0]]
+    ...     np.savez(path, position=place, radius=[0.5, 0.5])
+    ...     state, law, _ = read_packing(path, law="linear", coulomb="sharp", mu=0.5)
+    ...     state.contacts.count
     array([1])
     """
     ((_, *found),) = read_packings(path, **{"frame": None, **options})
@@ -201,7 +203,8 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     >>> import stickslip as ss
     >>> law = ss.laws.hertz_mindlin()
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_packing(f"{folder}/p.xyz", ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
+    ...     pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    ...     write_packing(f"{folder}/p.xyz", pair, law)
     ['extended XYZ does not store contacts and their memory']
     """
     path = Path(path)

@@ -210,11 +210,13 @@ def follow_packings(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> text = "ITEM: TIMESTEP\\n7\\nITEM: NUMBER OF ATOMS\\n2\\nITEM: BOX BOUNDS pp pp pp\\n0 3\\n0 3\\n0 3\\n"
+    >>> text = "ITEM: TIMESTEP\\n7\\nITEM: NUMBER OF ATOMS\\n2\\n"
+    >>> text += "ITEM: BOX BOUNDS pp pp pp\\n0 3\\n0 3\\n0 3\\n"
     >>> text += "ITEM: ATOMS id x y z radius mass\\n1 1 1 1 0.5 1\\n2 1.99 1 1 0.5 1\\n"
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(folder, "grains.dump").write_text(text)
-    ...     [name for name, *_ in follow_packings(folder, until_idle=0.0, law="linear", mu=0.5)]
+    ...     frames = follow_packings(folder, until_idle=0.0, law="linear", mu=0.5)
+    ...     [name for name, *_ in frames]
     ['7']
     """
     require_positive(interval=interval)

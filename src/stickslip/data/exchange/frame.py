@@ -43,7 +43,8 @@ def frame_of(state: State, law: Law) -> Frame:
     --------
     >>> import stickslip as ss
     >>> law = ss.laws.hertz_mindlin()
-    >>> frame_of(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).contacts["force_n"]
+    >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    >>> frame_of(pair, law).contacts["force_n"]
     array([0.001])
     """
     rows, c, n = touching(state), state.contacts, len(state.grains.radius)

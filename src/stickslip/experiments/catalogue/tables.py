@@ -90,7 +90,8 @@ def read_table(path: str | Path) -> Table:
     Examples
     --------
     >>> import stickslip as ss
-    >>> events = ss.experiments.catalogue.read_table("results/catalogue/events.csv")  # doctest: +SKIP
+    >>> read_table = ss.experiments.catalogue.read_table
+    >>> events = read_table("results/catalogue/events.csv")  # doctest: +SKIP
     """
     found = pd.read_csv(StringIO(read_text(path, remedy="give events.csv or steps.csv in the folder of a run")))
     out: dict[str, list] = {}

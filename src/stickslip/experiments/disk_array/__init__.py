@@ -1,4 +1,4 @@
-"""Paper 000: an array of frictional disks on a substrate, from static to dynamic friction."""
+"""Charan et al. 2020: an array of frictional disks on a substrate, from static to dynamic friction."""
 
 from functools import partial
 
@@ -12,7 +12,7 @@ _here = partial(lazy_function, __name__)
 
 def references(scenario: DiskArrayScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
-    return {"the experiment (paper 000)": ("Charan2020",), "contact law": law_references(scenario.law)}
+    return {"the experiment": ("Charan2020",), "contact law": law_references(scenario.law)}
 
 
 SMALLEST = {
@@ -24,7 +24,7 @@ SMALLEST = {
 
 EXPERIMENT = Experiment(
     scenario=DiskArrayScenario,
-    words="paper 000: ten disks pushed along a substrate",
+    words="Charan et al. 2020: ten disks pushed along a substrate",
     simulate=_here("simulate.simulate_with_sensitivity"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),
@@ -35,7 +35,7 @@ EXPERIMENT = Experiment(
     failures=_here("report.failures"),
     smallest=(SMALLEST,),
     paper=Paper(
-        title="Paper 000: an array of frictional disks",
+        title="Charan et al. 2020: an array of frictional disks",
         cuts=(
             "16 realizations of sliding at each load instead of 200 (quarter: 8 instead of 100); M(t) for 30000 "
             "time units instead of 60000; sliding for 25000 instead of 40000 (quarter: 60000 instead of 80000); 8 "

@@ -1,4 +1,4 @@
-"""Evaluation of the claims of paper 000, doi:10.48550/arXiv.1908.11724, including its supplement."""
+"""Evaluation of the claims of Charan et al. 2020, doi:10.48550/arXiv.1908.11724, including its supplement."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Reproduction of paper 000: the transition from static to dynamic friction in an array of disks.
+"""Reproduction of Charan et al. 2020: the transition from static to dynamic friction in an array of disks.
 
 Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724. Units: 2R = m = k_n = 1, forces in the
 paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).

@@ -355,7 +355,9 @@ def simulate_disk_array(
     Examples
     --------
     >>> import stickslip as ss
-    >>> short = ss.scenario(load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()})
+    >>> short = ss.scenario(
+    ...     load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()}
+    ... )
     >>> [len(point.spectrum.pairs) for point in simulate_disk_array(short).path]
     [0, 1, 1]
     """

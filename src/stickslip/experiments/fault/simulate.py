@@ -56,7 +56,9 @@ def simulate_cycles(
     Examples
     --------
     >>> import stickslip as ss
-    >>> short = ss.scenario(experiment="fault", line={"cell": 100.0}, run={"years": 1.0})
+    >>> short = ss.scenario(
+    ...     experiment="fault", line={"cell": 100.0}, run={"years": 1.0}
+    ... )
     >>> simulate_cycles(short).history.slip.shape[1]
     12
     """

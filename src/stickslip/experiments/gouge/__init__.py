@@ -1,4 +1,4 @@
-"""Paper 003: sheared fault gouge, with steady sliding, holds, slides after holds, and velocity steps."""
+"""Ferdowsi & Rubin 2021: sheared fault gouge, with steady sliding, holds, slides after holds, and velocity steps."""
 
 from functools import partial
 
@@ -13,7 +13,7 @@ _here = partial(lazy_function, __name__)
 def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
     return {
-        "the experiment (paper 003 is the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
+        "the experiment (from the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
         "contact law": CONTACT["hertz_mindlin_reff"],
         "rate-and-state friction, for comparison": STATE["aging"],
     }
@@ -38,7 +38,7 @@ SMALLEST = {
 
 EXPERIMENT = Experiment(
     scenario=GougeScenario,
-    words="paper 003: fault gouge",
+    words="Ferdowsi & Rubin 2021: fault gouge",
     simulate=_here("simulate.simulate_gouge"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),
@@ -50,7 +50,7 @@ EXPERIMENT = Experiment(
     announce=_here("report.announce"),
     smallest=(SMALLEST,),
     paper=Paper(
-        title="Paper 003: fault gouge at a reduced scale",
+        title="Ferdowsi & Rubin 2021: fault gouge at a reduced scale",
         cuts=(
             "2 samples of 300 grains with 2 states each, instead of 8 of 500 with 3; holds of 0.1 s instead of 1 s, "
             "after less slip and with no slides after them; two damping values instead of three"

@@ -1,4 +1,4 @@
-"""Evaluation of the claims of paper 003, the supplement to Ferdowsi and Rubin's slide-hold-slide study.
+"""Evaluation of the claims of Ferdowsi & Rubin 2021, the supplement to their slide-hold-slide study.
 
 The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Statements from
 the study itself or from other sources serve as references. Tolerances were fixed before anything was measured.

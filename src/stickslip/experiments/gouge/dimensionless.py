@@ -20,7 +20,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
     Examples
     --------
-    Paper 003's 425 as `rate_state`, in units of σ/D:
+    The 425 of Ferdowsi & Rubin 2021 as `rate_state`, in units of σ/D:
 
     >>> import stickslip as ss
     >>> slide = {"kind": "slide", "velocity": 0.1, "slip": 1.0}
@@ -52,7 +52,7 @@ def _unit(scenario: GougeScenario, definition: str) -> float:
 
 
 def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> dict[str, float]:
-    """Return a hold time t after sliding at V in terms of every definition; paper 003 quotes 1650 without a definition.
+    """Return a hold time t after sliding at V in terms of every definition (Ferdowsi & Rubin 2021: 1650, with none).
 
     The definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
     frozen state; inertial, t/(D √(ρ/σ)).

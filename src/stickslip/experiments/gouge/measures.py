@@ -13,7 +13,7 @@ from .statistics import Curve, Number, combine, read_off
 
 POINTS = 200  # minimum number of points of a mean curve
 EARLIEST = 1e-2  # hold time from which slopes against its logarithm are fitted [s]
-EARLY = 0.05  # slip of the load point during which the state hardly changes: 3 % of the dc of paper 003 [D]
+EARLY = 0.05  # slip of the load point during which the state hardly changes: 3 % of the dc of Ferdowsi & Rubin 2021 [D]
 BEFORE = 0.02  # slip over which the value before a hold is averaged [D]
 SMOOTH = 0.02  # slip over which curves are averaged before the peak is determined [D]
 

@@ -1,4 +1,4 @@
-"""Reproduction of paper 003 at a reduced scale: slide-hold-slide and velocity steps of granular fault gouge.
+"""Reproduction of Ferdowsi & Rubin 2021 at a reduced scale: slide-hold-slide and velocity steps of granular gouge.
 
 The paper, by Ferdowsi and Rubin, uses about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of 20
 ns, which would take months on one core. Here, only a tenth as many grains are used, and they slide at centimetres per

@@ -24,7 +24,7 @@ from .slips import Slips, find_slips
 from .statistics import slope
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
-COLLAPSE = 5.0  # C of paper 003, Fig S2b
+COLLAPSE = 5.0  # C of Ferdowsi & Rubin 2021, Fig S2b
 LONG = 0.1  # share of a realization above which the cost of a single hold is announced
 
 

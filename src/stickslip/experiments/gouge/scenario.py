@@ -1,7 +1,7 @@
 """Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
 x is the direction of shear, y that of the normal stress, and z the transverse direction; the cell is periodic along x
-and z. Values stated in paper 003 are marked as such. All others are choices, each with a key of its own.
+and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with a key of its own.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ class GougeGrains(ScenarioTable):
     diameter: Annotated[tuple[Positive, Positive], Listed] = Field(
         (2e-3, 4e-3), description="smallest and largest diameter [m]"
     )
-    density: Positive = Field(2500.0, description="density of the grains; paper 003, Table S1 [kg/m³]")
+    density: Positive = Field(2500.0, description="density of the grains; Ferdowsi & Rubin 2021, Table S1 [kg/m³]")
 
     @model_validator(mode="after")
     def _check_diameter(self):
@@ -57,15 +57,15 @@ class GougeGrains(ScenarioTable):
 
 
 class GougeLaw(ScenarioTable):
-    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of paper 003's supplement.
+    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021.
 
     The normal dashpot is given either by `gamma_n`, or by a `restitution` together with the `reading` that converts it
     to γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
     """
 
-    young: Positive = Field(50e9, description="Young's modulus; paper 003 [Pa]")
-    poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="Poisson's ratio; paper 003")
-    mu: NotNegative = Field(0.5, description="friction coefficient between grains; paper 003")
+    young: Positive = Field(50e9, description="Young's modulus; Ferdowsi & Rubin 2021 [Pa]")
+    poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="Poisson's ratio; Ferdowsi & Rubin 2021")
+    mu: NotNegative = Field(0.5, description="friction coefficient between grains; Ferdowsi & Rubin 2021")
     gamma_n: NotNegative | None = Field(
         None, description="γ_n of the normal dashpot √(δ R_eff) m_eff γ_n v_n, instead of a restitution [1/(m s)]"
     )
@@ -79,14 +79,16 @@ class GougeLaw(ScenarioTable):
     reading: Literal["eq8", "collision"] | None = Field(
         None,
         description=(
-            "conversion of the restitution to γ_n: eq8, by Eq 8 of paper 003's supplement as printed; collision, such "
+            "conversion of the restitution to γ_n: eq8, by Eq 8 of Ferdowsi & Rubin 2021 as printed; collision, such "
             "that a collision under this law has the given restitution"
         ),
     )
     size: Positive | None = Field(None, description="diameter of the two grains [m]")
     speed: Positive | None = Field(None, description="speed of the collision [m/s]")
-    damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n; paper 003")
-    tension: bool = Field(True, description="whether dashpots may make a contact attractive, as in Eq 1 of paper 003")
+    damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n; Ferdowsi & Rubin 2021")
+    tension: bool = Field(
+        True, description="whether dashpots may make a contact attractive, as in Eq 1 of Ferdowsi & Rubin 2021"
+    )
     rescaled: bool = Field(
         False,
         description="whether the slip shrinks with the contact radius on unloading, as in LAMMPS `mindlin_rescale`",
@@ -133,32 +135,32 @@ class GougeLaw(ScenarioTable):
 class GougeCell(ScenarioTable):
     """Cell that is periodic along x and z, and as high as the grains require."""
 
-    length: Positive = Field(0.03, description="length along x; paper 003: 20 D, reduced scale: 10 D [m]")
+    length: Positive = Field(0.03, description="length along x; Ferdowsi & Rubin 2021: 20 D, reduced scale: 10 D [m]")
     width: Positive = Field(0.018, description="width along z [m]")
     coverage: Share = Field(
         0.8, description="area of the glued grains over that of the plate; about 0.8 in the layer next to a flat wall"
     )
     plate_mass: Annotated[float, Field(ge=1, le=1e4)] = Field(
-        1.0, description="mass of the upper plate over that of its grains; not stated in paper 003"
+        1.0, description="mass of the upper plate over that of its grains; not stated in Ferdowsi & Rubin 2021"
     )
 
 
 class GougeLoad(ScenarioTable):
     """Normal stress on the upper plate, and the spring that pulls it along x."""
 
-    normal_stress: Positive = Field(5e6, description="normal stress σ; paper 003 [Pa]")
+    normal_stress: Positive = Field(5e6, description="normal stress σ; Ferdowsi & Rubin 2021 [Pa]")
     stiffness: Positive = Field(4.3, description="stiffness of the spring, in terms of `definition`")
     definition: Literal["per_area", "per_stress", "grain", "rate_state"] = Field(
         "grain",
         description=(
             "meaning of `stiffness`: per_area, k [Pa/m]; per_stress, k/σ [1/m]; grain, k D/σ; rate_state, k dc/(b σ). "
-            "Paper 003 quotes 425 without a definition; if that is rate_state with its b and dc, grain is 4.3"
+            "Ferdowsi & Rubin 2021 quote 425 and no definition; if that is rate_state with its b and dc, grain is 4.3"
         ),
     )
 
 
 class RateState(ScenarioTable):
-    """Rate-and-state parameters for normalising stiffness and hold times; defaults are those of paper 003."""
+    """Rate-and-state parameters to normalise stiffness and hold times; defaults are those of Ferdowsi & Rubin 2021."""
 
     a: Positive = Field(0.0247, description="direct effect")
     b: Positive = Field(0.0178, description="evolution effect")
@@ -339,7 +341,7 @@ class GougeScenario(ScenarioBase):
     protocol: Annotated[tuple[Protocol, ...], Listed, Field(min_length=1)]
     dt: Positive = Field(
         1e-7,
-        description="time step; paper 003: 2e-8, 1/100 of the duration of a collision between its smallest grains [s]",
+        description="time step; Ferdowsi & Rubin 2021: 2e-8, 1/100 of a collision between their smallest grains [s]",
     )
     sample_every: Number = Field(500, description="number of steps between samples")
     slip_threshold: Annotated[float, Field(ge=1, le=1e6)] = Field(

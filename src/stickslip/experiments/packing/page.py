@@ -412,7 +412,7 @@ def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
     out = [["verdict", verdict(found, calm)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
     out += [["without the dashpots", found.undamped.motion]] if found.undamped else []
     limit = f"at most {BALANCED_BELOW:g} in equilibrium"
-    out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
+    out.append(["residual", f"{found.residual:.2g} of the mean contact force; {limit}"])
     if found.grows and not found.balanced:
         out.append(["spectrum of the initial motion, no verdict", found.motion])
     return out + ([["scope", found.scope]] if found.scope else [])

@@ -162,7 +162,7 @@ def show(
     console.print(f"law: {describe_law(law)}")
     console.print(
         f"{found.n} grains, {found.contacts} contacts, {len(found.rattlers)} rattlers, residual "
-        f"{found.residual:.2g} of the mean normal contact force"
+        f"{found.residual:.2g} of the mean contact force"
     )
     if calm:
         console.print(str(calm), style="bold yellow")

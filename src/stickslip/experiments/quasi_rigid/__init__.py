@@ -1,4 +1,4 @@
-"""Paper 002: quasi-rigid disks under biaxial load or shear, with a unique contact status."""
+"""McNamara & Herrmann 2006: quasi-rigid disks under biaxial load or shear, with a unique contact status."""
 
 from functools import partial
 
@@ -12,7 +12,7 @@ _here = partial(lazy_function, __name__)
 
 def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
-    return {"the experiment and its method (paper 002)": ("McNamara2006",), "contact law": CONTACT["linear"]}
+    return {"the experiment and its method": ("McNamara2006",), "contact law": CONTACT["linear"]}
 
 
 SMALLEST = {
@@ -30,7 +30,7 @@ BETWEEN_WALLS = {  # from 48 bodies on time steps use other kernels
 
 EXPERIMENT = Experiment(
     scenario=QuasiScenario,
-    words="paper 002: disks under biaxial load",
+    words="McNamara & Herrmann 2006: disks under biaxial load",
     simulate=_here("simulate.simulate_quasi"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),
@@ -40,7 +40,7 @@ EXPERIMENT = Experiment(
     files=_here("report.files"),
     smallest=(SMALLEST, BETWEEN_WALLS),
     paper=Paper(
-        title="Paper 002: quasi-rigidity",
+        title="McNamara & Herrmann 2006: quasi-rigidity",
         cuts=(
             "2 packings of 60 disks instead of 5 of 100; slow dynamics of 1e4, 2e4 and 4e4 time units instead of "
             "3e4, 1e5, 3e5 and 1e6; load increments of 2e-3 instead of 1e-3; 60 constructed cases of each"

@@ -1,4 +1,4 @@
-"""Test cases for paper 002, constructed from states of real packings.
+"""Test cases for McNamara & Herrmann 2006, constructed from states of real packings.
 
 The cases have randomly drawn critical contacts, or contacts at the apex of the friction cone.
 """

@@ -1,4 +1,4 @@
-"""Evaluation of the claims of paper 002.
+"""Evaluation of the claims of McNamara & Herrmann 2006.
 
 The paper contains proofs and prints no numbers, so its statements are compared with the results.
 """

@@ -1,4 +1,4 @@
-"""Reproduction of paper 002: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues.
+"""Reproduction of McNamara & Herrmann 2006, Quasi-rigidity: some uniqueness issues.
 
 The paper contains proofs and prints no numbers. Its biaxial test is run here with the linear law, K_t = K_n/2 and
 μ = 1/2 at P/K_n = 1e-4. Units: K_n = 1, mean diameter 1, and a disk density of 4/π.

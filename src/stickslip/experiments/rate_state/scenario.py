@@ -14,7 +14,7 @@ class Surface(ScenarioTable):
     """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), or a variant."""
 
     law: Literal["aging", "slip"] = Field("slip", description="evolution law of the state θ")
-    a: Positive = Field(0.0247, description="direct effect; the defaults of a, b and dc are those of paper 003")
+    a: Positive = Field(0.0247, description="direct effect; defaults of a, b and dc are those of Ferdowsi & Rubin 2021")
     b: NotNegative = Field(0.0178, description="evolution effect")
     dc: Positive = Field(5.3e-3, description="characteristic slip of the state evolution [m]")
     mu0: Finite = Field(0.4, description="steady-state friction at v0")

@@ -1,4 +1,4 @@
-"""Paper 001: quasi-static shear of packings, growth of the oscillatory instability, and failure."""
+"""Bonfanti et al. 2020: quasi-static shear of packings, growth of the oscillatory instability, and failure."""
 
 from functools import partial
 
@@ -12,7 +12,7 @@ _here = partial(lazy_function, __name__)
 
 def references(scenario: ShearScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
-    return {"the experiment (paper 001)": ("Bonfanti2020",), "contact law": law_references(scenario.law)}
+    return {"the experiment": ("Bonfanti2020",), "contact law": law_references(scenario.law)}
 
 
 SMALLEST = {
@@ -24,7 +24,7 @@ SMALLEST = {
 
 EXPERIMENT = Experiment(
     scenario=ShearScenario,
-    words="paper 001: sheared packings of spheres",
+    words="Bonfanti et al. 2020: sheared packings of spheres",
     simulate=_here("simulate.simulate_shear"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),
@@ -33,7 +33,7 @@ EXPERIMENT = Experiment(
     references=references,
     smallest=(SMALLEST,),
     paper=Paper(
-        title="Paper 001: sheared packings of spheres",
+        title="Bonfanti et al. 2020: sheared packings of spheres",
         cuts=(
             "4 packings of 40 spheres instead of 5 of 100; strain steps of 1e-3 beyond 1e-3 instead of 1e-4 beyond "
             "2e-3; Newtonian runs of 25 growth times (at least 2e4 time units) instead of 45 (5e4); 12 spectra per run "

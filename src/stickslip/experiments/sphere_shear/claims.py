@@ -1,4 +1,4 @@
-"""Evaluation of the claims of paper 001, doi:10.1103/PhysRevE.101.052902.
+"""Evaluation of the claims of Bonfanti et al. 2020, doi:10.1103/PhysRevE.101.052902.
 
 Values are medians over packings; the notes give ranges.
 """

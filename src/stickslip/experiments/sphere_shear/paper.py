@@ -1,4 +1,4 @@
-"""Reproduction of paper 001: oscillatory instabilities of sheared packings of spheres.
+"""Reproduction of Bonfanti et al. 2020: oscillatory instabilities of sheared packings of spheres.
 
 Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units: 2σ_1 = m = k_n = 1; I0 = 0.4,
 k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fraction; here it is 0.68 for every packing.

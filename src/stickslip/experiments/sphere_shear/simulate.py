@@ -227,8 +227,13 @@ def simulate_shear(
     Examples
     --------
     >>> import stickslip as ss
-    >>> short = ss.scenario(experiment="sphere-shear", packings=1, packing={"grains": 30},
-    ...                     shear={"strain": (0.0, 1e-4), "step": 5e-5}, release={"duration": 100.0})
+    >>> short = ss.scenario(
+    ...     experiment="sphere-shear",
+    ...     packings=1,
+    ...     packing={"grains": 30},
+    ...     shear={"strain": (0.0, 1e-4), "step": 5e-5},
+    ...     release={"duration": 100.0},
+    ... )
     >>> simulate_shear(short, workers=1).paths[0].pairs.shape
     (3,)
     """

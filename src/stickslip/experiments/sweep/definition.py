@@ -110,7 +110,10 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
 
     Examples
     --------
-    >>> grid = sweep(experiment="rate-state", sweep={"surface.a": [0.01, 0.02], "seed": {"count": 3}})
+    >>> grid = sweep(
+    ...     experiment="rate-state",
+    ...     sweep={"surface.a": [0.01, 0.02], "seed": {"count": 3}},
+    ... )
     >>> grid.count, [one.values for one in members(grid)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """

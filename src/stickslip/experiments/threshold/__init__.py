@@ -14,9 +14,9 @@ def references(scenario: ThresholdScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
     sample = scenario.sample
     kind = {
-        "disk-array": ("the sample (paper 000)", ("Charan2020",)),
-        "packing": ("the sample (paper 001)", ("Bonfanti2020",)),
-        "gouge": ("the sample (paper 003 is the supplement to the first)", ("Ferdowsi2021", "Ferdowsi2020")),
+        "disk-array": ("the sample", ("Charan2020",)),
+        "packing": ("the sample", ("Bonfanti2020",)),
+        "gouge": ("the sample (from the supplement to the first)", ("Ferdowsi2021", "Ferdowsi2020")),
     }
     law = CONTACT["hertz_mindlin_reff"] if sample.kind == "gouge" else law_references(sample.law)
     return dict([kind[sample.kind], ("contact law", law)])

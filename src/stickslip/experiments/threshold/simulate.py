@@ -156,9 +156,12 @@ def simulate_threshold(
     Examples
     --------
     >>> import stickslip as ss
-    >>> short = ss.scenario(experiment="threshold", sample={"kind": "disk-array", "disks": 3},
-    ...                     load={"loads": [0.0, 0.02], "step": 0.01},
-    ...                     kicks={"velocities": [1e-9], "realizations": 2, "duration": 100.0})
+    >>> short = ss.scenario(
+    ...     experiment="threshold",
+    ...     sample={"kind": "disk-array", "disks": 3},
+    ...     load={"loads": [0.0, 0.02], "step": 0.01},
+    ...     kicks={"velocities": [1e-9], "realizations": 2, "duration": 100.0},
+    ... )
     >>> simulate_threshold(short, workers=1).found.slid.tolist()
     [[0], [0]]
     """
