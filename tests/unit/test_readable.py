@@ -81,7 +81,7 @@ def test_what_stands_in_a_table_is_escaped():
         ({"a": 1}, "a: 1"), (1 + 2j, "1+2j"), (np.arange(3), "0, 1, 2"), (np.zeros((0, 3)), "none"),
         (np.array([np.nan, 1, np.inf, 2, 3.5]), "1 to 3.5 (5 values, 2 undefined or infinite)"),
         (np.full(5, np.nan), "undefined (5 values)"), (np.array([True, False, True]), "2 of 3"),
-        (np.array([3 + 4j] * 5), "modulus 5 (5 values)"), (np.eye(2), "1, 0; 0, 1"), (np.array(2.5), "2.5"),
+        (np.nan, "undefined"), (np.array([3 + 4j] * 5), "modulus 5 (5 values)"), (np.eye(2), "1, 0; 0, 1"), (np.array(2.5), "2.5"),
     ],
 )  # fmt: skip
 def test_one_value(value, words):
@@ -91,7 +91,7 @@ def test_one_value(value, words):
 def test_a_scenario_names_what_differs_from_its_defaults():
     one = ss.scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)})
     assert repr(one).startswith("DiskArrayScenario: disk-array, array.disks = 5, load.push = 0, 0.05")
-    assert ["load.push", "0, 0.05", "[`unit`]", "turning points of the quasi-static load path"] in cells(one)
+    assert ["load.push", "0, 0.05", "[unit]", "turning points of the quasi-static load path"] in cells(one)
     assert len(repr(ss.scenario(dynamics={"loads": tuple(np.linspace(0, 0.09, 999))}))) < 1000
 
 
@@ -164,5 +164,6 @@ def test_a_sweep_says_what_varies_and_what_was_refused():
 def test_a_result_shows_its_measures():
     result = ss.simulate(ss.scenario(experiment="rate-state", spring={"stiffness": 50.0}))
     shown = cells(result)
+    assert shown[0] == ["experiment", "rate-state", "", "a spring-slider with rate-and-state friction"]
     assert ["spring.stiffness", "50", "[1/m]"] in [row[:3] for row in shown]
     assert ["final velocity", f"{result.history.velocity[-1]:.6g}", "[m/s]"] in shown

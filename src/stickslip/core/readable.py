@@ -28,7 +28,7 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
     if kind is None:
         return lambda kind: readable(kind, head=head, rows=rows, picture=picture)
     own = head or vars(kind).get("__str__")
-    head = own or (lambda value: ", ".join(f"{words(k)} = {format_value(v)}" for k, v in fields(value)))
+    head = own or _list_fields
 
     def to_html(self) -> str:
         title = f"{words(kind.__name__)}: {head(self)}" if own and not rows else words(kind.__name__)
@@ -38,6 +38,10 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
     kind._repr_html_ = to_html
     kind._summary = own or (lambda value: words(kind.__name__))
     return kind
+
+
+def _list_fields(value) -> str:
+    return "; ".join(f"{words(name)} = {format_value(one)}" for name, one in fields(value) if _is_given(one))
 
 
 def fields(value) -> list[tuple[str, object]]:
@@ -53,7 +57,7 @@ def rows_of_fields(value) -> list[tuple]:
 
 def table(title: str, rows: Iterable[tuple]) -> str:
     """HTML of a small table: quantity, value, unit and meaning in each row; what is not text is formatted."""
-    rows = [row for row in map(_without_blanks, rows) if len(row) > 1 and row[1] is not None]
+    rows = [_without_blanks(row) for row in map(tuple, rows) if _is_given(row[1])]
     more = len(rows) - MOST_ROWS
     rows = [*rows[:MOST_ROWS], (f"{more} more",)] if more > 0 else rows
     width = max(map(len, rows), default=0)
@@ -63,10 +67,14 @@ def table(title: str, rows: Iterable[tuple]) -> str:
         texts[2:3] = map(unit_in_signs, texts[2:3])
         for k, text in enumerate(texts):
             spans = f" colspan='{width - k}'" if k == len(texts) - 1 < width - 1 else ""
-            yield f"<td{spans} style='text-align:left'>{html.escape(text)}</td>"
+            yield f"<td{spans} style='text-align:left'>{html.escape(text.replace('`', ''))}</td>"
 
     lines = "".join(f"<tr>{''.join(cells(row))}</tr>" for row in rows)
     return f"<p>{html.escape(folded(title))}</p><table>{lines}</table>"
+
+
+def _is_given(value) -> bool:
+    return not (value is None or (isinstance(value, str) and not value))
 
 
 def _without_blanks(row: tuple) -> tuple:
@@ -119,7 +127,7 @@ def format_value(value) -> str:
     if isinstance(value, complex | np.complexfloating):
         return f"{complex(value):.6g}"
     if isinstance(value, float | np.floating):
-        return f"{float(value):.6g}"
+        return f"{float(value):.6g}" if value == value else "undefined"
     if isinstance(value, Enum):
         return truncate(value.value if isinstance(value.value, str) else words(value.name.lower()))
     if isinstance(value, str):

@@ -64,7 +64,7 @@ class Experiment(NamedTuple):
 
 
 def result_of(experiment: Experiment, head: Callable | None = None):
-    """Decorate the class of an experiment's results with a repr and a table: the scenario, measures, and failures."""
+    """Decorate the class of an experiment's results with a repr and a table: measures, failures, and the scenario."""
 
     def describe(result) -> str:
         failed = _failures(result)
@@ -72,12 +72,12 @@ def result_of(experiment: Experiment, head: Callable | None = None):
 
     def rows(result):
         yield "experiment", experiment.name, "", experiment.words
-        yield from given_keys(result.scenario)
         for name, (value, unit) in experiment.measures(result).items():
             if math.isfinite(value):
                 yield words(name), value, unit
         for failure in _failures(result):
             yield "failed", failure
+        yield from given_keys(result.scenario)
 
     return readable(head=head or describe, rows=rows)
 

@@ -15,9 +15,8 @@ from ..control import spring_forces
 from ..laws.builtin import MU
 from ..measure import supports
 from ..options import INNER
-from ..readable import pluralize, readable, words
+from ..readable import pluralize, readable
 from ..state import OPEN, SLIDE, Cell, Contacts, State, cell_volumes, groups
-from ..units import meanings_of, units_of
 from .ledger import Books, Ledger, make_ledger
 
 
@@ -289,21 +288,28 @@ def _describe(record: Record) -> str:
 
 def _rows(record: Record):
     """Rows of a table of a record: what each quantity was at the first and at the last sample."""
-    pressure, names = "force/length^(dim-1)", ["kinetic_energy", "touching", "sliding", "held_coordination", "rattlers"]
-    rows = [(name, units_of(Record).get(name, "1"), meanings_of(Record).get(name, "")) for name in names]
+    pressure = "force/length^(dim-1)"
+    rows = [
+        ("time", record.time, "time"),
+        ("kinetic energy", record.kinetic_energy, "energy", "translations and rotations"),
+        ("contacts that touch", record.touching),
+        ("contacts that slide", record.sliding, "", "at the Coulomb limit"),
+        ("mean contact number", record.held_coordination, "", "of grains that are not rattlers"),
+        ("rattlers", record.rattlers),
+    ]
     if record.periodic[: record.dim].all():
         rows += [
-            ("pressure", pressure, "of contacts"), ("shear_stress", pressure, "−σ_xy of contacts"),
-            ("shear_strain", "1", "since the first sample"),
-            ("volumetric_strain", "1", "since the first sample, compression positive"),
-        ]  # fmt: skip
+            ("pressure", record.pressure, pressure, "of contacts"),
+            ("shear stress", record.shear_stress, pressure, "−σ_xy of contacts"),
+            ("shear strain", record.shear_strain, "", "since the first sample"),
+            ("volumetric strain", record.volumetric_strain, "", "since the first sample, compression positive"),
+        ]
     yield "samples", len(record.time), "", "below, the values of the first and of the last"
-    for name, unit, meaning in [("time", "time", ""), *rows] if len(record.time) else ():
-        series = getattr(record, name)
+    for name, series, *more in rows if len(record.time) else ():
         first, last = f"{series[0]:.6g}", f"{series[-1]:.6g}"
-        yield words(name), first if first == last else f"{first} to {last}", unit, meaning
+        yield name, first if first == last else f"{first} to {last}", *more
     yield "probed grains", record.position.shape[1]
-    yield "contact events", len(record.events) if len(record.events) else None, "", "closed, opened or at the limit"
+    yield "contact events", len(record.events) or None, "", "closed, opened or at the limit"
 
 
 class RecordBuffers(NamedTuple):

@@ -463,7 +463,11 @@ def _rows(law: Law):
     model = next(name for name, number in DAMPING.items() if number == law.damping & 3)
     built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
     stiffness = built_in.stiffness_unit if built_in else ""
-    damping = {"velocity": "force time/length", "mass_velocity": "1/time", "viscoelastic": "1/(time length)"}[model]
+    damping, dashpots = {
+        "velocity": ("force time/length", "proportional to the velocity"),
+        "mass_velocity": ("1/time", "proportional to effective mass and velocity"),
+        "viscoelastic": ("1/(time length)", "proportional to effective mass, contact radius and velocity"),
+    }[model]
     known = {
         "kn": (stiffness, "normal stiffness"), "kt": (stiffness, "tangential stiffness"),
         "mu": ("1", "coefficient of friction"), "damping_n": (damping, "normal dashpot"),
@@ -488,7 +492,7 @@ def _rows(law: Law):
             yield name, float(values[0, 0]), *known.get(name, ())
     if damping_model(law):
         pull = "contacts never attract" if law.damping & NO_TENSION else "contacts may attract as they open"
-        yield "dashpots", model.replace("_", " "), "", pull
+        yield "dashpots", dashpots, "", pull
     for a, b in zip(*np.triu_indices(len(law.table)), strict=True) if differ else ():
         pair = ", ".join(f"{name} = {values[a, b]:.6g}" for name, values in differ.items())
         yield f"materials {a} and {b}", pair
