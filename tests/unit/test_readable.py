@@ -81,7 +81,8 @@ def test_what_stands_in_a_table_is_escaped():
         ({"a": 1}, "a: 1"), (1 + 2j, "1+2j"), (np.arange(3), "0, 1, 2"), (np.zeros((0, 3)), "none"),
         (np.array([np.nan, 1, np.inf, 2, 3.5]), "1 to 3.5 (5 values, 2 undefined or infinite)"),
         (np.full(5, np.nan), "undefined (5 values)"), (np.array([True, False, True]), "2 of 3"),
-        (np.nan, "undefined"), (np.array([3 + 4j] * 5), "modulus 5 (5 values)"), (np.eye(2), "1, 0; 0, 1"), (np.array(2.5), "2.5"),
+        (np.nan, "undefined"), (np.array([3 + 4j] * 5), "modulus 5 (5 values)"),
+        (np.eye(2), "1, 0; 0, 1"), (np.array(2.5), "2.5"),
     ],
 )  # fmt: skip
 def test_one_value(value, words):
