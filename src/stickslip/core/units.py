@@ -37,8 +37,8 @@ def meanings_of(kind: type) -> dict[str, str]:
     Examples
     --------
     >>> from stickslip.core.state import Grains
-    >>> meanings_of(Grains)
-    {'position': 'unwrapped', 'angle': 'time integral of spin', 'material': "row of the law's table"}
+    >>> meanings_of(Grains)["angle"]
+    'time integral of spin'
     """
     found = {}
     for name, text in _definitions(kind)[1].items():
