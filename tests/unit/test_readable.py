@@ -6,9 +6,11 @@ import re
 
 import numpy as np
 import pytest
+from pydantic import Field
 
 import stickslip as ss
 from stickslip.core.readable import LINE_WIDTH, MAX_LINES, format_value
+from stickslip.data.schema import ScenarioBase, ScenarioTable, given_keys
 
 LAW = ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
 
@@ -17,6 +19,24 @@ LAW = ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
 def state():
     grains = ss.spheres(np.random.default_rng(0).uniform(0, 10, (500, 3)), 0.5)
     return ss.assembly(grains, cell=ss.box([10, 10, 10], periodic=(True, True, True)))
+
+
+class Table(ScenarioTable):
+    size: float = Field(1.0, description="of what it holds [length]")
+
+
+class Scenario(ScenarioBase):
+    experiment: str = "toy"
+    inner: Table = Table(size=2.0)
+    several: tuple[Table, ...] = ()
+
+
+def test_keys_of_a_scenario_that_differ_from_its_own_defaults():
+    """Those of a table may differ from the defaults of its class; entries of lists count from 1, as in sweeps."""
+    assert list(given_keys(Scenario())) == []
+    row = "length", "of what it holds"
+    assert list(given_keys(Scenario(inner=Table(size=1.0)))) == [("inner.size", 1.0, *row)]
+    assert list(given_keys(Scenario(several=(Table(), Table(size=3.0))))) == [("several.2.size", 3.0, *row)]
 
 
 def cells(value) -> list[list[str]]:

@@ -56,14 +56,14 @@ def rows_of_fields(value) -> list[tuple]:
 
 
 def table(title: str, rows: Iterable[tuple]) -> str:
-    """HTML of a small table: quantity, value, unit and meaning in each row; what is not text is formatted."""
+    """HTML of a small table: quantity, value, unit and meaning in each row."""
     rows = [_without_blanks(row) for row in map(tuple, rows) if _is_given(row[1])]
     more = len(rows) - MOST_ROWS
     rows = [*rows[:MOST_ROWS], (f"{more} more",)] if more > 0 else rows
     width = max(map(len, rows), default=0)
 
     def cells(row):
-        texts = [textwrap.shorten(cell, LONGEST) if isinstance(cell, str) else format_value(cell) for cell in row]
+        texts = [format_value(cell, LONGEST) for cell in row]
         texts[2:3] = map(unit_in_signs, texts[2:3])
         for k, text in enumerate(texts):
             spans = f" colspan='{width - k}'" if k == len(texts) - 1 < width - 1 else ""
@@ -114,7 +114,7 @@ def folded(text: str) -> str:
     )
 
 
-def format_value(value) -> str:
+def format_value(value, longest: int = MAX_LENGTH) -> str:
     """Format a value in a few characters: an array by its range, a list by its length."""
     if isinstance(value, np.ndarray):
         return _format_array(value) if value.ndim else format_value(value.item())
@@ -123,19 +123,19 @@ def format_value(value) -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, int | np.integer):
-        return truncate(str(value))
+        return truncate(str(value), longest)
     if isinstance(value, complex | np.complexfloating):
         return f"{complex(value):.6g}"
     if isinstance(value, float | np.floating):
         return f"{float(value):.6g}" if value == value else "undefined"
     if isinstance(value, Enum):
-        return truncate(value.value if isinstance(value.value, str) else words(value.name.lower()))
+        return truncate(value.value if isinstance(value.value, str) else words(value.name.lower()), longest)
     if isinstance(value, str):
-        return truncate(value)
+        return truncate(value, longest)
     if hasattr(type(value), "_summary"):
-        return truncate(value._summary().split("\n")[0])
+        return truncate(value._summary().split("\n")[0], longest)
     if isinstance(value, dict):
-        return truncate(", ".join(f"{k}: {format_value(v)}" for k, v in value.items())) if value else "none"
+        return truncate(", ".join(f"{k}: {format_value(v)}" for k, v in value.items()), longest) if value else "none"
     if isinstance(value, list | tuple | set | frozenset) and not hasattr(value, "_fields"):
         return _format_list(list(value))
     return words(value.__name__ if isinstance(value, type) or callable(value) else type(value).__name__)
@@ -177,6 +177,6 @@ def pluralize(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def truncate(text: str) -> str:
-    """Truncate text to MAX_LENGTH characters."""
-    return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
+def truncate(text: str, longest: int = MAX_LENGTH) -> str:
+    """Truncate text to a number of characters."""
+    return text if len(text) <= longest else text[: longest - 1] + "…"

@@ -104,17 +104,24 @@ def split_unit(description: str | None) -> tuple[str, str]:
     return (text.strip(), unit[:-1]) if bracket and unit.endswith("]") else (description or "", "")
 
 
-def given_keys(table: ScenarioTable, above: str = "") -> Iterator[tuple[str, object, str, str]]:
-    """Iterate over the dotted keys of a scenario that differ from their defaults: key, value, unit and meaning."""
+def given_keys(
+    table: ScenarioTable, above: str = "", usual: ScenarioTable | None = None
+) -> Iterator[tuple[str, object, str, str]]:
+    """Iterate over the dotted keys of a scenario that differ from their defaults: key, value, unit and meaning.
+
+    `usual` is the default of the whole table, whose keys may differ from those of its class.
+    """
     for name, field in type(table).model_fields.items():
         value, words_and_unit = getattr(table, name), split_unit(field.description)
-        if name == "experiment" or value == field.get_default(call_default_factory=True):
+        alike = type(usual) is type(table)
+        default = getattr(usual, name) if alike else field.get_default(call_default_factory=True)
+        if name == "experiment" or value == default:
             continue
         entries = value if isinstance(value, tuple) and any(isinstance(v, ScenarioTable) for v in value) else [value]
-        for number, entry in enumerate(entries):
+        for number, entry in enumerate(entries, start=1):
             key = f"{above}{name}" + (f".{number}" if entries is value else "")
             if isinstance(entry, ScenarioTable):
-                yield from given_keys(entry, f"{key}.")
+                yield from given_keys(entry, f"{key}.", None if entries is value else default)
             else:
                 yield key, entry, *reversed(words_and_unit)
 
