@@ -23,6 +23,11 @@ class BuiltinLaw(NamedTuple):
         """Default damping model for scenarios."""
         return "viscoelastic" if self.uses_radius else "mass_velocity"
 
+    @property
+    def stiffness_unit(self) -> str:
+        """Unit of k_n and k_t."""
+        return f"force/length^{'2' if self.uses_radius else '(3/2)'}" if self.exponent > 1 else "force/length"
+
 
 _HERTZ = "Hertz1882", "Mindlin1949", "Cundall1979"
 _ELASTIC = "Hertz1882", "Mindlin1953", "Silbert2001"

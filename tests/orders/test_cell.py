@@ -127,6 +127,8 @@ def test_shear_at_constant_pressure():
     assert stress[late, 1, 1].mean() == pytest.approx(0.01, rel=0.05)
     assert 0.1 < -stress[late, 0, 1].mean() / 0.01 < 0.6
     assert ss.measure.shear_strain(end) == pytest.approx(1.0, rel=0.05)  # the height changes on the way
+    assert record.shear_strain[-1] == pytest.approx(cell[-1, 1, 0] / cell[0, 1, 1], rel=1e-12)
+    assert record.volumetric_strain[-1] == pytest.approx(1 - cell[-1, 1, 1] / cell[0, 1, 1], rel=1e-9)
     assert np.ptp(cell[late, 1, 1]) > 0
     assert (cell[:, 0, 0] == cell[0, 0, 0]).all()
 

@@ -5,7 +5,6 @@ import pytest
 from scipy.linalg import expm
 
 import stickslip as ss
-from stickslip.core import measure
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 from tests.properties.test_determinism import flowing
@@ -18,7 +17,12 @@ def test_samples_are_what_the_states_say(n, dim):
     end, record, _ = ss.run(state, law, 60, 0.05, every=20)
     assert len(record.time) == 4
     moving = end.grains
-    np.testing.assert_allclose(record.virial[-1] / measure.volume(end), ss.measure.stress(end, law), atol=1e-13)
+    start = ss.measure.stress(ss.accept(state, ss.forces(state, law)[1]), law)
+    for sample, stress in ((0, start), (-1, ss.measure.stress(end, law))):
+        np.testing.assert_allclose(record.stress[sample], stress, atol=1e-13)  # sums in another order
+        assert record.pressure[sample] == pytest.approx(np.trace(stress) / dim, rel=1e-10)
+        assert record.shear_stress[sample] == pytest.approx(-stress[0, 1], abs=1e-13)
+    assert not record.strain.any()
     np.testing.assert_allclose(record.fabric[-1], ss.measure.fabric(end), atol=1e-13)
     assert np.trace(record.fabric[-1]) == pytest.approx(1)
     np.testing.assert_allclose(
@@ -30,6 +34,31 @@ def test_samples_are_what_the_states_say(n, dim):
     assert 0 < record.sliding_fraction[-1] < 1
     half, _, _ = ss.run(state, law, 20, 0.05)
     assert record.coordination[1] == pytest.approx(ss.measure.contact_numbers(half).mean())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_strain_is_the_gradient_imposed_on_the_cell(dim):
+    """Also of a cell that leans at first; what is subtracted is 1, so that errors are a few roundings of 1."""
+    law, state = make_law("hertz_mindlin", "smooth"), flowing(n=30, dim=dim)
+    state = ss.packings.strained(state, [[0.01, 0.1], [0, -0.02]] if dim == 2 else 0.1 * np.eye(3, k=1))
+    _, record, _ = ss.run(state, law, 2, 0.05, every=1)
+    imposed = np.zeros((3, 3, 3))
+    imposed[1, 0, 1], imposed[2] = 0.2, np.diag([-0.01, -0.03, 0 if dim == 2 else -0.02])
+    cells = np.stack([ss.packings.strained(state, g).cell.vectors for g in imposed])
+    record = record._replace(cell=cells)
+    np.testing.assert_allclose(record.strain, imposed, atol=1e-14)
+    np.testing.assert_allclose(record.shear_strain, [0, 0.2, 0], atol=1e-14)
+    smaller = 0.99 * 0.97 * (1 if dim == 2 else 0.98)
+    np.testing.assert_allclose(record.volumetric_strain, [0, 0, 1 - smaller], atol=1e-14)
+
+
+def test_a_record_between_walls_has_no_stress():
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(), 0, 1)
+    _, record, _ = ss.run(ss.packings.disk_array(3, press=1e-5), law, 2, 0.05, every=1)
+    with pytest.raises(ValueError, match="no volume to average over"):
+        record.stress  # noqa: B018
+    assert not record.strain.any()
+    assert "pressure" not in record._repr_html_()
 
 
 def test_inertial_number_refuses_what_makes_no_sense():

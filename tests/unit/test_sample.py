@@ -233,3 +233,30 @@ def test_vectors_in_the_plane_may_have_two_components():
     ]
     with pytest.raises(ss.packings.PackingError, match=r"position has shape \(1, 2\)"):
         ss.packings.from_arrays([[0, 0]], [0.5], law)
+
+
+def test_masses_may_be_given_by_density(tmp_path):
+    """ρ times the volume of spheres or the area of disks; in a file as in Python."""
+    place, radius = [[0, 0, 0], [3, 0, 0]], np.array([0.5, 1.0])
+    for density in (2.0, [2.0, 3.0]):
+        for dim, volume in ((3, 4 / 3 * np.pi * radius**3), (2, np.pi * radius**2)):
+            state = from_arrays(place, radius, LAW, density=density, dim=dim)
+            np.testing.assert_allclose(state.grains.mass, np.multiply(density, volume), rtol=1e-15)
+            np.savez(tmp_path / "p.npz", position=place, radius=radius, density=density, dim=dim)
+            there, _, _ = read_packing(tmp_path / "p.npz", mu=0.5)
+            assert np.array_equal(there.grains.mass, state.grains.mass)
+            assert np.array_equal(there.grains.inertia, state.grains.inertia)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"mass": 1.0, "density": 2.0}, "both mass and density were given: give one of them"),
+        ({"density": 0.0}, "density = 0 was given: it must be positive"),
+        ({"density": [1.0, 2.0, 3.0]}, r"density has shape \(3,\): \(2,\) is needed"),
+        ({"density": np.nan}, "density contains NaN"),
+    ],
+)
+def test_densities_that_cannot_be_used(given, words):
+    with pytest.raises(PackingError, match=words):
+        from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 1.0], LAW, **given)

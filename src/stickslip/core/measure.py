@@ -17,7 +17,7 @@ from .contacts.mechanics import HELD, effective_values, out_of_range
 from .contacts.neighbors import body_radii, check_list
 from .laws.builtin import MU, Law, normal_energy, row
 from .readable import pluralize
-from .state import OPEN, State, groups
+from .state import OPEN, State, grain_volumes, groups, volume
 
 HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
@@ -176,26 +176,10 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
     return abs(shear_rate) * diameter * float(np.sqrt(density / pressure))
 
 
-def volume(state: State) -> float:
-    """Volume of the cell; in two dimensions, its area.
-
-    Raises
-    ------
-    ValueError
-        if the cell is not periodic in all its dimensions.
-    """
-    dim = state.cell.dim
-    if not state.cell.periodic[:dim].all():
-        raise ValueError("the cell is not periodic along all its axes: it has no volume to average over")
-    return abs(float(np.linalg.det(state.cell.vectors[:dim, :dim])))
-
-
 @checked
 def packing_fraction(state: State) -> float:
     """Volume of the grains, overlaps counted twice, divided by that of the cell."""
-    radius = state.grains.radius
-    grains = np.pi * radius**2 if state.cell.dim == 2 else 4 / 3 * np.pi * radius**3
-    return float(grains.sum()) / volume(state)
+    return float(grain_volumes(state).sum()) / volume(state)
 
 
 @checked

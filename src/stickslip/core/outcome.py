@@ -26,7 +26,7 @@ class Status(Enum):
     CONTACT_LOST = "grains flew apart and lost all their contacts: use stronger drag or a smaller load"
 
 
-@readable
+@readable(rows=lambda outcome: _rows(outcome))
 class Outcome(NamedTuple):
     """Result of a solve."""
 
@@ -54,6 +54,16 @@ class Outcome(NamedTuple):
         at = f", grain {self.where + 1}" if self.where >= 0 and not self.ok else ""
         size = "" if np.isinf(self.residual) else f"residual {self.residual:.3g}{at}, "  # inf: it was not computed
         return f"{self.status.value} ({size}{pluralize(self.iterations, 'iteration')})"
+
+
+def _rows(outcome: Outcome):
+    yield "end", outcome.status.value
+    yield "residual", outcome.residual if np.isfinite(outcome.residual) else None, "force", "largest unbalanced force"
+    yield "where", f"grain {outcome.where + 1}" if outcome.where >= 0 and not outcome.ok else None
+    yield "iterations", outcome.iterations
+    yield "how", outcome.how
+    yield "fallback", "damped dynamics, because Newton's method failed" if outcome.fallback else None
+    yield "warning", outcome.warning
 
 
 class NotInEquilibriumError(RuntimeError):

@@ -1,48 +1,108 @@
-"""Short `repr` and HTML tables of values: counts and sizes instead of arrays."""
+"""Short `repr` and HTML tables of values, for people: quantities with their meaning and unit, not arrays and types."""
 
 import html
+import re
 import textwrap
+from collections.abc import Iterable
 from enum import Enum
 
 import numpy as np
 
-from .units import units_of
+from .units import meanings_of, units_of
 
 MAX_LINES, LINE_WIDTH, MAX_LENGTH = 6, 110, 60  # lines of a repr, characters per line, characters per value
+MOST_ROWS, LONGEST = 40, 400  # rows of a table, characters of a text in it
 
 
-def readable(kind=None, *, head=None, picture=None):
+def readable(kind=None, *, head=None, rows=None, picture=None):
     """Decorate a NamedTuple class with a repr of at most six lines, and a small table for notebooks.
 
     Parameters
     ----------
     head : function of the value that returns one line, such as its counts. Default: its own `str`, else all fields
+    rows : function of the value that returns rows of the table: (quantity, value), (quantity, value, unit) or
+        (quantity, value, unit, meaning); those whose value is None or "" are left out. Default: all fields, with the
+        units and the words beside their definitions
     picture : function of the value that returns an SVG to be shown above the table
     """
     if kind is None:
-        return lambda kind: readable(kind, head=head, picture=picture)
-    head = (
-        head
-        or vars(kind).get("__str__")
-        or (lambda value: ", ".join(f"{k} = {format_value(v)}" for k, v in fields(value)))
-    )
+        return lambda kind: readable(kind, head=head, rows=rows, picture=picture)
+    own = head or vars(kind).get("__str__")
+    head = own or _list_fields
 
     def to_html(self) -> str:
-        title = f"<p>{html.escape(folded(f'{kind.__name__}: {head(self)}'))}</p>"
-        left = "style='text-align:left'"
-        known = {name: f"[{unit}]" for name, unit in units_of(kind).items()}
-        cells = ((k, html.escape(format_value(v)), known.get(k, "")) for k, v in fields(self))
-        rows = (f"<tr><td {left}>{k}</td><td {left}>{v}</td><td {left}>{unit}</td></tr>" for k, v, unit in cells)
-        return (picture(self) if picture else "") + title + f"<table>{''.join(rows)}</table>"
+        title = f"{words(kind.__name__)}: {head(self)}" if own and not rows else words(kind.__name__)
+        return (picture(self) if picture else "") + table(title, (rows or rows_of_fields)(self))
 
     kind.__repr__ = lambda self: folded(f"{kind.__name__}: {head(self)}")
     kind._repr_html_ = to_html
+    kind._summary = own or (lambda value: words(kind.__name__))
     return kind
+
+
+def _list_fields(value) -> str:
+    return "; ".join(f"{words(name)} = {format_value(one)}" for name, one in fields(value) if _is_given(one))
 
 
 def fields(value) -> list[tuple[str, object]]:
     """Names and values of the public fields of a NamedTuple."""
     return [(name, getattr(value, name)) for name in value._fields if not name.startswith("_")]
+
+
+def rows_of_fields(value) -> list[tuple]:
+    """Name in words, value, unit and meaning of all public fields of a NamedTuple."""
+    units, meanings = units_of(type(value)), meanings_of(type(value))
+    return [(words(k), v, units.get(k, ""), meanings.get(k, "")) for k, v in fields(value)]
+
+
+def table(title: str, rows: Iterable[tuple]) -> str:
+    """HTML of a small table: quantity, value, unit and meaning in each row."""
+    rows = [_without_blanks(row) for row in map(tuple, rows) if _is_given(row[1])]
+    more = len(rows) - MOST_ROWS
+    rows = [*rows[:MOST_ROWS], (f"{more} more",)] if more > 0 else rows
+    width = max(map(len, rows), default=0)
+
+    def cells(row):
+        texts = [format_value(cell, LONGEST) for cell in row]
+        texts[2:3] = map(unit_in_signs, texts[2:3])
+        for k, text in enumerate(texts):
+            spans = f" colspan='{width - k}'" if k == len(texts) - 1 < width - 1 else ""
+            yield f"<td{spans} style='text-align:left'>{html.escape(text.replace('`', ''))}</td>"
+
+    lines = "".join(f"<tr>{''.join(cells(row))}</tr>" for row in rows)
+    return f"<p>{html.escape(folded(title))}</p><table>{lines}</table>"
+
+
+def _is_given(value) -> bool:
+    return not (value is None or (isinstance(value, str) and not value))
+
+
+def _without_blanks(row: tuple) -> tuple:
+    """Row without the empty texts at its end."""
+    return _without_blanks(row[:-1]) if row and isinstance(row[-1], str) and not row[-1] else row
+
+
+def words(name: str) -> str:
+    """Name of a field or a class in words.
+
+    Examples
+    --------
+    >>> words("shear_stress"), words("SlowRun")
+    ('shear stress', 'slow run')
+    """
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower() if name[:1].isupper() else name
+    return apart.replace("_", " ").replace("@", " at ")
+
+
+def unit_in_signs(unit: str) -> str:
+    """A unit in brackets, as it is printed; empty for a plain number.
+
+    Examples
+    --------
+    >>> unit_in_signs("force/length^(dim-1)"), unit_in_signs("mass length^2")
+    ('[force/length^(dim−1)]', '[mass length²]')
+    """
+    return f"[{unit.replace('^2', '²').replace('^3', '³').replace('-', '−')}]" if unit not in ("", "1") else ""
 
 
 def folded(text: str) -> str:
@@ -54,32 +114,62 @@ def folded(text: str) -> str:
     )
 
 
-def format_value(value) -> str:
-    """Format a value in a few characters."""
-    if isinstance(value, np.ndarray) and value.ndim:
-        return (
-            f"{value.dtype} {value.shape}" if value.size > 3 or value.ndim > 1 else np.array2string(value, precision=4)
-        )
-    if isinstance(value, bool | np.bool_ | None.__class__):
-        return str(value)
+def format_value(value, longest: int = MAX_LENGTH) -> str:
+    """Format a value in a few characters: an array by its range, a list by its length."""
+    if isinstance(value, np.ndarray):
+        return _format_array(value) if value.ndim else format_value(value.item())
+    if value is None:
+        return "none"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return truncate(str(value), longest)
     if isinstance(value, complex | np.complexfloating):
         return f"{complex(value):.6g}"
     if isinstance(value, float | np.floating):
-        return f"{float(value):.6g}"
+        return f"{float(value):.6g}" if value == value else "undefined"
     if isinstance(value, Enum):
-        return value.name
+        return truncate(value.value if isinstance(value.value, str) else words(value.name.lower()), longest)
     if isinstance(value, str):
-        return value if len(value) <= MAX_LENGTH else value[: MAX_LENGTH - 1] + "…"
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return type(value).__name__
-    if isinstance(value, list | tuple | dict | set):
-        items = list(value.values()) if isinstance(value, dict) else list(value)
-        if len(items) <= 4 and all(isinstance(x, int | float | str | None.__class__) for x in items):
-            shown = dict(value) if isinstance(value, dict) else value
-            return truncate(str(shown))
-        kinds = {type(x).__name__ for x in items}
-        return f"{len(items)} {kinds.pop()}" if len(kinds) == 1 else f"{len(items)} items"
-    return truncate(str(value).split("\n")[0]) if isinstance(value, int) else type(value).__name__
+        return truncate(value, longest)
+    if hasattr(type(value), "_summary"):
+        return truncate(value._summary().split("\n")[0], longest)
+    if isinstance(value, dict):
+        return truncate(", ".join(f"{k}: {format_value(v)}" for k, v in value.items()), longest) if value else "none"
+    if isinstance(value, list | tuple | set | frozenset) and not hasattr(value, "_fields"):
+        return _format_list(list(value))
+    return words(value.__name__ if isinstance(value, type) or callable(value) else type(value).__name__)
+
+
+def _format_list(items: list) -> str:
+    if len(items) > 4 and all(isinstance(x, int | float) for x in items):
+        return _format_array(np.array(items, float))
+    if len(items) <= 4 and all(isinstance(x, int | float | str | None.__class__ | Enum) for x in items):
+        return truncate(", ".join(map(format_value, items))) or "none"
+    kinds = {words(type(x).__name__) for x in items if x is not None}
+    return f"{len(items)} of the kind {kinds.pop()}" if len(kinds) == 1 else f"{len(items)} items"
+
+
+def _format_array(value: np.ndarray) -> str:
+    """The numbers of a small array, else their range and how many there are."""
+    if not value.size:
+        return "none"
+    if value.dtype.kind == "b":
+        return f"{np.count_nonzero(value)} of {value.size}"
+    if value.dtype.kind not in "iufc":
+        return pluralize(len(value), "entry").replace("entrys", "entries")
+    if value.size <= 4 or (value.ndim == 2 and value.size <= 9):
+        lines = (", ".join(f"{x:.4g}" for x in row) for row in np.atleast_2d(value))
+        return "; ".join(lines) if value.ndim <= 2 else _format_array(value.ravel())
+    size = np.abs(value) if value.dtype.kind == "c" else value
+    finite = size[np.isfinite(size)]
+    number = f"{' × '.join(map(str, value.shape))} values"
+    if not finite.size:
+        return f"undefined ({number})"
+    low, high = finite.min(), finite.max()
+    extent = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+    modulus, left_out = ("modulus " if value.dtype.kind == "c" else ""), value.size - finite.size
+    return f"{modulus}{extent} ({number}{f', {left_out} undefined or infinite' if left_out else ''})"
 
 
 def pluralize(number: int, word: str) -> str:
@@ -87,6 +177,6 @@ def pluralize(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def truncate(text: str) -> str:
-    """Truncate text to MAX_LENGTH characters."""
-    return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
+def truncate(text: str, longest: int = MAX_LENGTH) -> str:
+    """Truncate text to a number of characters."""
+    return text if len(text) <= longest else text[: longest - 1] + "…"

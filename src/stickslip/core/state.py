@@ -66,7 +66,7 @@ class Cell(NamedTuple):
         check_parts({"cell": self})
 
 
-@readable(head=lambda value: _describe_contacts(value))
+@readable(head=lambda value: _describe_contacts(value), rows=lambda value: _contact_rows(value))
 class Contacts(NamedTuple):
     """Neighbour list: pairs within range, sorted by key, each with its memory. The first `count[0]` rows are valid.
 
@@ -134,7 +134,7 @@ class Control(NamedTuple):
         check_parts({"control": self})
 
 
-@readable
+@readable(head=lambda value: "forces of the last step of a run")
 class Instant(NamedTuple):
     """Forces of the last step of a run, from which a continued run starts; see `last_forces`."""
 
@@ -143,7 +143,9 @@ class Instant(NamedTuple):
     mark: int  # checksum of the state to which they belong
 
 
-@readable(head=lambda value: _describe_state(value), picture=lambda value: _draw_svg(value))
+@readable(
+    head=lambda value: _describe_state(value), rows=lambda value: _rows(value), picture=lambda value: _draw_svg(value)
+)
 class State(NamedTuple):
     """Complete state of an assembly, except for the law."""
 
@@ -465,6 +467,30 @@ def _check_crowding(grains: Grains) -> None:
         raise ValueError(f"{count.max()} grains were given within one grain radius of ({x}): move them apart")
 
 
+def grain_volumes(state: State) -> np.ndarray:
+    """Volume of each sphere, (N,), or area of each disk."""
+    radius = state.grains.radius
+    return np.pi * radius**2 if state.cell.dim == 2 else 4 / 3 * np.pi * radius**3
+
+
+def volume(state: State) -> float:
+    """Volume of the cell; in two dimensions, its area. Raises ValueError as in `cell_volumes`."""
+    return float(cell_volumes(state.cell.vectors, state.cell.periodic, state.cell.dim))
+
+
+def cell_volumes(vectors: np.ndarray, periodic: np.ndarray, dim: int) -> np.ndarray:
+    """Volumes of cells with the given vectors, (..., 3, 3); in two dimensions, their areas.
+
+    Raises
+    ------
+    ValueError
+        if the cells are not periodic in all their dimensions.
+    """
+    if not periodic[:dim].all():
+        raise ValueError("the cell is not periodic along all its axes: it has no volume to average over")
+    return np.abs(np.linalg.det(vectors[..., :dim, :dim]))
+
+
 def deforms(state: State) -> bool:
     """Return True if the cell moves or may move."""
     control = state.control
@@ -522,12 +548,34 @@ def _describe_cell(cell: Cell) -> str:
 
 
 def _describe_contacts(contacts: Contacts) -> str:
-    mode = contacts.mode[: contacts.count[0]]
-    return f"{_describe_modes(mode)} in a list of {len(mode)} pairs"
+    return f"{_describe_modes(contacts)} in a list of {pluralize(int(contacts.count[0]), 'pair')}"
 
 
-def _describe_modes(mode: np.ndarray) -> str:
-    return f"{pluralize(int((mode != OPEN).sum()), 'contact')} ({(mode == SLIDE).sum()} sliding)"
+def _describe_modes(contacts: Contacts) -> str:
+    if contacts.stale and not contacts.count[0]:
+        return "contacts not looked for yet"
+    touching, sliding = _count_contacts(contacts)
+    return f"{pluralize(touching, 'contact')} ({sliding} sliding)"
+
+
+def _count_contacts(contacts: Contacts) -> tuple[int, int]:
+    """Numbers of contacts that touch, and of those at the Coulomb limit, where slip has reached it: see
+    `reset_reached`."""
+    mode, slip = contacts.mode[: contacts.count[0]], contacts.slip[: contacts.count[0]]
+    return int((mode != OPEN).sum()), int(((mode == SLIDE) & slip.any(axis=1)).sum())
+
+
+def _contact_rows(contacts: Contacts):
+    count = int(contacts.count[0])
+    touching, sliding = _count_contacts(contacts)
+    if contacts.stale and not count:
+        yield "contacts", "not looked for yet: the first evaluation of forces finds them"
+        return
+    longest = float(np.linalg.norm(contacts.slip[:count][contacts.mode[:count] != OPEN], axis=1).max(initial=0.0))
+    yield "contacts that touch", touching
+    yield "contacts that slide", sliding, "", "at the Coulomb limit"
+    yield "largest slip", longest, "length"
+    yield "listed pairs", count, "", f"closer than a gap of {contacts.skin:.4g}"
 
 
 def _describe_control(control: Control) -> str:
@@ -549,10 +597,22 @@ def _describe_state(state: State) -> str:
     around = state.cell.periodic[: state.cell.dim]
     cell = "a periodic cell" if around.all() else "a partly periodic cell" if around.any() else "open space"
     walls = f", {pluralize(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
-    mode = state.contacts.mode[: state.contacts.count[0]]
-    return (
-        f"{pluralize(len(state.grains.radius), kind)} in {cell}{walls}, {_describe_modes(mode)}, t = {state.time:.6g}"
-    )
+    grains, contacts = pluralize(len(state.grains.radius), kind), _describe_modes(state.contacts)
+    return f"{grains} in {cell}{walls}, {contacts}, t = {state.time:.6g}"
+
+
+def _rows(state: State):
+    """Rows of a table of a state. It has no pressure, which depends on the law."""
+    grains, cell = state.grains, state.cell
+    yield "grains", pluralize(len(grains.radius), "disk" if cell.dim == 2 else "sphere")
+    yield "radii", grains.radius, "length"
+    yield "walls", pluralize(len(state.walls.mass), "flat wall") if len(state.walls.mass) else None
+    yield "cell", _describe_cell(cell), "length"
+    yield from _contact_rows(state.contacts)
+    if cell.periodic[: cell.dim].all():
+        yield "packing fraction", float(grain_volumes(state).sum()) / volume(state)
+    yield "loads and motions", _describe_control(state.control)
+    yield "time", state.time, "time"
 
 
 def _draw_svg(state: State) -> str:

@@ -25,17 +25,40 @@ def units_of(kind: type) -> dict[str, str]:
     >>> units_of(Grains)["inertia"]
     'mass length^2'
     """
+    whole, comments = _definitions(kind)
+    found = dict.fromkeys(getattr(kind, "_fields", ()), unit) if (unit := _unit_in(whole)) else {}
+    return found | {name: unit for name, text in comments.items() if (unit := _unit_in(text))}
+
+
+@cache
+def meanings_of(kind: type) -> dict[str, str]:
+    """What the fields of a NamedTuple are, in words: the comments beside them, without shapes, types and units.
+
+    Examples
+    --------
+    >>> from stickslip.core.state import Grains
+    >>> meanings_of(Grains)["angle"]
+    'time integral of spin'
+    """
+    found = {}
+    for name, text in _definitions(kind)[1].items():
+        text = re.sub(r"^\s*\([^()]*\)|\s*\(([A-Z\d+ ]+, ?)+[A-Z\d+ ]*\)", "", text)  # shapes
+        text = re.sub(r"^\s*(bool|u?int\d+|complex|float|structured)\b[:,]?", "", text)
+        text = re.sub(r"\s*\[([^\]]+)\]", lambda unit: "" if _is_unit(unit[1]) else unit[0], text)
+        found[name] = re.sub(r"[;:,]? see `[^`]*`", "", text).replace("`", "").strip(" ,;")
+    return {name: text for name, text in found.items() if text}
+
+
+@cache
+def _definitions(kind: type) -> tuple[str, dict[str, str]]:
+    """The first line of a NamedTuple's docstring, and the comments beside its fields."""
     names = getattr(kind, "_fields", ())
     try:
         head, *lines = (line for line in inspect.getsource(kind).splitlines() if not re.match(r"@|class |\s*$", line))
     except (OSError, TypeError, ValueError):  # no NamedTuple, or one defined in an interpreter
-        return {}
-    found = dict.fromkeys(names, whole) if (whole := _unit_in(head)) else {}
-    for line in reversed(lines):  # the first line that looks like a field is one
-        field = re.match(r"\s+(\w+): [^#]*#(.*)", line)
-        if field and field[1] in names and (unit := _unit_in(field[2])):
-            found[field[1]] = unit
-    return found
+        return "", {}
+    fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
+    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first such line counts
 
 
 def _unit_in(text: str) -> str | None:

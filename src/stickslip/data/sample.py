@@ -47,14 +47,16 @@ class PackingWarning(UserWarning):
 
 @checked
 def from_arrays(
-    position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
-    mode=None, velocity=None, spin=None, angle=None, external_force=None, dim: int = 3, i0=None,
+    position, radius, law: Law, *, mass=None, density=None, cell=None, periodic=None, pair_i=None, pair_j=None,
+    image=None, slip=None, mode=None, velocity=None, spin=None, angle=None, external_force=None, dim: int = 3, i0=None,
 ) -> State:  # fmt: skip
     """Accepted state from arrays, with r_ij = r_i − r_j + cellᵀ·image.
 
     Parameters
     ----------
-    position : (N, 3) [length]; radius : (N,) [length]; mass : float or (N,) [mass]
+    position : (N, 3) [length]; radius : (N,) [length]
+    mass : float or (N,) [mass], default 1; or density : float or (N,), mass over the volume of a sphere, or over the
+        area of a disk [mass/length^dim]
     law : Law, which limits the slip
     cell : (3, 3) box vectors as rows, sheared or not [length]; without it, nothing is periodic
     periodic : (3,) bool, default all (in two dimensions all but z)
@@ -89,6 +91,7 @@ def from_arrays(
     """
     if dim not in (2, 3):
         raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
+    mass = _masses(mass, density, radius, dim)
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
         position, image, slip, external_force = map(_padded, (position, image, slip, external_force))
@@ -101,6 +104,19 @@ def from_arrays(
     elif image is not None or slip is not None or mode is not None:
         raise PackingError("image, slip or mode was given without pair_i and pair_j: give these as well")
     return accepted(state, law, modes=mode is not None)
+
+
+def _masses(mass, density, radius, dim: int):
+    """Masses of grains from what was given: masses, densities, or nothing."""
+    if density is None:
+        return 1.0 if mass is None else mass
+    if mass is not None:
+        raise PackingError("both mass and density were given: give one of them")
+    radius = _check_array("radius", radius, (None,))
+    density = _check_array("density", density, () if np.ndim(density) == 0 else (len(radius),))
+    if not (density > 0).all():
+        raise PackingError(f"density = {density.min():g} was given: it must be positive")
+    return density * (np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3)
 
 
 def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State:

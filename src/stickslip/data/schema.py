@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..core.readable import folded
+from ..core.readable import folded, format_value, table
 from ..core.sizes import Size, require_sizes
 from ..core.text import SentenceError
 
@@ -79,12 +79,51 @@ class ScenarioBase(ScenarioTable):
         """Hash of the canonical text."""
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]
 
+    def _summary(self) -> str:
+        given = ", ".join(f"{key} = {format_value(value)}" for key, value, *_ in given_keys(self))
+        return f"{self.experiment}, {given or 'all defaults'}"
+
+    def _repr_html_(self) -> str:
+        return table(f"scenario: {self.experiment}", given_keys(self)) + "<p>All other keys have their defaults.</p>"
+
     def __repr__(self) -> str:
-        given = self.model_dump(exclude_defaults=True, exclude={"experiment"}, mode="json")
-        words = ", ".join(f"{key} = {value}" for key, value in given.items()) or "all defaults"
-        return folded(f"{type(self).__name__} {self.digest}: {words}")
+        return folded(f"{type(self).__name__}: {self._summary()}")
 
     __str__ = __repr__
+
+
+def split_unit(description: str | None) -> tuple[str, str]:
+    """Split the description of a key into its words and the unit in brackets at its end, empty if it has none.
+
+    Examples
+    --------
+    >>> split_unit("density of the grains [kg/m³]")
+    ('density of the grains', 'kg/m³')
+    """
+    text, bracket, unit = (description or "").rpartition("[")
+    return (text.strip(), unit[:-1]) if bracket and unit.endswith("]") else (description or "", "")
+
+
+def given_keys(
+    table: ScenarioTable, above: str = "", usual: ScenarioTable | None = None
+) -> Iterator[tuple[str, object, str, str]]:
+    """Iterate over the dotted keys of a scenario that differ from their defaults: key, value, unit and meaning.
+
+    `usual` is the default of the whole table, whose keys may differ from those of its class.
+    """
+    for name, field in type(table).model_fields.items():
+        value, words_and_unit = getattr(table, name), split_unit(field.description)
+        alike = type(usual) is type(table)
+        default = getattr(usual, name) if alike else field.get_default(call_default_factory=True)
+        if name == "experiment" or value == default:
+            continue
+        entries = value if isinstance(value, tuple) and any(isinstance(v, ScenarioTable) for v in value) else [value]
+        for number, entry in enumerate(entries, start=1):
+            key = f"{above}{name}" + (f".{number}" if entries is value else "")
+            if isinstance(entry, ScenarioTable):
+                yield from given_keys(entry, f"{key}.", None if entries is value else default)
+            else:
+                yield key, entry, *reversed(words_and_unit)
 
 
 def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:

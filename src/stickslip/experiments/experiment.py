@@ -1,11 +1,12 @@
 """Description of one experiment: everything that the commands, sweeps, restarts and documentation need."""
 
+import math
 from collections.abc import Callable
 from importlib import import_module
 from typing import NamedTuple
 
-from ..core.readable import readable
-from ..data.schema import ScenarioBase
+from ..core.readable import pluralize, readable, words
+from ..data.schema import ScenarioBase, given_keys
 
 
 def _empty(result) -> tuple:
@@ -60,6 +61,25 @@ class Experiment(NamedTuple):
     def name(self) -> str:
         """Value of `experiment` in a scenario file."""
         return self.scenario.model_fields["experiment"].default
+
+
+def result_of(experiment: Experiment, head: Callable | None = None):
+    """Decorate the class of an experiment's results with a repr and a table: measures, failures, and the scenario."""
+
+    def describe(result) -> str:
+        failed = _failures(result)
+        return result.scenario._summary() + (f"; {pluralize(len(failed), 'failure')}" if failed else "")
+
+    def rows(result):
+        yield "experiment", experiment.name, "", experiment.words
+        for name, (value, unit) in experiment.measures(result).items():
+            if math.isfinite(value):
+                yield words(name), value, unit
+        for failure in _failures(result):
+            yield "failed", failure
+        yield from given_keys(result.scenario)
+
+    return readable(head=head or describe, rows=rows)
 
 
 def lazy_function(package: str, path: str) -> Callable:

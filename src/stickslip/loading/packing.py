@@ -22,10 +22,11 @@ from ..core.measure import (
     touching,
 )
 from ..core.outcome import NotInEquilibriumError
-from ..core.readable import readable
+from ..core.readable import pluralize, readable
 from ..core.scales import Scales, natural_scales
 from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State, as_rows, assembly, box, disks, flat_walls, loads, spheres
+from ..core.units import units_of
 from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import BALANCED, equilibrate
 from ..solve.linear import one_thread
@@ -96,7 +97,7 @@ MANY = 2000  # grains from which FIRE is used; known numbers rest on the samples
 JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
 
 
-@readable
+@readable(head=lambda info: _describe(info), rows=lambda info: _rows(info))
 class PackingInfo(NamedTuple):
     """Properties of a packing. Rattlers have less than dim + 1 contacts without friction, less than 2 with it."""
 
@@ -108,6 +109,7 @@ class PackingInfo(NamedTuple):
     overlap: float  # mean over contacts [length]
     residual: float  # largest unbalanced force or torque/R [force]
     sliding: int  # contacts at the Coulomb limit
+    largest_overlap: float  # [length]
 
 
 @checked
@@ -202,7 +204,26 @@ def packing_info(state: State, law: Law) -> PackingInfo:
         float(overlap.mean()) if len(rows) else 0.0,
         residual(state, law)[0],
         int(((contacts.mode == SLIDE) & contacts.slip.any(axis=1))[rows].sum()),
+        float(overlap.max(initial=0.0)),
     )
+
+
+def _describe(info: PackingInfo) -> str:
+    loose = pluralize(info.rattlers, "rattler")
+    return (
+        f"packing fraction {info.packing_fraction:.4g}, pressure {info.pressure:.4g}, {info.contacts} contacts, {loose}"
+    )
+
+
+def _rows(info: PackingInfo):
+    pressure = units_of(PackingInfo)["pressure"]
+    yield "packing fraction", info.packing_fraction, "", "volume of the grains over that of the cell"
+    yield "pressure", info.pressure, pressure
+    yield "contacts", info.contacts, "", f"{info.sliding} of them at the Coulomb limit"
+    yield "mean contact number", info.coordination, "", "of grains that are not rattlers"
+    yield "rattlers", info.rattlers, "", "grains that nothing holds"
+    yield "largest overlap", info.largest_overlap, "length", f"{info.overlap:.4g} on average"
+    yield "residual", info.residual, "force", "largest unbalanced force or torque/R"
 
 
 def random_grains(

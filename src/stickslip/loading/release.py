@@ -9,7 +9,7 @@ from ..core.arguments import Seed, checked
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
-from ..core.measure import rattlers, volume
+from ..core.measure import rattlers
 from ..core.outcome import NotInEquilibriumError
 from ..core.readable import readable
 from ..core.scales import natural_scales
@@ -162,16 +162,13 @@ def release(
     )
     here, series, taken, turns = with_random_velocity(state, modes, seed, velocity), [], [], []
     close = (np.zeros(0), np.zeros(0))
-    area = volume(state)
     for k, chunk in enumerate(chunks):
         here, record, outcome = run(here, law, chunk * every, dt, every=every, probes=held)
         if outcome.broken:
             raise NotInEquilibriumError(f"the run from strain {strain:g} diverged", outcome)
         msd = mean_square_motion(record.position, record.angle, state, held)
-        stress = record.virial / area
-        pressure = np.trace(stress, axis1=1, axis2=2) / state.cell.dim
         part = slice(0 if k == 0 else 1, None)  # a chunk starts where the last one ended
-        columns = (record.time, msd, -stress[:, 0, 1], pressure, record.touching, record.kinetic_energy)
+        columns = (record.time, msd, record.shear_stress, record.pressure, record.touching, record.kinetic_energy)
         series.append(np.stack([c[part] for c in columns]))
         if funnel[0] <= msd[-1] <= funnel[1]:
             starts = np.linspace(0, len(msd) - TURN, min(TURNS, len(msd) // TURN)).astype(int)

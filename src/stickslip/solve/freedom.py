@@ -20,7 +20,7 @@ ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zer
 PAIR_ABOVE = 1e-9  # share of the largest |λ| above which |Im λ| is more than round-off
 
 
-@readable
+@readable(head=lambda free: f"{len(free)} coordinates of {free.bodies} bodies")
 class Freedom(NamedTuple):
     """Free coordinates q of x = P q + x₀, where x holds (x, y, z, R·angle) of every body.
 

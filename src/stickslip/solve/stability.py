@@ -53,7 +53,7 @@ METHODS = {  # what was computed, in words
 }
 
 
-@readable(head=lambda found: _summary(found))
+@readable(head=lambda found: _summary(found), rows=lambda found: _rows(found))
 class Stability(NamedTuple):
     """Stability of the linearised motion around a state, without rattlers.
 
@@ -352,3 +352,32 @@ def _analyse_large(state: State, law: Law, free: Freedom, method: str, report):
 
 def _summary(found: Stability) -> str:
     return f"{found.verdict}; {found.n} grains, {found.contacts} contacts, residual {found.residual:.1e}"
+
+
+MOST_PAIRS = 8  # growing modes in a table
+
+
+def _rows(found: Stability):
+    """Rows of a table: the verdict and what it rests on, then the growing modes, the fastest first."""
+    yield "verdict", found.verdict
+    for cause in found.causes:
+        yield "possible reason", cause
+    yield "grains", found.n
+    yield "contacts that touch", found.contacts
+    yield "contacts at the Coulomb limit", found.at_limit or None
+    yield "rattlers", len(found.rattlers), "", "grains that nothing holds, left out"
+    yield "residual", found.residual, "", "largest unbalanced force over the mean contact force"
+    for k, (rate, frequency) in enumerate(zip(found.growth_rate, found.frequency, strict=True)):
+        if k == MOST_PAIRS:
+            yield "more growing pairs", len(found.pairs) - MOST_PAIRS
+            break
+        period = f"period {2 * np.pi / frequency:.4g}, " if frequency > 0 else ""
+        yield f"growing pair {k + 1}", f"{period}e-folding time {1 / rate:.4g}", "time"
+    for k, rate in enumerate(np.sqrt(-found.negative[:MOST_PAIRS])):
+        yield f"buckling mode {k + 1}", f"e-folding time {1 / rate:.4g}", "time"
+    yield "more buckling modes", max(len(found.negative) - MOST_PAIRS, 0) or None
+    yield "floppy modes", max(found.zero_modes - found.rigid, 0), "", "besides translations of the whole packing"
+    yield "if contacts at the limit stick", found.if_stuck and found.if_stuck.motion
+    yield "without dashpots", found.undamped and found.undamped.verdict
+    yield "computed", found.way
+    yield "not considered", found.scope or None

@@ -15,8 +15,8 @@ from ..control import spring_forces
 from ..laws.builtin import MU
 from ..measure import supports
 from ..options import INNER
-from ..readable import readable
-from ..state import OPEN, SLIDE, Contacts, State, groups
+from ..readable import pluralize, readable
+from ..state import OPEN, SLIDE, Cell, Contacts, State, cell_volumes, groups
 from .ledger import Books, Ledger, make_ledger
 
 
@@ -203,7 +203,7 @@ def _cell(s, out):
             out[3 * m + q] = s.vectors[m, q]
 
 
-@readable
+@readable(head=lambda record: _describe(record), rows=lambda record: _rows(record))
 class Record(NamedTuple):
     """Record of a run with T samples and P probed grains."""
 
@@ -213,7 +213,7 @@ class Record(NamedTuple):
     center: np.ndarray  # (T, 3) mean position of the grains [length]
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at the Coulomb limit
-    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; stress times volume
+    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; see `stress`
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
     coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
@@ -228,11 +228,88 @@ class Record(NamedTuple):
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
     ledger: Ledger | None  # with `ledger=True`
+    periodic: np.ndarray  # (3,) bool: whether the cell repeats along each of its vectors
+    dim: int  # 2 for disks in a plane, or 3
 
     @property
     def sliding_fraction(self) -> np.ndarray:
         """Fraction of closed contacts at the Coulomb limit, (T,), zero if there are none."""
         return self.sliding / np.maximum(self.touching, 1)
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volume of the cell, (T,) [length^dim]; ValueError if the cell is not periodic in all its dimensions."""
+        return cell_volumes(self.cell, self.periodic, self.dim)
+
+    @property
+    def stress(self) -> np.ndarray:
+        """Stress of the contacts between grains, (T, 3, 3), compression positive [force/length^(dim−1)].
+
+        That of each sample is as in `measure.stress`: elastic forces, without dashpots and kinetic contributions.
+        ValueError if the cell is not periodic in all its dimensions.
+        """
+        return self.virial / self.volume[:, None, None]
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """Trace of the stress divided by the number of dimensions, (T,) [force/length^(dim−1)]."""
+        return np.trace(self.stress, axis1=1, axis2=2) / self.dim
+
+    @property
+    def shear_stress(self) -> np.ndarray:
+        """Shear stress −σ_xy, (T,), which resists a positive `shear_strain` [force/length^(dim−1)]."""
+        return -self.stress[:, 0, 1]
+
+    @property
+    def strain(self) -> np.ndarray:
+        """Displacement gradient G of the cell since the first sample, (T, 3, 3), extension positive [1].
+
+        A vector h of the first cell has become h + G h, as in `packings.strained`.
+        """
+        used = np.where(self.cell.any(axis=2, keepdims=True), self.cell, np.eye(3))  # open space may have no vectors
+        return np.swapaxes(np.linalg.solve(used[:1], used), 1, 2) - np.eye(3)
+
+    @property
+    def shear_strain(self) -> np.ndarray:
+        """Shear strain G_xy since the first sample, (T,), displacement along x over distance along y [1]."""
+        return self.strain[:, 0, 1]
+
+    @property
+    def volumetric_strain(self) -> np.ndarray:
+        """Volumetric strain 1 − V/V_0 since the first sample, (T,), compression positive [1]."""
+        return 1.0 - self.volume / self.volume[:1]
+
+
+def _describe(record: Record) -> str:
+    samples, events = pluralize(len(record.time), "sample"), pluralize(len(record.events), "contact event")
+    span = f" from t = {record.time[0]:.6g} to {record.time[-1]:.6g}" if len(record.time) else ""
+    return f"{samples}{span}, {pluralize(record.position.shape[1], 'probed grain')}, {events}"
+
+
+def _rows(record: Record):
+    """Rows of a table of a record: what each quantity was at the first and at the last sample."""
+    pressure = "force/length^(dim-1)"
+    rows = [
+        ("time", record.time, "time"),
+        ("kinetic energy", record.kinetic_energy, "energy", "translations and rotations"),
+        ("contacts that touch", record.touching),
+        ("contacts that slide", record.sliding, "", "at the Coulomb limit"),
+        ("mean contact number", record.held_coordination, "", "of grains that are not rattlers"),
+        ("rattlers", record.rattlers),
+    ]
+    if record.periodic[: record.dim].all():
+        rows += [
+            ("pressure", record.pressure, pressure, "of contacts"),
+            ("shear stress", record.shear_stress, pressure, "−σ_xy of contacts"),
+            ("shear strain", record.shear_strain, "", "since the first sample"),
+            ("volumetric strain", record.volumetric_strain, "", "since the first sample, compression positive"),
+        ]
+    yield "samples", len(record.time), "", "below, the values of the first and of the last"
+    for name, series, *more in rows if len(record.time) else ():
+        first, last = f"{series[0]:.6g}", f"{series[-1]:.6g}"
+        yield name, first if first == last else f"{first} to {last}", *more
+    yield "probed grains", record.position.shape[1]
+    yield "contact events", len(record.events) or None, "", "closed, opened or at the limit"
 
 
 class RecordBuffers(NamedTuple):
@@ -334,7 +411,7 @@ _EVENT_TYPE = np.dtype(
 _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 
 
-def make_record(writing: RecordBuffers, done: int, books: Books | None) -> Record:
+def make_record(writing: RecordBuffers, done: int, books: Books | None, cell: Cell) -> Record:
     """Make the record of a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
     series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]
@@ -350,4 +427,6 @@ def make_record(writing: RecordBuffers, done: int, books: Books | None) -> Recor
         angle=tracks[..., 3:],
         events=events,
         ledger=make_ledger(books, kept) if books else None,
+        periodic=cell.periodic,
+        dim=cell.dim,
     )

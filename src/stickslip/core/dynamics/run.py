@@ -119,7 +119,8 @@ def run(
         longest = stable_time_step(state, law)
         known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
         how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
-    return end, make_record(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
+    record = make_record(writing, done, books, end.cell)
+    return end, record, Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
 def _check_arguments(

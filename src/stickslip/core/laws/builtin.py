@@ -35,7 +35,7 @@ KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 STEP = 1e-60  # step of the complex derivative: its square vanishes in double precision
 
 
-@readable(head=lambda law: _describe(law))
+@readable(head=lambda law: _describe(law), rows=lambda law: _rows(law))
 class Law(NamedTuple):
     """Contact law with its parameters."""
 
@@ -437,14 +437,62 @@ def parameter_names(law: Law) -> tuple[str, ...]:
     return find_user_law(law.kind).names
 
 
-def _describe(law: Law) -> str:
+def _name(law: Law) -> str:
     own = USER_LAWS.get(law.kind)
-    name = own.name if own else NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
-    words = [name, f"{'smooth' if law.coulomb == SMOOTH else 'sharp'} Coulomb"]
-    words += [f"{len(law.table)} materials"] if len(law.table) > 1 else []
-    names = own.names if own else PARAMETERS
-    for parameter, values in zip(names, np.moveaxis(law.table, -1, 0), strict=False):
-        if parameter in PARAMETERS[:3] or values.any():  # dashpots only where there are any
-            low, high = values.min(), values.max()
-            words.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
-    return ", ".join(words)
+    return own.name if own else NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
+
+
+def _describe(law: Law) -> str:
+    shown = [_name(law), f"{'smooth' if law.coulomb == SMOOTH else 'sharp'} Coulomb"]
+    shown += [f"{len(law.table)} materials"] if len(law.table) > 1 else []
+    for parameter, values in _given(law).items():
+        low, high = values.min(), values.max()
+        shown.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
+    return ", ".join(shown)
+
+
+def _given(law: Law) -> dict[str, np.ndarray]:
+    """Parameters by name, (materials, materials); those of dashpots only if any pair has them."""
+    own = USER_LAWS.get(law.kind)
+    columns = zip(own.names if own else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
+    return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
+
+
+def _rows(law: Law):
+    """Rows of a table of a law: parameters that all pairs of materials share, then those that differ, by pair."""
+    model = next(name for name, number in DAMPING.items() if number == law.damping & 3)
+    built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
+    stiffness = built_in.stiffness_unit if built_in else ""
+    damping, dashpots = {
+        "velocity": ("force time/length", "proportional to the velocity"),
+        "mass_velocity": ("1/time", "proportional to effective mass and velocity"),
+        "viscoelastic": ("1/(time length)", "proportional to effective mass, contact radius and velocity"),
+    }[model]
+    known = {
+        "kn": (stiffness, "normal stiffness"), "kt": (stiffness, "tangential stiffness"),
+        "mu": ("1", "coefficient of friction"), "damping_n": (damping, "normal dashpot"),
+        "damping_t": (damping, "tangential dashpot"),
+    }  # fmt: skip
+    given = _given(law)
+    differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
+    yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"
+    smooth = law.coulomb == SMOOTH
+    yield (
+        "Coulomb friction",
+        "smooth" if smooth else "sharp",
+        "",
+        (
+            "the tangential stiffness decreases to zero towards the limit"
+            if smooth
+            else "contacts stick up to the limit"
+        ),
+    )
+    for name, values in given.items():
+        if name not in differ:
+            yield name, float(values[0, 0]), *known.get(name, ())
+    if damping_model(law):
+        pull = "contacts never attract" if law.damping & NO_TENSION else "contacts may attract as they open"
+        yield "dashpots", dashpots, "", pull
+    for a, b in zip(*np.triu_indices(len(law.table)), strict=True) if differ else ():
+        pair = ", ".join(f"{name} = {values[a, b]:.6g}" for name, values in differ.items())
+        yield f"materials {a} and {b}", pair

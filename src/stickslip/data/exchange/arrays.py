@@ -16,7 +16,7 @@ from .frame import Frame, law_to_dict, list_losses, without_walls
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
-OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
+OPTIONAL = ("mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
 LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # optional: the law of the packing
 
 

@@ -6,15 +6,17 @@ from typing import NamedTuple
 
 from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
-from ...core.readable import pluralize, readable
+from ...core.readable import pluralize
 from ...data.checkpoint import checkpoint_in
 from ...data.law_schema import make_law
 from ...ensemble import Member, Workers, reach
 from ...loading.event_types import Event, EventKind, Events, StrainStep
 from ...loading.events import find_events
 from ...loading.packing import PackingInfo
+from ..experiment import result_of
 from ..jammed_packing import make_packing
 from ..realizations import Report, Task, run_realizations, silent
+from . import EXPERIMENT
 from .scenario import CatalogueScenario
 
 
@@ -26,7 +28,7 @@ class Sample(NamedTuple):
     found: Events
 
 
-@readable(head=lambda r: f"{pluralize(r.number, 'event')} of {pluralize(len(r.samples), 'packing')}")
+@result_of(EXPERIMENT, head=lambda r: f"{pluralize(r.number, 'event')} of {pluralize(len(r.samples), 'packing')}")
 class CatalogueResult(NamedTuple):
     """Events of all packings, in the order of their seeds."""
 

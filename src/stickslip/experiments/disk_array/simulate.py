@@ -7,7 +7,6 @@ import numpy as np
 
 from ...core.laws.builtin import Law, damping_model
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
-from ...core.readable import readable
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
@@ -28,8 +27,9 @@ from ...loading.protocols import (
     track_pairs,
 )
 from ...solve.spectrum import Spectrum, damped_growth, spectrum
+from ..experiment import result_of
 from ..realizations import Report, Task, run_realizations, silent
-from . import fronts
+from . import EXPERIMENT, fronts
 from .scenario import DiskArrayScenario, Dynamics
 
 BIRTHS = "births and deaths of pairs"  # name of a stage
@@ -78,7 +78,7 @@ class Ensemble(NamedTuple):
     failures: tuple[str, ...]
 
 
-@readable
+@result_of(EXPERIMENT)
 class DiskArrayResult(NamedTuple):
     """Results of a run of a scenario."""
 

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.readable import readable
 from ...data.checkpoint import checkpoint_in
 from ...data.schema import ScenarioError
 from ...friction.fault import Fault
@@ -13,14 +12,16 @@ from ...friction.fault_cycles import Energy, FaultHistory, join_histories, simul
 from ...friction.fault_record import YEAR, FaultEvents, Recording
 from ...friction.fault_state import FaultState, initial_state
 from ...friction.fault_theory import Nucleation, nucleation
+from ..experiment import result_of
 from ..realizations import Report, silent
+from . import EXPERIMENT
 from .scenario import FaultScenario
 
 PART = 50.0  # years of simulated time between two saved parts
 SETTLING = 3  # events at the start that are left out of averages
 
 
-@readable
+@result_of(EXPERIMENT)
 class FaultResult(NamedTuple):
     """Result of a scenario."""
 

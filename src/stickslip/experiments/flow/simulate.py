@@ -20,7 +20,9 @@ from ...core.state import SLIDE, State
 from ...core.units import Fields
 from ...data.archive import ArchiveError
 from ...data.checkpoint import Checkpoint, checkpoint_in
+from ..experiment import result_of
 from ..realizations import Report, silent
+from . import EXPERIMENT
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
 from .stages import FlowEngine, StagePart, stage_conditions, with_controls
@@ -62,7 +64,7 @@ class StageEnd(NamedTuple):
     rested: bool | None  # whether rest was reached; None if not requested
 
 
-@readable
+@result_of(EXPERIMENT)
 class FlowResult(NamedTuple):
     """Result of a flow scenario."""
 

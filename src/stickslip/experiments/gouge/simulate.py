@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
-from ...core.readable import readable
 from ...data import archive
 from ...data.checkpoint import Checkpoint, checkpoint_in
 from ...ensemble import Workers
+from ..experiment import result_of
 from ..realizations import Realizations, Report, Task, run_realizations, silent
+from . import EXPERIMENT
 from .dimensionless import Range
 from .protocol import (
     STICKSLIP,
@@ -32,7 +33,7 @@ from .scenario import GougeScenario
 MEMBERS = "realizations"  # folder next to the results
 
 
-@readable
+@result_of(EXPERIMENT)
 class GougeResult(NamedTuple):
     """All realizations of a scenario."""
 

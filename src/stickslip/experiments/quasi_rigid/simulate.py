@@ -12,7 +12,6 @@ from ...core.contacts.mechanics import HELD
 from ...core.control import between, stress_controlled
 from ...core.laws.builtin import KN, Law
 from ...core.measure import branch_vectors, contact_forces, touching
-from ...core.readable import readable
 from ...core.state import Control, State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Workers
@@ -29,7 +28,9 @@ from ...quasirigid.system import pinned_coordinates
 from ...quasirigid.uniqueness import certificate
 from ...solve.freedom import Freedom, displaced, residual_vector
 from ...solve.linear import suitable_threads
+from ..experiment import result_of
 from ..realizations import Report, Task, run_realizations, silent
+from . import EXPERIMENT
 from .scenario import QuasiScenario
 
 MAX_POINTS = 60  # maximum number of points of a path whose eigenvalues are computed
@@ -89,7 +90,7 @@ class SampleResult(NamedTuple):
     pairs: np.ndarray  # (C, 2) bodies of these contacts
 
 
-@readable
+@result_of(EXPERIMENT)
 class QuasiResult(NamedTuple):
     """Results of all samples of a scenario, and the reasons why some are missing."""
 

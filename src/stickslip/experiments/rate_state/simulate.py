@@ -5,17 +5,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.readable import readable
 from ...friction.loads import LoadStep
 from ...friction.ratestate import SlipHistory, Spring, spring_slider
 from ...friction.stability import Sliding, steady_sliding
+from ..experiment import result_of
 from ..realizations import Report, silent
+from . import EXPERIMENT
 from .scenario import RateStateScenario
 
 EARLIEST = 1e-4  # first sample of each leg that is spaced evenly in ln t, as a fraction of the leg
 
 
-@readable
+@result_of(EXPERIMENT)
 class SliderResult(NamedTuple):
     """Result of a scenario."""
 

@@ -21,8 +21,10 @@ from ...loading.quasistatic import aqs, parse_warning
 from ...loading.release import Released, release
 from ...solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
 from ...solve.spectrum import spectrum
+from ..experiment import result_of
 from ..jammed_packing import make_packing
 from ..realizations import Realizations, Report, Task, run_realizations, silent
+from . import EXPERIMENT
 from .scenario import ShearScenario
 
 HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
@@ -77,7 +79,7 @@ class ShearPath(NamedTuple):
         return bool((np.diff(there.astype(int)) == 1).sum() > 1)
 
 
-@readable
+@result_of(EXPERIMENT)
 class ShearResult(NamedTuple):
     """Results of a shear scenario; one list entry per seed, or None if a run failed or had nothing to release."""
 

@@ -12,6 +12,7 @@ from ... import __version__
 from ...core.arguments import checked
 from ...data.dotted_keys import field_at
 from ...data.manifest import write_file
+from ...data.schema import split_unit
 from ..registry import scenario_class
 from .axes import Axis
 from .definition import Sweep
@@ -108,12 +109,8 @@ def _labels(axis: Axis) -> np.ndarray:
 
 def _attributes(description: str | None) -> dict:
     """Return the attributes of a scenario key: its description, and the unit in the description's last brackets."""
-    if not description:
-        return {}
-    words, bracket, unit = description.rpartition("[")
-    if not bracket or not unit.endswith("]"):
-        return {"long_name": description}
-    return {"units": unit[:-1]} | ({"long_name": words.strip()} if words.strip() else {})
+    words, unit = split_unit(description)
+    return ({"units": unit} if unit else {}) | ({"long_name": words} if words else {})
 
 
 def _value(one: dict | None, name: str) -> float:

@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.arguments import checked
-from ...core.readable import readable
+from ...core.readable import format_value, pluralize, readable
 from ...core.sizes import MOST, Size, require_sizes
 from ...data.dotted_keys import field_at, with_value
 from ...data.law_file import trust_law_files, with_checksums
-from ...data.schema import ScenarioBase, ScenarioError
+from ...data.schema import ScenarioBase, ScenarioError, split_unit
 from ..registry import read_tables, scenario, scenario_class
 from .axes import Axis, check_integer, column_values, flatten_entries, parse_axis
 from .condition import find_broken, parse_conditions
@@ -34,7 +34,7 @@ FEWER = "use fewer values"
 OPTIONS = ("mode", "number", "draw", "draw_seed", "where", "draws")
 
 
-@readable
+@readable(head=lambda chosen: _describe(chosen), rows=lambda chosen: _rows(chosen))
 class Sweep(NamedTuple):
     """Many scenarios: `base`, with the values of `axes` substituted.
 
@@ -79,6 +79,25 @@ class Sweep(NamedTuple):
     def digest(self) -> str:
         """Hash of the canonical text."""
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+
+
+def _describe(chosen: Sweep) -> str:
+    swept = ", ".join(f"{axis.key} = {format_value(axis.values)}" for axis in chosen.axes)
+    refused = f"; {chosen.refusals}" if chosen.refusals else ""
+    return f"{pluralize(chosen.count, 'member')} of {_experiment(chosen)}, {swept}{refused}"
+
+
+def _rows(chosen: Sweep):
+    kind = scenario_class(chosen.base)
+    yield "experiment", _experiment(chosen)
+    for axis in chosen.axes:
+        yield axis.key, axis.values, *reversed(split_unit(field_at(kind, axis.key).description))
+    yield "members", chosen.count, "", " × ".join(map(str, chosen.shape)) if len(chosen.shape) > 1 else ""
+    yield "refused points", chosen.refusals or None
+
+
+def _experiment(chosen: Sweep) -> str:
+    return scenario_class(chosen.base).model_fields["experiment"].default
 
 
 class Member(NamedTuple):

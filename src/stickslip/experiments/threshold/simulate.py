@@ -9,7 +9,6 @@ from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
 from ...core.measure import pressure
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
-from ...core.readable import readable
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
@@ -19,15 +18,17 @@ from ...loading.protocols import Equilibrium, Protocol, load_path, solve_point
 from ...loading.stress import cell_shear, plate_shear
 from ...loading.threshold import LEGS, KineticThreshold, kinetic_threshold, travel
 from ..disk_array import simulate as disk_array
+from ..experiment import result_of
 from ..gouge.sample import Gouge, prepare_sample
 from ..jammed_packing import make_packing
 from ..realizations import Report, silent
+from . import EXPERIMENT
 from .scenario import ArraySample, GougeSample, Kicks, PackingSample, ThresholdScenario
 
 STEP_SHARE = 0.2  # default time step, over the largest stable one
 
 
-@readable(head=lambda result: result.sentence)
+@result_of(EXPERIMENT, head=lambda result: result.sentence)
 class ThresholdResult(NamedTuple):
     """Static and kinetic friction of a sample."""
 
