@@ -145,20 +145,24 @@ def test_unusual_headers_are_listed_with_those_that_are_read(tmp_path, missing):
         read_csv(written(tmp_path / "a.csv", head))
     said = str(caught.value)
     assert repr(words[missing]) in said  # what was seen
-    for name in {"time": ("time", "t"), "friction": ("mu", "shear_stress"), "load_point": ("lp_disp", "slip_rate")}[missing]:
+    for name in {"time": ("time", "t"), "friction": ("mu", "shear_stress"), "load_point": ("lp_disp", "slip_rate")}[
+        missing
+    ]:
         assert name in said  # what is looked for
     assert "\n" not in said and len(said) < 700
 
 
 def test_a_header_of_a_hundred_columns_is_shortened(tmp_path):
     head = ",".join(f"channel {k} of the amplifier in the cellar" for k in range(100))
-    with pytest.raises(ValueError, match="'channel 0 of the amplifier in the cellar'.* and 9. more") as caught:
+    with pytest.raises(ValueError, match=r"'channel 0 of the amplifier in the cellar'.* and 9. more") as caught:
         read_csv(written(tmp_path / "a.csv", head, [",".join(["1"] * 100)] * 12))
     assert len(str(caught.value)) < 900
 
 
 def test_times_in_days_and_years(tmp_path):
-    found = read_csv(written(tmp_path / "a.csv", "time [yr], velocity [mm/yr], friction [-]", [f"{k}, 35, 0.6" for k in range(12)]))
+    found = read_csv(
+        written(tmp_path / "a.csv", "time [yr], velocity [mm/yr], friction [-]", [f"{k}, 35, 0.6" for k in range(12)])
+    )
     assert found.time[1] == 365.25 * 86400
     assert found.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
     assert read_csv(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400

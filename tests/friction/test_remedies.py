@@ -60,8 +60,7 @@ def test_every_record_has_a_trend_of_its_own(lab):
 
 
 @pytest.mark.parametrize(
-    ("given", "unit"),
-    [(1.5, "1/mm"), (1.5e-3, "1/um"), (7.5e9, "Pa/m"), (7.5, "GPa/m"), (7.5e3, "MPa/m")],
+    ("given", "unit"), [(1.5, "1/mm"), (1.5e-3, "1/um"), (7.5e9, "Pa/m"), (7.5, "GPa/m"), (7.5e3, "MPa/m")]
 )
 def test_a_stiffness_in_another_unit_is_suspected(tmp_path, lab, given, unit):
     said = [line for line in fit_report.doubts(found_in(tmp_path, lab, stiffness=given)) if "stiffness" in line]

@@ -44,7 +44,7 @@ def test_pairs_are_drawn_against_the_push_in_thousandths():
     assert holds(axes, np.r_[0.5, loads], np.r_[0.0, 1e3 * values])
     assert holds(axes, [0.5], [0.0], marker="o")
     assert holds(axes, [0.7], [2.0], marker="x", label="paper")
-    assert (axes.get_xlabel(), axes.get_title()) == ("push $F_x$ [force unit of the scenario]", "one")
+    assert (axes.get_xlabel(), axes.get_title()) == ("push $F_x$ [force]", "one")
     assert axes.get_ylabel().startswith(r"$10^3\,\mathrm{Im}\,\lambda$")
 
 

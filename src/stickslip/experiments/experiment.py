@@ -5,6 +5,7 @@ from importlib import import_module
 from typing import NamedTuple
 
 from ..core.readable import readable
+from ..core.units import in_units
 from ..data.schema import ScenarioBase
 
 
@@ -60,6 +61,12 @@ class Experiment(NamedTuple):
     def name(self) -> str:
         """Value of `experiment` in a scenario file."""
         return self.scenario.model_fields["experiment"].default
+
+
+def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str]]:
+    """Return the measures of a result with their units, which are named as in its scenario."""
+    units = result.scenario.named_units
+    return {name: (float(value), in_units(unit, units)) for name, (value, unit) in experiment.measures(result).items()}
 
 
 def lazy_function(package: str, path: str) -> Callable:

@@ -29,7 +29,7 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 def movie(
     frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
     mode: Mode | None = None, colour: str | None = None,
-    fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
+    fps: int = 15, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
 
@@ -55,7 +55,7 @@ def movie(
     path = Path(path)
     check_movie(path, fps)
     require_shape((len(frames),), labels=labels)
-    layout = layout_of(frames, colour=colour, mode=mode, si=si)
+    layout = layout_of(frames, colour=colour, mode=mode)
     wide, tall = layout.high - layout.low
     inches = PIXELS / 100
     height = min(inches * tall / wide, 1.3 * inches) + (1.1 if colour else 0.6)
@@ -68,7 +68,7 @@ def movie(
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
-                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
+                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], near=False)
                 draw_legend(axes, frame, near=False)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and k == 0:

@@ -20,7 +20,7 @@ _WithRuns = Annotated[Any, Result(_KIND, ("free_runs",))]
 _WithSliding = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
 _Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", "speed_error"))]
 _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
-LOAD = r"push $F_x$"  # in the force unit of the scenario
+LOAD = r"push $F_x$"
 
 
 @styled
@@ -57,7 +57,7 @@ def complex_pairs(
         axes.set_ylabel(r"$10^3\,\mathrm{Im}\,\lambda$ [$k_n\sqrt{2R}/m$]")
         axes.set_title(title, fontsize=7.5)
         axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])
-    panels[-1, 0].set_xlabel(f"{LOAD} [force unit of the scenario]")
+    panels[-1, 0].set_xlabel(f"{LOAD} [force]")
     return figure
 
 

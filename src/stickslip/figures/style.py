@@ -1,5 +1,6 @@
 """Common style of all figures: single-column width (86 mm) and the colour-blind-safe palette of Okabe and Ito."""
 
+import re
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
@@ -10,6 +11,7 @@ matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
 
 from ..core.arguments import checked
+from ..core.units import unit_name
 
 WIDTH = 3.39  # inches, one column
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
@@ -62,9 +64,17 @@ def column_axes(rows: int = 1, height: float = 2.5, **options):
     return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
 
 
+def _name_units(figure) -> None:
+    """Replace dimensions in the labels of axes by the units in use, as "[length]" by "[mm]"."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_label_text(re.sub(r"\[(.+?)\]", lambda found: f"[{unit_name(found[1])}]", axis.get_label_text()))
+
+
 @styled
 def save(figure, path: str | Path) -> Path:
     """Write a figure (the extension selects the format) and close it."""
+    _name_units(figure)
     figure.savefig(path)
     plt.close(figure)
     return Path(path)
@@ -74,6 +84,7 @@ def save(figure, path: str | Path) -> Path:
 def png(figure) -> bytes:
     """Return a figure as the content of a PNG file, and close the figure."""
     content = BytesIO()
+    _name_units(figure)
     figure.savefig(content, format="png")
     plt.close(figure)
     return content.getvalue()

@@ -215,7 +215,7 @@ def _common_units(units: dict) -> list[str]:
 
 
 def _check_columns(path: Path, header: list[str], found: dict) -> None:
-    """Raise ValueError if the header lacks columns that a fit needs; the message lists its columns, and names sought."""
+    """Raise ValueError if the header lacks columns that a fit needs; with the columns seen and sought."""
     example = "as in 'time [s], load_point [um], friction [-]'"
     if "time" not in found:
         lacks, sought = "time", _names("time")
@@ -230,8 +230,8 @@ def _check_columns(path: Path, header: list[str], found: dict) -> None:
     seen = [repr(shortened(field)) for field in header if field]
     more = f" and {len(seen) - SHOWN} more" if len(seen) > SHOWN else ""
     raise ValueError(
-        f"{path} has no column for {lacks}: its columns are {', '.join(seen[:SHOWN])}{more}, and {lacks} is sought under "
-        f"the names {sought}; rename one, {example}"
+        f"{path} has no column for {lacks}: its columns are {', '.join(seen[:SHOWN])}{more}, and {lacks} is sought "
+        f"under the names {sought}; rename one, {example}"
     )
 
 
