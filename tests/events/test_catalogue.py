@@ -58,7 +58,7 @@ BAD = [
     ({"shear": {"drag": "0.1"}}, "shear.drag = '0.1'"),
     ({"shear": {"drag": 0.1, "resolution": 1e-3}}, "shear.resolution = 0.001"),
     ({"shear": {"drag": 0.1, "step": 0.5}}, "largest strain is 0.4"),
-    ({"shear": {"drag": 0.1, "step": 1e-6, "resolution": 1e-9}}, "400000 steps"),
+    ({"shear": {"drag": 0.1, "step": 1e-6, "resolution": 1e-9}}, "400000 load steps"),
     ({"shear": {"drag": 0.1, "window": 1e-4}}, "shear.window = 0.0001"),
     ({"shear": {"drag": 0.1, "strain": float("inf")}}, "shear.strain = inf"),
     ({"shear": {"drag": 0.1, "drags": 1}}, "drags"),

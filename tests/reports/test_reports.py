@@ -16,6 +16,7 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.core.state import SLIDE
+from stickslip.core.units import Fields
 from stickslip.data import archive
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.writer import write_numbers
@@ -84,7 +85,8 @@ def folder(tmp_path):
     states = [disks()._replace(time=float(k)) for k in range(3)]
     tree = {
         "law": SHARP, "frames": {f"{k:04d}": s for k, s in enumerate(states)},
-        "series": {"time": np.arange(3.0), "friction": np.array([0.1, 0.4, 0.3])}, "plane": {"height": 5.7},
+        "series": Fields({"time": np.arange(3.0), "friction": np.array([0.1, 0.4, 0.3])}, friction="1"),
+        "plane": {"height": 5.7},
     }  # fmt: skip
     archive.write(
         place / "results.h5", tree, scenario='{"experiment": "flow", "grains": "</pre><script>"}', version="9"

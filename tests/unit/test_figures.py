@@ -265,8 +265,8 @@ def test_series_of_a_flow():
     series = Made(time=rising(n), sliding_fraction=RNG.uniform(0, 1, n), **columns)
     result = Made(series=series, poured=Made(plates=()), stages=[Made(start=0.0, end=9.0, name="fall")])
     energy, force, contacts, place, share = flow.time_series(result).axes
-    for axes, name, words in ((energy, "kinetic_energy", "energy [unit of energy]"),
-                              (energy, "elastic_energy", "energy [unit of energy]"),
+    for axes, name, words in ((energy, "kinetic_energy", "energy [energy]"),
+                              (energy, "elastic_energy", "energy [energy]"),
                               (force, "unbalanced", "unbalanced force\nover contact force"),
                               (contacts, "coordination", "coordination $z$"),
                               (share, "sliding_fraction", "sliding fraction")):  # fmt: skip

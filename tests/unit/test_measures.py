@@ -13,9 +13,13 @@ from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.friction.fault_cycles import Energy
 from stickslip.friction.fault_record import FaultEvents
 from tests.events.made import samples
-from tests.unit.test_units import ENERGY, FORCE, LENGTH, NUMBER, STRESS, TIME, VELOCITY, WRITTEN
 
-RATE, RATE_SQUARED, PER_LENGTH = (0, 0, -1), (0, 0, -2), (0, -1, 0)
+LENGTH, TIME, VELOCITY, RATE, RATE_SQUARED, PER_LENGTH, FORCE, ENERGY, STRESS, NUMBER = range(10)
+WRITTEN = {  # as dimensions, and in SI
+    LENGTH: ("length", "m"), TIME: ("time", "s"), VELOCITY: ("length/time", "m/s"), FORCE: ("force", "N"),
+    ENERGY: ("energy", "J"), STRESS: ("force/length^(dim-1)", "Pa"), RATE: ("1/time", "1/s"),
+    RATE_SQUARED: ("1/time^2", "1/s^2"), NUMBER: ("1", "1"),
+}  # fmt: skip
 SI = ("gouge", "rate-state", "fault")
 # what each measure is, without what stands behind an @; "load" is the scenario's `load.unit`
 MEANT = {

@@ -189,6 +189,11 @@ def with_unit(number: str, unit: str) -> str:
     return f"{number} {unit_name(unit)}" if _IN_USE.get() else number
 
 
+def heading(name: str, unit: str) -> str:
+    """Return the heading of a column, with its unit if units are in use."""
+    return name if unit == "1" or _IN_USE.get() is None else f"{name} [{unit_name(unit)}]"
+
+
 def for_people(values, unit: str) -> tuple:
     """Return values and their unit for people: years for times of which any is longer than a year."""
     if unit == "s" and any(abs(value) > YEAR for value in values):

@@ -66,9 +66,9 @@ class ScenarioTable(BaseModel):
 class UnitNames(ScenarioTable):
     """Names of units, which are printed with numbers; those of force, stress, velocity and so on are products."""
 
-    length: str
-    mass: str
-    time: str
+    length: str = Field(description='name of the unit of length, such as "mm": up to 12 letters')
+    mass: str = Field(description="name of the unit of mass")
+    time: str = Field(description="name of the unit of time")
 
 
 def _check_units(given):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from ...core.units import Fields, current_units, unit_name, units_of, with_unit
+from ...core.units import Fields, heading, units_of, with_unit
 from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console, show_table
@@ -76,13 +76,9 @@ def _write_series(result: FlowResult, path: Path) -> None:
             columns[name] = unit, values
         elif name in ("center", "low", "high"):
             columns |= {f"{name}_{a}": (unit, values[:, m]) for m, a in enumerate("xyz")}
-    header = ",".join(_heading(name.replace(",", " "), unit) for name, (unit, _) in columns.items())
+    header = ",".join(heading(name.replace(",", " "), unit) for name, (unit, _) in columns.items())
     table = np.stack([values for _, values in columns.values()], axis=1)
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
-
-
-def _heading(name: str, unit: str) -> str:
-    return name if unit == "1" or current_units() is None else f"{name} [{unit_name(unit)}]"
 
 
 def show(result: FlowResult) -> None:
@@ -90,7 +86,7 @@ def show(result: FlowResult) -> None:
     table = Table(title="Stages", **STYLE)
     kinds = {"until": "time", "energy": "energy", "deposit along x": "length", "top": "length"}
     for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
-        table.add_column(_heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
+        table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
     series, around = result.series, "x" in result.scenario.cell.periodic
     for number, stage in enumerate(result.stages):
         k = np.flatnonzero(series.stage == number)[-1]

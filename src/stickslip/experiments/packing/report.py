@@ -15,7 +15,7 @@ from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State
-from ...core.units import current_units, unit_name
+from ...core.units import heading
 from ...data.atomic import replace_atomically
 from ...solve.balance import BALANCED_BELOW, imbalance
 from ...solve.birth import BirthForm, birth_form
@@ -25,6 +25,7 @@ from ...solve.stability import Stability
 from ..terminal import STYLE, console, show_table
 from . import details as stability_more
 
+KINDS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}  # units; others: 1/time
 SHOWN = 12  # pairs listed in the table
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
@@ -232,22 +233,13 @@ def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
     table = Table(title=title, **STYLE)
     for column in columns:
-        table.add_column(column, justify="right", overflow="fold")
+        table.add_column(heading(column, KINDS.get(column, "1/time")), justify="right", overflow="fold")
     return table
-
-
-def _headings(*names: str) -> tuple[str, ...]:
-    """Return the headings of columns, with units if they are in use."""
-    if current_units() is None:
-        return names
-    kinds = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
-    return tuple(f"{name} [{unit_name(kinds.get(name, '1/time'))}]" for name in names)
 
 
 def _show_exponents(found: Stability) -> None:
     if found.grows:
-        names = _headings("Re s", "Im s", "period", "e-folding time")
-        table = _make_table("Growing exponents", len(found.exponents), names)
+        table = _make_table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
         for s in sorted(found.exponents, key=lambda s: -s.real)[:SHOWN]:
             frequency = abs(s.imag)
             period = f"{2 * np.pi / frequency:.4g}" if frequency > 0 else "–"
@@ -260,7 +252,7 @@ def _show_exponents(found: Stability) -> None:
 
 def _show_pairs(found: Stability) -> None:
     if len(found.pairs):
-        names = _headings("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
+        names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
         table = _make_table("Complex pairs", len(found.pairs), names)
         rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
         for pair, w, g in rows:
