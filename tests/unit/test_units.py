@@ -292,3 +292,15 @@ def test_long_times_in_seconds_are_shown_in_years():
     assert for_people((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
     assert for_people((300.0,), "s") == ((300.0,), "s")
     assert for_people((1e12,), "m") == ((1e12,), "m")
+
+
+def test_a_page_shows_the_recurrence_of_earthquakes_in_years():
+    saved = {"recurrence": {"value": 80 * 365.25 * 86400, "unit": "s"}, "duration": {"value": 72.0, "unit": "s"}}
+    assert page._list_measures({"measures": saved}, {}) == [["recurrence", "80", "years"], ["duration", "72", "s"]]
+
+
+def test_a_fault_says_its_time_in_years():
+    fault = ss.friction.line_fault(1e3, 100.0, a=0.01, b=0.015, dc=1e-2, normal=5e7)
+    state = ss.friction.initial_state(fault)
+    assert "at 0 s" in str(state)
+    assert "at 80 years" in str(state._replace(time=80 * 365.25 * 86400))

@@ -12,6 +12,7 @@ from contextvars import ContextVar
 from functools import cache
 from typing import NamedTuple
 
+from .arguments import checked
 from .text import quoted
 
 YEAR = 365.25 * 86400.0  # [s]
@@ -158,9 +159,22 @@ def in_si(unit: str) -> str:
 
 
 @contextmanager
-def units_in_use(units: Units | None) -> Iterator[None]:
-    """Print units in figures, tables and sentences; without them, only dimensions are printed."""
-    token = _IN_USE.set(units)
+@checked
+def units_in_use(units: Units | str | dict[str, str] | None) -> Iterator[None]:
+    """Print units in figures, tables and sentences within a `with` statement; no number changes.
+
+    Parameters
+    ----------
+    units : "SI", names of length, mass and time as in "mm, g, s", a dictionary of these, or what `packing_units`
+        returns; None to print only dimensions
+
+    Examples
+    --------
+    >>> with units_in_use("mm, g, s"):
+    ...     unit_name("force")
+    'g mm/s²'
+    """
+    token = _IN_USE.set(units_from(units) if isinstance(units, str | dict) else units)
     try:
         yield
     finally:

@@ -11,10 +11,11 @@ import numpy as np
 from ..core.arguments import checked
 from ..core.readable import readable
 from ..core.text import parse_number, read_text, shortened
+from ..core.units import YEAR
 from .fitting import Data
 from .loads import check_times, load_steps
 
-DAY, YEAR = 86400.0, 365.25 * 86400.0
+DAY = 86400.0
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
 TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)

@@ -114,7 +114,7 @@ def packing_units(path: str | Path) -> Units | None:
 
     Examples
     --------
-    >>> import tempfile
+    >>> import numpy as np, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.savez(f"{folder}/one.npz", position=[[0, 0, 0]], radius=[0.5], units="mm, g, s")
     ...     print(packing_units(f"{folder}/one.npz"))

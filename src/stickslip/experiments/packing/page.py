@@ -305,8 +305,12 @@ def _sweep_content(folder: Path) -> PageContent:
     data = open_sweep(folder)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
     kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
-    columns = [f"{name} [{data[name].attrs['units']}]" if data[name].attrs.get("units", "1") != "1" else str(name)
-               for name in kept.columns]  # fmt: skip
+    columns = []
+    for name in kept.columns:
+        unit = data[name].attrs.get("units", "1")
+        if unit == "s":
+            kept[name], unit = for_people(kept[name], unit)
+        columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
     text = page.table(columns, rows[:ROWS])
     if len(rows) > ROWS:
