@@ -85,7 +85,7 @@ def folder(tmp_path):
     states = [disks()._replace(time=float(k)) for k in range(3)]
     tree = {
         "law": SHARP, "frames": {f"{k:04d}": s for k, s in enumerate(states)},
-        "series": Fields({"time": np.arange(3.0), "friction": np.array([0.1, 0.4, 0.3])}, friction="1"),
+        "series": Fields({"time": np.arange(3.0), "friction": np.array([0.1, 0.4, 0.3])}, time="time", friction="1"),
         "plane": {"height": 5.7},
     }  # fmt: skip
     archive.write(

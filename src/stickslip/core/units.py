@@ -193,6 +193,8 @@ def unit_name(unit: str, dim: int | None = None) -> str:
     ----------
     dim : number of dimensions, if it may differ from that of the units in use
     """
+    if not _is_unit(unit):  # a formula, such as that of a natural unit
+        return unit
     units = _IN_USE.get()
     units = units._replace(dim=dim) if units and dim else units
     return in_units(unit, units).replace("^2", "²").replace("^3", "³")
