@@ -78,6 +78,11 @@ with an error message before anything runs. These pages are generated from the s
 Where the unit is given as `length`, `mass`, `force` and so on, any consistent units may be used;
 `m`, `s` and `Pa` are SI units. A dash in the unit column means a dimensionless number or a string.
 
+Name your units with `units = "SI"`, or with `units = {{length = "mm", mass = "g", time = "s"}}`: figures, tables,
+reports, archives, datasets and headers of CSV files then print them, and units of other quantities are products of
+these, such as g mm/s² for a force (N and Pa in SI). No number changes. Experiments whose keys are in SI units take no
+other units.
+
 ## Sizes
 
 Several keys together may ask for more than a machine can hold or compute. Each scenario states the sizes of its run

@@ -2,6 +2,7 @@
 
 Packings
     read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump
+    packing_units, units_in_use     units that a file names, and a `with` statement that prints them
     follow_packings     states of a running LAMMPS simulation, as its dumps become complete
     write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data
     frame_of            columns of a state as these formats store them
@@ -14,7 +15,8 @@ Results
     contact_table       contacts of one frame, one row each
 """
 
-from .data.exchange.files import read_packing, read_packings, write_packing
+from .core.units import units_in_use
+from .data.exchange.files import packing_units, read_packing, read_packings, write_packing
 from .data.exchange.follow import follow_packings
 from .data.exchange.frame import frame_of
 from .data.exchange.motion import mode_frames, read_mode
@@ -30,10 +32,12 @@ __all__ = [
     "mode_frames",
     "open_dataset",
     "open_sweep",
+    "packing_units",
     "read_mode",
     "read_packing",
     "read_packings",
     "read_sweep",
+    "units_in_use",
     "write_packing",
 ]
 

@@ -10,6 +10,7 @@ from stickslip.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 HEAD = "time [s], load_point [um], friction [-]"
+HEAD_BY_NAME = ("time [s]", "friction [-]", "load_point [um]")
 ROWS = [f"{k}, {10 * k}, 0.6{k % 10}" for k in range(12)]
 
 
@@ -79,11 +80,11 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
 @pytest.mark.parametrize(
     ("head", "rows", "sentence"),
     [
-        ("load_point [um], friction [-]", ["1, 2"] * 12, "but no time"),
-        ("time [s], load_point [um]", ["1, 2"] * 12, "but no friction"),
+        ("load_point [um], friction [-]", ["1, 2"] * 12, "no column for time"),
+        ("time [s], load_point [um]", ["1, 2"] * 12, "no column for friction"),
         ("time [s], load_point [um], shear_stress [MPa]", ["1, 2, 3"] * 12, "'normal_stress [MPa]'"),
-        ("time [s], friction [-]", ["1, 2"] * 12, "neither load_point nor velocity"),
-        ("1, 2, 3", ROWS, "no known columns"),
+        ("time [s], friction [-]", ["1, 2"] * 12, "no column for load_point or velocity"),
+        ("1, 2, 3", ROWS, "its columns are '1', '2', '3'"),
         ("time, load_point [um], friction [-]", ROWS, "'time' has no unit: write it as 'time [s]'"),
         ("time [s], load_point [furlong], friction [-]", ROWS, "load_point has the unit 'furlong': use m, cm, mm"),
         ("time [s], load_point [um], friction [%]", ROWS, "friction has the unit '%'"),
@@ -134,3 +135,34 @@ def test_the_command_line_reads_files_without_headers(tmp_path):
     assert done.stderr == ("stickslip: a.csv: 1 of 41 rows have an empty cell and are left out; the first is line 41\n")
     done = stickslip_here(*words, "--columns", "time", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NAME=NUMBER" in done.stderr
+
+
+@pytest.mark.parametrize("missing", ["time", "friction", "load_point"])
+def test_unusual_headers_are_listed_with_those_that_are_read(tmp_path, missing):
+    words = {"time": "elapsed [s]", "friction": "F/N", "load_point": "x_piston [mm]"}
+    head = ", ".join(words[name] if name == missing else field for name, field in zip(words, HEAD_BY_NAME, strict=True))
+    with pytest.raises(ValueError) as caught:
+        read_csv(written(tmp_path / "a.csv", head))
+    said = str(caught.value)
+    assert repr(words[missing]) in said  # what was seen
+    for name in {"time": ("time", "t"), "friction": ("mu", "shear_stress"), "load_point": ("lp_disp", "slip_rate")}[
+        missing
+    ]:
+        assert name in said  # what is looked for
+    assert "\n" not in said and len(said) < 700
+
+
+def test_a_header_of_a_hundred_columns_is_shortened(tmp_path):
+    head = ",".join(f"channel {k} of the amplifier in the cellar" for k in range(100))
+    with pytest.raises(ValueError, match=r"'channel 0 of the amplifier in the cellar'.* and 9. more") as caught:
+        read_csv(written(tmp_path / "a.csv", head, [",".join(["1"] * 100)] * 12))
+    assert len(str(caught.value)) < 900
+
+
+def test_times_in_days_and_years(tmp_path):
+    found = read_csv(
+        written(tmp_path / "a.csv", "time [yr], velocity [mm/yr], friction [-]", [f"{k}, 35, 0.6" for k in range(12)])
+    )
+    assert found.time[1] == 365.25 * 86400
+    assert found.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
+    assert read_csv(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400

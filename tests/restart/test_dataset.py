@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
-from stickslip.core.units import Fields, in_si
+from stickslip.core.units import SI, Fields, in_si
 from stickslip.data import archive
 from stickslip.data.checkpoint import Checkpoint
 from stickslip.experiments.flow.simulate import FlowSeries, StageEnd
@@ -21,7 +21,7 @@ def results(path, si=False):
     series = {"time": np.arange(4.0), "kinetic_energy": np.ones(4), "center": np.zeros((4, 3)), "kind": "a"}
     series = Fields(series, FlowSeries)
     tree = {"law": LAW, "frames": {"first": one, "last": two}, "series": series, "units": "those of the scenario"}
-    archive.write(path / "results.h5", tree, scenario="text", version="0", si=si)
+    archive.write(path / "results.h5", tree, scenario="text", version="0", units=SI if si else None)
     return one, two
 
 
@@ -120,7 +120,7 @@ def test_a_foreign_place_is_told(tmp_path, made):
 
 
 def saved(path, tree, si=False):
-    archive.write(path / "results.h5", tree, scenario="", version="0", si=si)
+    archive.write(path / "results.h5", tree, scenario="", version="0", units=SI if si else None)
     return ss.io.open_dataset(path)
 
 

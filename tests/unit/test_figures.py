@@ -44,7 +44,7 @@ def test_pairs_are_drawn_against_the_push():
     assert holds(axes, np.r_[0.5, loads], np.r_[0.0, values])
     assert holds(axes, [0.5], [0.0], marker="o")
     assert holds(axes, [0.7], [2e-3], marker="x", label="paper")
-    assert axes.get_xlabel() == "push $F_x$ [force unit of the scenario]"
+    assert axes.get_xlabel() == "push $F_x$ [force]"
     assert axes.get_ylabel() == r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2R}/m$]"
     legend = axes.get_legend()
     assert legend.get_title().get_text() == "one"
@@ -266,8 +266,8 @@ def test_series_of_a_flow():
     series = Made(time=rising(n), sliding_fraction=RNG.uniform(0, 1, n), **columns)
     result = Made(series=series, poured=Made(plates=()), stages=[Made(start=0.0, end=9.0, name="fall")])
     energy, force, contacts, place, share = flow.time_series(result).axes
-    for axes, name, words in ((energy, "kinetic_energy", "energy\n[units of energy]"),
-                              (energy, "elastic_energy", "energy\n[units of energy]"),
+    for axes, name, words in ((energy, "kinetic_energy", "energy\n[energy]"),
+                              (energy, "elastic_energy", "energy\n[energy]"),
                               (force, "unbalanced", "unbalanced force\nover contact force"),
                               (contacts, "coordination", "coordination $z$"),
                               (share, "sliding_fraction", "sliding fraction")):  # fmt: skip

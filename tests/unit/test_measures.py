@@ -14,16 +14,12 @@ from stickslip.friction.fault_cycles import Energy
 from stickslip.friction.fault_record import FaultEvents
 from tests.events.made import samples
 
-# exponents of mass, length and time, as (M, L, T); stresses in d dimensions as their own word
-LENGTH, TIME, VELOCITY, NUMBER = (0, 1, 0), (0, 0, 1), (0, 1, -1), (0, 0, 0)
-FORCE, ENERGY, STRESS = (1, 1, -2), (1, 2, -2), "stress"
-# how each kind is written: as dimensions, and in SI
-WRITTEN = {
+LENGTH, TIME, VELOCITY, RATE, RATE_SQUARED, PER_LENGTH, FORCE, ENERGY, STRESS, NUMBER = range(10)
+WRITTEN = {  # as dimensions, and in SI
     LENGTH: ("length", "m"), TIME: ("time", "s"), VELOCITY: ("length/time", "m/s"), FORCE: ("force", "N"),
-    ENERGY: ("energy", "J"), STRESS: ("force/length^(dim-1)", "Pa"), (0, 0, -1): ("1/time", "1/s"),
-    (0, 0, -2): ("1/time^2", "1/s^2"), NUMBER: ("1", "1"),
+    ENERGY: ("energy", "J"), STRESS: ("force/length^(dim-1)", "Pa"), RATE: ("1/time", "1/s"),
+    RATE_SQUARED: ("1/time^2", "1/s^2"), NUMBER: ("1", "1"),
 }  # fmt: skip
-RATE, RATE_SQUARED, PER_LENGTH = (0, 0, -1), (0, 0, -2), (0, -1, 0)
 SI = ("gouge", "rate-state", "fault")
 # what each measure is, without what stands behind an @; "load" is the scenario's `load.unit`
 MEANT = {

@@ -10,9 +10,27 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.units import Fields, in_si, units_of
+from stickslip.cli import app
+from stickslip.core.units import (
+    SI,
+    Fields,
+    Units,
+    for_people,
+    in_si,
+    in_units,
+    unit_name,
+    units_from,
+    units_in_use,
+    units_of,
+)
 from stickslip.data import archive
+from stickslip.data.exchange.files import packing_units
+from stickslip.experiments.packing import page
+from stickslip.experiments.registry import EXPERIMENTS, read_tables
+from stickslip.experiments.writer import write_result
 from stickslip.figures.quantities import quantities
+from stickslip.figures.style import png
+from stickslip.figures.view3d import view_data
 from stickslip.loading.event_types import Events
 
 PACKAGE = Path(ss.__file__).parent
@@ -72,7 +90,7 @@ def test_archives_store_the_documented_units_of_all_classes(tmp_path):
     archive.write(tmp_path / "a.h5", tree)
     assert archive.units(tmp_path / "a.h5") == meant
     assert checked > 300
-    archive.write(tmp_path / "b.h5", tree, si=True)
+    archive.write(tmp_path / "b.h5", tree, units=SI)
     for place, unit in archive.units(tmp_path / "b.h5").items():
         assert "length" not in unit and "force" not in unit and "time" not in unit
         if not {"dim", "amplitude", "ns", "steps"} & set(re.findall("[a-z]+", meant[place])):
@@ -86,7 +104,7 @@ def test_a_field_has_the_unit_of_its_own_class(tmp_path):
     assert found["piece/drag"] == "1/time"
     state = ss.packings.disk_array(2, press=1e-5)
     for si, force, stress, time in ((False, "force", "force/length^(dim-1)", "time"), (True, "N", "Pa", "s")):
-        archive.write(tmp_path / "b.h5", {"state": state}, si=si)
+        archive.write(tmp_path / "b.h5", {"state": state}, units=SI if si else None)
         found = archive.units(tmp_path / "b.h5")
         told = [found.get(f"state/control/{name}") for name in ("force", "stress", "rate")]
         assert told == [force, stress, None]  # `rate` holds velocities and spins
@@ -125,7 +143,8 @@ def test_what_grains_are_coloured_by_has_its_unit():
         frame = ss.io.frame_of(ss.packings.from_arrays(place, [0.5, 0.5], law, dim=dim), law)
         before = ss.io.frame_of(frame.state, law)
         for si in (False, True):
-            told[dim, si] = {name: unit for name, (_, unit) in quantities(frame, first=before, si=si).items()}
+            with units_in_use(SI if si else None):
+                told[dim, si] = {name: unit for name, (_, unit) in quantities(frame, first=before).items()}
     bare = {"material": "", "coordination": "", "sliding contacts": ""}
     own = {"radius": "length", "speed": "length/time", "displacement": "length"} | bare
     real = {"radius": "m", "speed": "m/s", "displacement": "m"} | bare
@@ -147,3 +166,161 @@ def test_the_pressure_of_a_grain_is_force_times_lever_over_its_volume():
     levers = [at_wall * (small - overlap) + between * branch * small / (small + large), between * branch * 2 / 3]
     volumes = [4 / 3 * np.pi * r**3 for r in (small, large)]
     np.testing.assert_allclose(found, np.array(levers) / volumes / 3, rtol=1e-11)  # round-off of an overlap of 0.01
+
+
+MILLIMETRES = {"length": "mm", "mass": "g", "time": "s"}
+FLOW = {
+    "experiment": "flow", "grains": {"number": 3, "mass": 1.0, "low": (0.0, 0.0), "high": (5.0, 5.0)},
+    "law": {"kn": 1e3}, "gravity": (0.0, -1.0), "walls": [{"name": "floor", "point": (0.0, 0.0), "normal": (0.0, 1.0)}],
+    "stages": [{"name": "fall", "duration": 0.2}], "samples": 5, "frames": 2,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("unit", "named", "plane"),
+    [("force", "g mm/s^2", "g mm/s^2"), ("force/length^(dim-1)", "g/(mm s^2)", "g/s^2"), ("1", "1", "1"),
+     ("energy", "g mm^2/s^2", "g mm^2/s^2"), ("force/length", "g/s^2", "g/s^2"), ("1/time^2", "1/s^2", "1/s^2"),
+     ("rad/time", "rad/s", "rad/s"), ("stress/length", "g/(mm^2 s^2)", "g/(mm s^2)"), ("load", "load", "load")],
+)  # fmt: skip
+def test_units_of_other_quantities_are_products(unit, named, plane):
+    assert in_units(unit, units_from(MILLIMETRES)) == named
+    assert in_units(unit, units_from(MILLIMETRES, dim=2)) == plane
+    assert in_units(unit, None) == unit
+
+
+def test_products_have_the_right_dimensions():
+    """With three names that are the dimensions themselves, a product is the quantity in mass, length and time."""
+    for _, node, lines in classes():
+        for units in documented(node, lines).values():
+            for unit in units - NO_UNITS:
+                found = in_units(unit.replace("²", "^2").replace("−", "-"), Units("length", "mass", "time"))
+                if not {"dim", "amplitude", "ns", "steps"} & set(re.findall("[a-z]+", unit)) and "(" not in found:
+                    assert exponents(found) == exponents(unit.replace("²", "^2").replace("−", "-")), unit
+
+
+@pytest.mark.parametrize(
+    "given", ["SII", "m, kg", {"length": "m"}, ["m", "m", "s"], ["m", "k g", "s"], ["m", "$", "s"], 5]
+)
+def test_other_units_are_refused_in_one_sentence(given):
+    with pytest.raises(
+        ValueError, match=r'^units = .* was given: use "SI", or names of length, mass and time'
+    ) as caught:
+        units_from(given)
+    with pytest.raises(ValueError) as again:
+        ss.scenario(units=given)
+    assert str(caught.value) == str(again.value)
+
+
+def test_units_of_a_scenario_change_its_text_but_no_number():
+    bare, named = ss.scenario(**FLOW), ss.scenario(**FLOW, units="SI")
+    assert "units" not in bare.text and bare.named_units is None
+    assert named.digest != bare.digest
+    assert named.named_units == SI._replace(dim=2)
+    tables = named.model_dump(mode="json")
+    assert tables.pop("units") == "SI" and tables == bare.model_dump(mode="json")
+    again = ss.scenario(**FLOW, units=MILLIMETRES)
+    assert ss.scenario(**again.model_dump()) == again and str(again.named_units) == "mm, g, s"
+
+
+@pytest.mark.parametrize("name", ["fault", "gouge", "rate_state"])
+def test_experiments_in_si_refuse_other_units(name):
+    tables = read_tables(PACKAGE.parents[1] / "examples" / f"{name}.toml")
+    assert ss.scenario(**tables, units="SI").named_units == ss.scenario(**tables).named_units == SI
+    with pytest.raises(ValueError, match="is in SI units by definition: leave units out"):
+        ss.scenario(**tables, units=MILLIMETRES)
+
+
+@pytest.fixture(scope="module")
+def flows(tmp_path_factory):
+    """The same flow without units and with names for them."""
+    out = {}
+    for name, more in {"bare": {}, "named": {"units": MILLIMETRES}}.items():
+        out[name] = tmp_path_factory.mktemp(name)
+        chosen = ss.scenario(**FLOW, **more)
+        found = ss.simulate(chosen)
+        write_result(out[name], EXPERIMENTS["flow"], found)
+    return out
+
+
+def test_a_run_names_its_units_everywhere(flows):
+    bare, named = (archive.units(flows[name] / "results.h5") for name in ("bare", "named"))
+    assert {name: in_units(unit, units_from(MILLIMETRES, dim=2)) for name, unit in bare.items()} == named
+    assert named["series/kinetic_energy"] == "g mm^2/s^2"
+    trees = [archive.read(flows[name] / "results.h5") for name in ("bare", "named")]
+    assert [tree["measures"]["run_out"]["unit"] for tree in trees] == ["length", "mm"]
+    assert trees[1]["units"] == "mm, g, s"
+    for name in ("bare", "named"):
+        series = (flows[name] / "series.csv").read_text().splitlines()
+        assert series[0].startswith({"bare": "time,", "named": "time [s],"}[name])
+        assert series[1] == (flows["bare"] / "series.csv").read_text().splitlines()[1]
+
+
+def test_a_page_names_the_units_of_its_run(flows):
+    for name, speed, time in (("bare", "length/time", "time 0.1992,"), ("named", "mm/s", "time 0.1992 s,")):
+        app(["report", str(flows[name]), "--no-verdict", "-q"], standalone_mode=False)
+        text = (flows[name] / "report.html").read_text()
+        assert f'<td class="">{"mm" if name == "named" else "length"}</td>' in text  # of the measure run_out
+        with units_in_use(packing_units(flows[name])):
+            shown = page.folder_content(flows[name], search=False)
+            data = view_data(shown.frames, shown.modes, labels=shown.labels)
+        assert time in shown.labels[-1]
+        assert speed in {one["unit"] for one in data["quantities"]}
+
+
+def test_labels_of_figures_name_units(flows):
+    found = {}
+    for name in flows:
+        result = ss.simulate(ss.scenario(**FLOW, **({"units": MILLIMETRES} if name == "named" else {})))
+        with units_in_use(result.scenario.named_units):
+            for _, figure in EXPERIMENTS["flow"].figures(result):
+                png(figure)
+                labels = {text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())}
+                plain = {
+                    re.sub(r"\$10\^.*?\$ ", "", " ".join(text.split())) for text in labels
+                }  # without powers of ten
+                found[name] = found.get(name, set()) | plain
+    assert {"$x$ [length]", "speed [length/time]", "energy [energy]", "time $t$ [time]"} <= found["bare"]
+    assert {"$x$ [mm]", "speed [mm/s]", "energy [g mm²/s²]", "time $t$ [s]"} <= found["named"]
+
+
+def test_formulas_in_labels_stay_as_they_are():
+    with units_in_use("SI"):
+        assert unit_name(r"$(2\sigma_1)^2$") == r"$(2\sigma_1)^2$"
+        assert unit_name("length^2") == "m²"
+
+
+def test_packings_have_units_as_well(tmp_path, capsys):
+    source = np.load(PACKAGE.parents[1] / "examples" / "sheared_spheres.npz")
+    np.savez(tmp_path / "named.npz", **source, units="mm, g, s")
+    told = {}
+    for path in (PACKAGE.parents[1] / "examples" / "sheared_spheres.npz", tmp_path / "named.npz"):
+        app(["stability", str(path), "--modes", str(tmp_path / "m.npz"), "-q"], standalone_mode=False)
+        told[path.stem] = capsys.readouterr().out.strip()
+    assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["sheared_spheres"]) == told["named"]
+    np.savez(tmp_path / "wrong.npz", **source, units="furlongs")
+    with pytest.raises(ValueError, match=r"units = 'furlongs' was given in .*wrong.npz: use"):
+        app(["stability", str(tmp_path / "wrong.npz")], standalone_mode=False)
+    app(["convert", str(tmp_path / "named.npz"), "--to", str(tmp_path / "again.npz"), "-q"], standalone_mode=False)
+    app(["convert", str(tmp_path / "named.npz"), "--to", str(tmp_path / "again.h5"), "-q"], standalone_mode=False)
+    for name in ("again.npz", "again.h5"):
+        assert str(packing_units(tmp_path / name)) == "mm, g, s"
+    assert archive.units(tmp_path / "again.h5")["state/grains/velocity"] == "mm/s"
+
+
+def test_long_times_in_seconds_are_shown_in_years():
+    year = 365.25 * 86400
+    assert for_people((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
+    assert for_people((300.0,), "s") == ((300.0,), "s")
+    assert for_people((1e12,), "m") == ((1e12,), "m")
+
+
+def test_a_page_shows_the_recurrence_of_earthquakes_in_years():
+    saved = {"recurrence": {"value": 80 * 365.25 * 86400, "unit": "s"}, "duration": {"value": 72.0, "unit": "s"}}
+    assert page._list_measures({"measures": saved}, {}) == [["recurrence", "80", "years"], ["duration", "72", "s"]]
+
+
+def test_a_fault_says_its_time_in_years():
+    fault = ss.friction.line_fault(1e3, 100.0, a=0.01, b=0.015, dc=1e-2, normal=5e7)
+    state = ss.friction.initial_state(fault)
+    assert "at 0 s" in str(state)
+    assert "at 80 years" in str(state._replace(time=80 * 365.25 * 86400))

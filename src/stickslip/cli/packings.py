@@ -78,14 +78,21 @@ def _packing_options(
 
 
 def with_packing_options(command):
-    """Add the options of `_packing_options` to a command, which receives them as the dictionary `options`."""
+    """Add the options of `_packing_options` to a command, which receives them as the dictionary `options`.
+
+    The command prints the units of its packing.
+    """
     own, more = (list(signature(f).parameters.values()) for f in (command, _packing_options))
     names = [parameter.name for parameter in more]
 
     @wraps(command)
     def wrapper(**given):
+        from ..core.units import units_in_use
+        from ..data.exchange.files import packing_units
+
         options = {name: given.pop(name) for name in names}
-        return command(**given, options=options)
+        with units_in_use(packing_units(given.get("file") or given["place"])):
+            return command(**given, options=options)
 
     del wrapper.__wrapped__
     wrapper.__signature__ = Signature([*(p for p in own if p.name != "options"), *more])

@@ -209,6 +209,7 @@ def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
 
 def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
     """Run or continue a scenario in a folder."""
+    from ..core.units import units_in_use
     from ..experiments import json_output, terminal
     from ..experiments.registry import experiment_of
     from ..experiments.writer import write_result
@@ -219,9 +220,11 @@ def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
         found = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_result(folder, experiment, found)
-    finish(
-        lambda: json_output.describe_run(command, folder, found, paths), paths, lambda: experiment.show(found), **how
-    )  # fmt: skip
+    with units_in_use(chosen.named_units):
+        finish(
+            lambda: json_output.describe_run(command, folder, found, paths), paths, lambda: experiment.show(found),
+            **how,
+        )  # fmt: skip
 
 
 @app.command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")

@@ -6,9 +6,20 @@ it from there. The sources are at hand wherever kernels are compiled, since `ker
 
 import inspect
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
+from typing import NamedTuple
 
+from .arguments import checked
+from .text import quoted
+
+YEAR = 365.25 * 86400.0  # [s]
 _SI = {"length": "m", "time": "s", "mass": "kg", "force": "N", "energy": "J", "stress": "Pa"}
+_POWERS = {  # of mass, length and time
+    "mass": (1, 0, 0), "length": (0, 1, 0), "time": (0, 0, 1), "force": (1, 1, -2), "energy": (1, 2, -2),
+}  # fmt: skip
 _WORDS = {*_SI, *_SI.values(), "W", "ns", "rad", "amplitude", "dim", "steps"}
 _PRESSURE = "force/length^(dim-1)"
 
@@ -72,6 +83,93 @@ def _is_unit(text: str) -> bool:
     return text == "1" or (len(words) > 0 and words <= _WORDS)
 
 
+class Units(NamedTuple):
+    """Names of the units of length, mass and time, from which those of other quantities follow."""
+
+    length: str
+    mass: str
+    time: str
+    dim: int = 3  # number of dimensions: a stress is a force per area, or per length in two dimensions
+
+    def __str__(self) -> str:
+        return "SI" if self[:3] == SI[:3] else ", ".join(self[:3])
+
+
+SI = Units("m", "kg", "s")
+EXAMPLE = '"SI", or names of length, mass and time as in {length = "mm", mass = "g", time = "s"}'
+_IN_USE: ContextVar[Units | None] = ContextVar("units in use", default=None)
+
+
+def units_from(given, dim: int = 3) -> Units:
+    """Units from "SI", from a dictionary with the keys length, mass and time, or from three names in this order.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if they cannot be used.
+
+    Examples
+    --------
+    >>> str(units_from("mm, g, s"))
+    'mm, g, s'
+    """
+    names = [name.strip() for name in given.split(",")] if isinstance(given, str) else given
+    if isinstance(names, dict) and set(names) == {"length", "mass", "time"}:
+        names = [names[name] for name in ("length", "mass", "time")]
+    if names in (["SI"], ("SI",)):
+        return SI._replace(dim=dim)
+    names = names if isinstance(names, list | tuple) else ()
+    good = len(names) == 3 and all(isinstance(name, str) and name.isalpha() and len(name) <= 12 for name in names)
+    if not good or len(set(names)) < 3:
+        raise ValueError(f"units = {quoted(given)} was given: use {EXAMPLE}, three different words of up to 12 letters")
+    return Units(*names, dim=dim)
+
+
+def in_units(unit: str, units: Units | None) -> str:
+    """Unit of a quantity with given dimensions; without `units`, and for units of other kinds, it is unchanged.
+
+    Examples
+    --------
+    >>> in_units("force/length^(dim-1)", SI), in_units("force", Units("mm", "g", "s"))
+    ('Pa', 'g mm/s^2')
+    """
+    if units is None or not _is_unit(unit):
+        return unit
+    unit = unit.replace(_PRESSURE, "stress").replace("^dim", f"^{units.dim}")
+    if units.dim == 2 or str(units) != "SI":  # a stress has a name of its own in SI and three dimensions only
+        power = units.dim - 1
+        unit = re.sub(r"stress(/length)?", lambda found: _per_length(power + (found[1] is not None)), unit)
+    if str(units) == "SI":
+        return re.sub("[a-z]+", lambda word: _SI.get(word[0], word[0]), unit)
+    return _product(unit, units)
+
+
+def _per_length(power: int) -> str:
+    return f"force/length^{power}" if power > 1 else "force/length"
+
+
+def _product(unit: str, units: Units) -> str:
+    """Unit as a product of powers of the names of units."""
+    above, _, below = unit.partition("/")
+    total: dict[str, int] = {}
+    for side, sign in ((above, 1), (below, -1)):
+        whole = re.fullmatch(r"\((.*)\)\^(\d+)", side)
+        for word in (whole[1] if whole else side).split():
+            name, _, power = word.partition("^")
+            times = sign * int(power or 1) * (int(whole[2]) if whole else 1)
+            known = name in _POWERS
+            parts = zip((units.mass, units.length, units.time), _POWERS[name], strict=True) if known else ((name, 1),)
+            for part, exponent in parts:
+                total[part] = total.get(part, 0) + times * exponent
+    sides = [
+        [name + (f"^{abs(power)}" if abs(power) > 1 else "") for name, power in total.items() if power * sign > 0]
+        for sign in (1, -1)
+    ]
+    top, bottom = ([name for name in side if name != "1"] for side in sides)
+    text = " ".join(top) or "1"
+    return text if not bottom else f"{text}/{bottom[0]}" if len(bottom) == 1 else f"{text}/({' '.join(bottom)})"
+
+
 def in_si(unit: str) -> str:
     """SI unit of a quantity with given dimensions.
 
@@ -80,7 +178,66 @@ def in_si(unit: str) -> str:
     >>> in_si("mass length^2"), in_si("force/length^(dim-1)"), in_si("m/s")
     ('kg m^2', 'Pa', 'm/s')
     """
-    return "Pa" if unit == _PRESSURE else re.sub("[a-z]+", lambda word: _SI.get(word[0], word[0]), unit)
+    return in_units(unit, SI)
+
+
+@contextmanager
+@checked
+def units_in_use(units: Units | str | dict[str, str] | None) -> Iterator[None]:
+    """Print units in figures, tables and sentences within a `with` statement; no number changes.
+
+    Parameters
+    ----------
+    units : "SI", names of length, mass and time as in "mm, g, s", a dictionary of these, or what `packing_units`
+        returns; None to print only dimensions
+
+    Examples
+    --------
+    >>> with units_in_use("mm, g, s"):
+    ...     unit_name("force")
+    'g mm/s²'
+    """
+    token = _IN_USE.set(units_from(units) if isinstance(units, str | dict) else units)
+    try:
+        yield
+    finally:
+        _IN_USE.reset(token)
+
+
+def current_units() -> Units | None:
+    """Units that are printed now; None if they are unknown."""
+    return _IN_USE.get()
+
+
+def unit_name(unit: str, dim: int | None = None) -> str:
+    """Unit of a quantity with given dimensions, for a label: "length" or, with units in use, "mm".
+
+    Parameters
+    ----------
+    dim : number of dimensions, if it may differ from that of the units in use
+    """
+    if not _is_unit(unit):  # a formula, such as that of a natural unit
+        return unit
+    units = _IN_USE.get()
+    units = units._replace(dim=dim) if units and dim else units
+    return in_units(unit, units).replace("^2", "²").replace("^3", "³")
+
+
+def with_unit(number: str, unit: str) -> str:
+    """Return a number followed by its unit, if units are in use."""
+    return f"{number} {unit_name(unit)}" if _IN_USE.get() else number
+
+
+def heading(name: str, unit: str) -> str:
+    """Return the heading of a column, with its unit if units are in use."""
+    return name if unit == "1" or _IN_USE.get() is None else f"{name} [{unit_name(unit)}]"
+
+
+def for_people(values, unit: str) -> tuple:
+    """Return values and their unit for people: years for times of which any is longer than a year."""
+    if unit == "s" and any(abs(value) > YEAR for value in values):
+        return tuple(value / YEAR for value in values), "years"
+    return tuple(values), unit
 
 
 class Fields(dict):

@@ -30,7 +30,7 @@ from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, describe_law, restore_kind
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from ..core.text import SentenceError, check_regular_file
-from ..core.units import Fields, in_si, units_of
+from ..core.units import Fields, Units, in_units, units_from, units_of
 from .atomic import write_atomically
 from .older_contacts import restore_contacts
 
@@ -50,7 +50,7 @@ class ArchiveError(SentenceError):
     """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
 
 
-def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", si: bool = False) -> None:
+def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
     """Write a tree to an HDF5 file, all or nothing.
 
     Parameters
@@ -58,7 +58,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
     scenario : canonical text
     version : of the package that computed it
-    si : True if units are SI; otherwise the attribute `units` of a dataset gives its dimension
+    units : named in the attribute `units` of datasets; without them, it gives dimensions
 
     Raises
     ------
@@ -70,9 +70,11 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     with h5py.File(uuid.uuid4().hex, "w", **memory) as file:
         file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
         file.attrs["versions"] = versions()
+        if units is not None:
+            file.attrs["units"], file.attrs["dim"] = str(units), units.dim
         known = tree.units if isinstance(tree, Fields) else {}
         for name, value in sorted(tree.items()):
-            _store(file, name, value, si, known.get(name))
+            _store(file, name, value, units, known.get(name))
         file.flush()
         image = file.id.get_file_image()
     write_atomically(path, _checksum_block(image), image)
@@ -119,6 +121,12 @@ def units(path: str | Path) -> dict[str, str]:
     return found
 
 
+def named_units(path: str | Path) -> Units | None:
+    """Units that `write` was given; None if they are not named. Errors as in `read`."""
+    with _open(path) as file:
+        return units_from(file.attrs["units"], int(file.attrs["dim"])) if "units" in file.attrs else None
+
+
 def attributes(path: str | Path) -> dict[str, str]:
     """Attributes `scenario`, `stickslip` (version) and `versions` of an archive; errors as in `read`."""
     with _open(path) as file:
@@ -160,7 +168,7 @@ def _check_schema(path, schema) -> None:
         )
 
 
-def _store(group, name: str, value, si: bool, unit: str | None = None) -> None:
+def _store(group, name: str, value, units: Units | None, unit: str | None = None) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -172,9 +180,9 @@ def _store(group, name: str, value, si: bool, unit: str | None = None) -> None:
         child.attrs["noun"] = type(value).__name__
         known = units_of(type(value))
         for key, item in sorted(value._asdict().items()):
-            _store(child, key, item, si, known.get(key))
+            _store(child, key, item, units, known.get(key))
         if isinstance(value, Law) and isinstance(value.kind, Kind):
-            _store(child, "own", describe_law(value), si)
+            _store(child, "own", describe_law(value), units)
     elif isinstance(value, dict):
         child = group.create_group(name)
         numbers = [key for key in value if not isinstance(key, str)]
@@ -183,17 +191,17 @@ def _store(group, name: str, value, si: bool, unit: str | None = None) -> None:
         named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
         known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
         for key, item in sorted(named.items()):
-            _store(child, key, item, si, known.get(key))
+            _store(child, key, item, units, known.get(key))
     elif isinstance(value, tuple | list) and not _is_homogeneous(value):
         child = group.create_group(name)
         child.attrs["sequence"] = type(value).__name__
         for k, item in enumerate(value):
-            _store(child, f"{k:06d}", item, si, unit)
+            _store(child, f"{k:06d}", item, units, unit)
     else:
-        _store_array(group, name, value, si, unit)
+        _store_array(group, name, value, units, unit)
 
 
-def _store_array(group, name: str, value, si: bool, unit: str | None) -> None:
+def _store_array(group, name: str, value, units: Units | None, unit: str | None) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
@@ -211,7 +219,7 @@ def _store_array(group, name: str, value, si: bool, unit: str | None) -> None:
     if isinstance(value, tuple | list):
         made.attrs["sequence"] = type(value).__name__
     if array.dtype.kind in "fc" and unit:
-        made.attrs["units"] = in_si(unit) if si else unit
+        made.attrs["units"] = in_units(unit, units)
 
 
 def _store_columns(group, name: str, array: np.ndarray) -> h5py.Dataset:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import __version__
+from ..core.units import Units
 from . import archive
 from .atomic import write_atomically
 
@@ -28,7 +29,7 @@ class Checkpoint(NamedTuple):
     scenario: str  # canonical text
     nouns: tuple[type, ...] = ()  # classes of the NamedTuples and enums in its pieces
     part: str = "."
-    si: bool = False  # True if units are SI
+    units: Units | None = None  # None if they are not named
 
     def of(self, part: str, *nouns: type) -> "Checkpoint":
         """Location of the pieces of one of several parts."""
@@ -91,7 +92,7 @@ class Checkpoint(NamedTuple):
         """Write a piece, all or nothing; it survives whatever happens to this process."""
         self.announce()
         content = {"name": f"{self.part}/{name}", "piece": value}
-        archive.write(self._path(name), content, scenario=self.scenario, version=__version__, si=self.si)
+        archive.write(self._path(name), content, scenario=self.scenario, version=__version__, units=self.units)
 
     def load(self, name: str) -> Any:
         """Read a piece.
@@ -146,7 +147,7 @@ def is_worth_resuming(folder: Path) -> bool:
 
 def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:
     """Location of the pieces of a scenario that is run in a folder; None without a folder."""
-    return Checkpoint(folder, scenario.text, nouns, si=scenario.si) if folder else None
+    return Checkpoint(folder, scenario.text, nouns, units=scenario.named_units) if folder else None
 
 
 def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any]) -> Any:

@@ -3,14 +3,24 @@
 import difflib
 import hashlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from ..core.readable import folded, format_value, table
 from ..core.sizes import Size, require_sizes
 from ..core.text import SentenceError
+from ..core.units import SI, Units, units_from
 
 LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also for parameters of laws: products of two or three do not overflow
 
@@ -53,10 +63,28 @@ class ScenarioTable(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+class UnitNames(ScenarioTable):
+    """Names of units, which are printed with numbers; those of force, stress, velocity and so on are products."""
+
+    length: str = Field(description='name of the unit of length, such as "mm": up to 12 letters')
+    mass: str = Field(description="name of the unit of mass")
+    time: str = Field(description="name of the unit of time")
+
+
+def _check_units(given):
+    if given is None or isinstance(given, UnitNames):
+        return given
+    units = units_from(given)
+    return "SI" if units == SI else dict(zip(("length", "mass", "time"), units[:3], strict=True))
+
+
 class ScenarioBase(ScenarioTable):
     """Base class of scenarios."""
 
-    si: ClassVar[bool] = False  # True if its units are SI
+    si: ClassVar[bool] = False  # True if its units are SI by definition
+    units: Annotated[Literal["SI"] | UnitNames | None, BeforeValidator(_check_units)] = Field(
+        None, description="units of all numbers: printed with them, and without effect on them; default: not named"
+    )
     if TYPE_CHECKING:
         experiment: str  # its name, a literal in each class
 
@@ -68,6 +96,34 @@ class ScenarioBase(ScenarioTable):
     def _check_sizes(self):
         require_sizes(self.sizes())
         return self
+
+    @model_validator(mode="after")
+    def _keep_si(self):
+        if self.si and self.units not in (None, "SI"):
+            raise ValueError(
+                f"units were given, but experiment = {self.experiment!r} is in SI units by definition: leave units out"
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _serialise_given_units(self, handler):
+        """Omit units that were not given; such a scenario keeps the text and digest of earlier versions."""
+        out = handler(self)
+        return out if self.units is not None else {key: value for key, value in out.items() if key != "units"}
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions, on which the unit of stress depends: that of the first table that has one."""
+        tables = (getattr(self, name) for name in type(self).model_fields)
+        return next((table.dim for table in tables if hasattr(table, "dim")), 3)
+
+    @property
+    def named_units(self) -> Units | None:
+        """Units of the results; None if they are not named."""
+        if self.si:
+            return SI
+        given = self.units.model_dump() if isinstance(self.units, UnitNames) else self.units
+        return None if given is None else units_from(given, self.dim)
 
     @property
     def text(self) -> str:

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import NamedTuple
 
 from ..core.readable import pluralize, readable, words
+from ..core.units import in_units
 from ..data.schema import ScenarioBase, given_keys
 
 
@@ -80,6 +81,12 @@ def result_of(experiment: Experiment, head: Callable | None = None):
         yield from given_keys(result.scenario)
 
     return readable(head=head or describe, rows=rows)
+
+
+def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str]]:
+    """Return the measures of a result with their units, which are named as in its scenario."""
+    units = result.scenario.named_units
+    return {name: (float(value), in_units(unit, units)) for name, (value, unit) in experiment.measures(result).items()}
 
 
 def lazy_function(package: str, path: str) -> Callable:

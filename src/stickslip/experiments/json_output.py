@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import __version__
 from ..data.checkpoint import MEMBERS, UNFINISHED
+from .experiment import named_measures
 from .registry import experiment_of
 from .run_folder import list_files
 
@@ -48,8 +49,8 @@ def common_fields(
 def describe_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
     """Describe a run with its measures, and the claims if it reproduces a paper."""
     scenario = result.scenario
-    found = experiment_of(scenario).measures(result)
-    measures = {name: {"value": float(value), "unit": unit} for name, (value, unit) in found.items()}
+    found = named_measures(experiment_of(scenario), result)
+    measures = {name: {"value": value, "unit": unit} for name, (value, unit) in found.items()}
     # the checkpoint remains if results were written although some realizations failed
     status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
     out = common_fields(command, files=paths, folder=folder, status=status)

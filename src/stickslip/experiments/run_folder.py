@@ -183,7 +183,10 @@ def list_files(folder: Path) -> list[Path]:
 
 def save(staging: Path, scenario, numbers: dict) -> None:
     """Write the scenario and the raw numbers."""
-    archive.write(staging / NUMBERS, numbers, scenario=scenario.text, version=__version__, si=scenario.si)
+    units = scenario.named_units
+    if scenario.units is not None:
+        numbers["units"] = str(units)
+    archive.write(staging / NUMBERS, numbers, scenario=scenario.text, version=__version__, units=units)
     (staging / SCENARIO).write_text(scenario.text, encoding="utf-8")
 
 

@@ -2,15 +2,19 @@
 
 from pathlib import Path
 
+from ..core.units import units_in_use
 from ..figures.style import save as save_figure
 from .claims_report import write_claims
-from .experiment import Experiment
+from .experiment import Experiment, named_measures
 from .run_folder import list_files, save, staged_results
 
 
 def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
     """Write all files of a run as a unit and return the paths."""
-    with staged_results(folder, failures=experiment.failures(result)) as staging:
+    with (
+        units_in_use(result.scenario.named_units),
+        staged_results(folder, failures=experiment.failures(result)) as staging,
+    ):
         save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
         _write_files(staging, experiment.files(result), experiment.figures(result))
     return list_files(folder)
@@ -24,10 +28,8 @@ def write_numbers(folder: Path, experiment: Experiment, result) -> None:
 
 def _contents(experiment: Experiment, result, numbers: dict) -> dict:
     """Contents of the archive: the numbers of a result, and its measures with their units."""
-    measures = {
-        name: {"value": float(value), "unit": unit} for name, (value, unit) in experiment.measures(result).items()
-    }
-    if measures:
+    found = named_measures(experiment, result)
+    if measures := {name: {"value": value, "unit": unit} for name, (value, unit) in found.items()}:
         numbers["measures"] = measures
     return numbers
 
@@ -43,7 +45,7 @@ def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path
         return own(found) if own else getattr(experiment, name)(found.main)
 
     failures = of("failures")
-    with staged_results(folder, failures=failures) as staging:
+    with units_in_use(found.main.scenario.named_units), staged_results(folder, failures=failures) as staging:
         save(staging, found.main.scenario, _contents(experiment, found.main, of("numbers")))
         _write_files(staging, of("files"), of("figures"))
         write_claims(staging, found.claims, paper.shows(), paper.title, failures)

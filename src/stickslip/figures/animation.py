@@ -30,7 +30,7 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 def movie(
     frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
     mode: Mode | None = None, colour: str | None = None,
-    fps: int = FPS, si: bool = False, report: Callable[[str, float, str], None] | None = None,
+    fps: int = FPS, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
 
@@ -56,7 +56,7 @@ def movie(
     path = Path(path)
     check_movie(path, fps)
     require_shape((len(frames),), labels=labels)
-    layout = layout_of(frames, colour=colour, mode=mode, si=si)
+    layout = layout_of(frames, colour=colour, mode=mode)
     low, high = view_limits(layout)
     wide, tall = high - low
     inches = PIXELS / 100 * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
@@ -70,7 +70,7 @@ def movie(
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
-                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
+                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], near=False)
                 draw_legend(axes, frame, near=False, colour=colour)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and k == 0:

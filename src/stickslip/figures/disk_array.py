@@ -37,7 +37,7 @@ _WithRuns = Annotated[Any, Result(_KIND, ("free_runs",))]
 _WithSliding = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
 _Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", "speed_error"))]
 _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
-LOAD = r"push $F_x$"  # in the force unit of the scenario
+LOAD = r"push $F_x$"
 DIAMETER = "$2R$"  # unit of length
 MOVED = (r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$", DIAMETER)
 
@@ -75,7 +75,7 @@ def complex_pairs(
         legend_above(axes, title=title)
         label_axes(axes, y=(r"$\mathrm{Im}\,\lambda$", r"$k_n\sqrt{2R}/m$"))
         axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])
-    label_axes(panels[-1, 0], x=(LOAD, "force unit of the scenario"))
+    label_axes(panels[-1, 0], x=(LOAD, "force"))
     return figure
 
 

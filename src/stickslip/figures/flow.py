@@ -128,7 +128,7 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
     least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
-    label_axes(panels[0], y=("energy\n", "units of energy"))
+    label_axes(panels[0], y=("energy\n", "energy"))
     panels[0].legend(loc="best", ncol=2)
     known = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
     plot_fast(panels[1], time[known], series.unbalanced[known], color=BLUE)
@@ -146,7 +146,7 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
             fontsize=6.5,
         )  # fmt: skip
-    label_axes(panels[-1], x=("time $t$", "units of time"))
+    label_axes(panels[-1], x=("time $t$", "time"))
     panels[-1].set_xlim(0, time[-1])
     figure.align_ylabels(panels)
     return figure

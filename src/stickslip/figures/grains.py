@@ -50,7 +50,7 @@ class Layout(NamedTuple):
 @styled
 def packing(
     state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
-    width: float = WIDTH, si: bool = False,
+    width: float = WIDTH,
 ):  # fmt: skip
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
@@ -65,7 +65,6 @@ def packing(
     mode : translation, rotation and exponent, as returned by `read_mode`
     colour : one of `quantities`; without it, rattlers are white and other grains grey
     width : width of the figure [inches]
-    si : True if units are SI
 
     Returns
     -------
@@ -88,10 +87,10 @@ def packing(
     if width > WIDEST:
         raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
-    layout = layout_of([frame], colour=colour, mode=mode, si=si)
+    layout = layout_of([frame], colour=colour, mode=mode)
     wide, tall = layout.high - layout.low
     figure, axes = plt.subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + (1.0 if colour else 0.6)))
-    drawn = draw(axes, frame, layout, mode=mode, si=si)
+    drawn = draw(axes, frame, layout, mode=mode)
     if mode is not None:
         draw_orbits(axes, frame, mode)
     if colour:
@@ -110,7 +109,7 @@ def bare_frame(state: State) -> Frame:
     return Frame(state, law=None, grains={"coordination": np.bincount(ends[ends < n], minlength=n)}, contacts=contacts)
 
 
-def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None, si: bool = False) -> Layout:
+def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None) -> Layout:
     """Common limits of the drawing and of the colours for all frames."""
     corners = [_drawing_limits(frame, CROP if len(frames) > 1 else 0.0) for frame in frames]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
@@ -121,7 +120,7 @@ def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | No
         return layout
     values, units = [], ""
     for frame in frames:
-        found = quantities(frame, first=frames[0], mode=mode, si=si)
+        found = quantities(frame, first=frames[0], mode=mode)
         if colour == "displacement" and frame is frames[0] and len(frames) > 1:
             continue
         if colour not in found:
@@ -136,14 +135,14 @@ def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | No
 
 
 def draw(
-    axes, frame: Frame, layout: Layout, *, mode: Mode | None = None, first: Frame | None = None, si: bool = False,
+    axes, frame: Frame, layout: Layout, *, mode: Mode | None = None, first: Frame | None = None,
     near: bool = True,
 ):  # fmt: skip
     """Draw one frame from back to front; return the mappable for a colour bar."""
     state, dim = frame.state, layout.dim
     basis, radius = view_basis(frame), BALL[dim] * state.grains.radius
     place = wrapped(state) @ basis.T
-    colors = _face_colours(frame, layout, mode, first, si)
+    colors = _face_colours(frame, layout, mode, first)
     drawn = plt.cm.ScalarMappable(plt.Normalize(*layout.limits), cmap="viridis")
     start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
     slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
@@ -286,11 +285,11 @@ def _rattlers(frame: Frame) -> np.ndarray:
     return rattlers(frame.state, least_supports(frame.law, frame.state.cell.dim) if frame.law else 2)
 
 
-def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.ndarray:
+def _face_colours(frame: Frame, layout: Layout, mode, first) -> np.ndarray:
     if layout.colour is None:
         loose = _rattlers(frame)
         return np.where(loose[:, None], to_rgba("white"), to_rgba(PALE))
-    found = quantities(frame, first=first, mode=mode, si=si)
+    found = quantities(frame, first=first, mode=mode)
     values = found[layout.colour][0] if layout.colour in found else np.zeros(len(frame.state.grains.radius))
     return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
 

@@ -121,7 +121,7 @@ def bursts(record: _Record, state: State, form: _Form):
     below.set_ylim(np.clip(np.quantile(size, 0.02) / form.peak, 1e-9, 1e-2), 3)
     below.axhline(1, color=BLACK, ls=":", lw=0.7, label="predicted peak $a_0$")
     label_axes(above, y="amplitude $a/a_0$")
-    label_axes(below, x=("time $t$", "units of time"), y="$|a|/a_0$")
+    label_axes(below, x=("time $t$", "time"), y="$|a|/a_0$")
     figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
     return figure
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..core.state import SLIDE
+from ..core.units import current_units, unit_name
 from ..data.exchange.frame import Frame
 
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
@@ -10,7 +11,7 @@ DISPLACEMENT = "mode displacement"
 
 
 def quantities(
-    frame: Frame, *, first: Frame | None = None, mode: Mode | None = None, si: bool = False
+    frame: Frame, *, first: Frame | None = None, mode: Mode | None = None
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Quantities by which the grains of a frame can be coloured, as {name: (values per grain, unit)}.
 
@@ -22,7 +23,6 @@ def quantities(
     frame : from `frame_of`
     first : an earlier frame, for displacements since then
     mode : translation, rotation and exponent; its displacements are relative to the largest
-    si : True if units are SI
 
     Examples
     --------
@@ -33,7 +33,7 @@ def quantities(
     array([1, 1])
     """
     grains, dim = frame.state.grains, frame.state.cell.dim
-    length, force, time = ("m", "N", "s") if si else ("length", "force", "time")
+    length, speed = unit_name("length"), unit_name("length/time")
     out = {
         "radius": (grains.radius, length),
         "material": (grains.material, ""),
@@ -41,9 +41,10 @@ def quantities(
         "sliding contacts": (_count_sliding(frame), ""),
     }
     if "force_n" in frame.contacts:
-        unit = "Pa" if si and dim == 3 else f"{force}/{length}" + ("²" if dim == 3 else "")
+        plain = "force/length" if dim == 2 else "force/length²"
+        unit = unit_name("force/length^(dim-1)", dim) if current_units() else plain
         out["pressure"] = (_pressure(frame), unit)
-    out["speed"] = (np.linalg.norm(grains.velocity, axis=1), f"{length}/{time}")
+    out["speed"] = (np.linalg.norm(grains.velocity, axis=1), speed)
     if first is not None and first is not frame and len(first.state.grains.radius) == len(grains.radius):
         moved = grains.position - first.state.grains.position
         out["displacement"] = (np.linalg.norm(moved, axis=1), length)

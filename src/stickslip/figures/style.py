@@ -17,6 +17,7 @@ matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
 
 from ..core.arguments import checked
+from ..core.units import unit_name
 
 WIDTH = 3.39  # inches, one column
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
@@ -101,6 +102,8 @@ def label_axes(
 ) -> None:
     """Label axes with a quantity, or a pair of quantity and unit, after their scales have been chosen.
 
+    Dimensions such as "length" become the units in use.
+
     `whole` contains the names of axes whose numbers are integers.
 
     Every axis of a figure is labelled here. Linear axes get as many ticks as fit side by side; if their numbers are
@@ -110,7 +113,7 @@ def label_axes(
     for name, words in (("x", x), ("y", y), ("z", z)):
         if words is None:
             continue
-        quantity, unit = (words, "") if isinstance(words, str) else words
+        quantity, unit = (words, "") if isinstance(words, str) else (words[0], unit_name(words[1]))
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":

@@ -17,6 +17,7 @@ from matplotlib import colormaps
 from ..core.arguments import Requirement, checked, require_filled
 from ..core.measure import wrapped
 from ..core.state import SLIDE
+from ..core.units import with_unit
 from ..data.exchange.frame import Frame
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import DISPLACEMENT, Mode, quantities
@@ -79,11 +80,11 @@ def view(
 
 
 def page_view(
-    frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str], si: bool = False,
+    frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str],
     colour: str | None = None,
 ) -> str:  # fmt: skip
     """Self-contained HTML document with controls, for frames and the modes of the frame `at`."""
-    data = view_data(frames, modes, at=at, labels=labels, si=si)
+    data = view_data(frames, modes, at=at, labels=labels)
     plot = _plot(data, _choose_quantity(data, colour), 480)
     here = files(__package__)
     packed = base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
@@ -93,13 +94,11 @@ def page_view(
     return re.sub(r"<title>.*?</title>", "<title>packing</title>" + WITHOUT_WEBGL, text, count=1)
 
 
-def view_data(
-    frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, si: bool = False
-) -> dict:
+def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None) -> dict:
     """Data for `view.js`, as JSON; arrays are base64-encoded float32 (int32 for i and j, uint8 for mode)."""
     chosen = sorted({*_select_frames(frames), at})
     first, mode = frames[0], modes[0] if modes else None
-    columns = [quantities(frames[k], first=first, mode=mode, si=si) for k in chosen]
+    columns = [quantities(frames[k], first=first, mode=mode) for k in chosen]
     if len(chosen) > 1:
         columns[0]["displacement"] = (np.zeros(len(first.state.grains.radius)), columns[-1]["displacement"][1])
     names = [name for name in columns[0] if all(name in c for c in columns)]
@@ -157,8 +156,8 @@ def _frame_data(frame: Frame, label: str) -> dict:
 
 def _mode_data(mode: Mode, frame: Frame) -> dict:
     u, s = unit_mode(mode, frame), mode[2]
-    period = f"period {2 * np.pi / abs(s.imag):.4g}" if s.imag else "no period"
-    grows = f", e-folding time {1 / s.real:.4g}" if s.real > 0 else ""
+    period = with_unit(f"period {2 * np.pi / abs(s.imag):.4g}", "time") if s.imag else "no period"
+    grows = with_unit(f", e-folding time {1 / s.real:.4g}", "time") if s.real > 0 else ""
     u = u.conj() if s.imag > 0 else u  # `view.js` animates all modes as exp(-iωt)
     return {"words": f"{period}{grows}", "re": _encode(u.real), "im": _encode(u.imag)}
 

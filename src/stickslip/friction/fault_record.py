@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.readable import pluralize, readable
+from ..core.units import YEAR
 from .fault import Fault
 from .fault_state import frictional_stress
 
-YEAR = 365.25 * 86400.0  # [s]
 CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..core.arguments import Values, checked, require_positive
 from ..core.readable import readable
+from ..core.units import for_people
 from . import fault_kernel as kernel
 from . import laws
 from .fault import Fault, check_fault
@@ -13,7 +14,12 @@ from .fault import Fault, check_fault
 LARGEST = 300.0  # greatest logarithm of a state
 
 
-@readable(head=lambda state: f"{len(state.excess_slip)} cells at {state.time:.6g} s")
+def _head(state) -> str:
+    (time,), unit = for_people([state.time], "s")
+    return f"{len(state.excess_slip)} cells at {time:.6g} {unit}"
+
+
+@readable(head=_head)
 class FaultState(NamedTuple):
     """A fault at one time. `simulate_fault` continues from it exactly as if it had not stopped."""
 

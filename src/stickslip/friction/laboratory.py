@@ -11,11 +11,14 @@ import numpy as np
 from ..core.arguments import checked
 from ..core.readable import readable
 from ..core.text import parse_number, read_text, shortened
+from ..core.units import YEAR
 from .fitting import Data
 from .loads import check_times, load_steps
 
+DAY = 86400.0
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
+TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
 STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
 NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
@@ -30,6 +33,7 @@ COLUMNS = {
     "theta": (TIME, ("theta", "state")),
 }
 LEAST = 10  # rows
+SHOWN = 8  # columns that a message lists
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 
 
@@ -73,7 +77,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     path = Path(path)
     header, rows = read_table(path, columns)
     found = _match_columns(path, header, si=columns is not None)
-    _check_columns(path, found)
+    _check_columns(path, header, found)
     full = [row for row in rows if all(row[1][k] for k, _ in found.values())]
     if len(full) < len(rows):
         first = next(number for number, fields in rows if not all(fields[k] for k, _ in found.values()))
@@ -211,18 +215,29 @@ def _common_units(units: dict) -> list[str]:
     return [unit for unit in units if unit][:8]
 
 
-def _check_columns(path: Path, found: dict) -> None:
-    """Raise ValueError if the header lacks columns that a fit needs."""
-    have = f"{path} has {', '.join(found) or 'no known columns'}"
+def _check_columns(path: Path, header: list[str], found: dict) -> None:
+    """Raise ValueError if the header lacks columns that a fit needs; with the columns seen and sought."""
     example = "as in 'time [s], load_point [um], friction [-]'"
     if "time" not in found:
-        raise ValueError(f"{have} but no time: name one column 'time [s]', {example}")
-    if "friction" not in found and not {"shear_stress", "normal_stress"} <= set(found):
-        raise ValueError(
-            f"{have} but no friction: give 'friction [-]', or 'shear_stress [MPa]' and 'normal_stress [MPa]'"
-        )
-    if "load_point" not in found and "velocity" not in found:
-        raise ValueError(f"{have} but neither load_point nor velocity: add one of them, {example}")
+        lacks, sought = "time", _names("time")
+    elif "friction" not in found and not {"shear_stress", "normal_stress"} <= set(found):
+        lacks = "friction"
+        stresses = f"{_names('shear_stress')} with {_names('normal_stress')}, such as 'shear_stress [MPa]'"
+        sought = f"{_names('friction')}, or {stresses} and 'normal_stress [MPa]'"
+    elif "load_point" not in found and "velocity" not in found:
+        lacks, sought = "load_point or velocity", f"{_names('load_point')}, or {_names('velocity')}"
+    else:
+        return
+    seen = [repr(shortened(field)) for field in header if field]
+    more = f" and {len(seen) - SHOWN} more" if len(seen) > SHOWN else ""
+    raise ValueError(
+        f"{path} has no column for {lacks}: its columns are {', '.join(seen[:SHOWN])}{more}, and {lacks} is sought "
+        f"under the names {sought}; rename one, {example}"
+    )
+
+
+def _names(column: str) -> str:
+    return ", ".join(COLUMNS[column][1])
 
 
 def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:

@@ -13,6 +13,7 @@ from ..core.laws.builtin import SHARP, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.readable import pluralize, readable
 from ..core.state import SLIDE, STICK, State
+from ..core.units import with_unit
 from .balance import (
     BALANCED_BELOW,
     imbalance,
@@ -131,15 +132,15 @@ class Stability(NamedTuple):
         found = []
         if len(self.pairs):
             rate, frequency = self.growth_rate[0], self.frequency[0]
-            period = f"period {2 * np.pi / frequency:.4g}" if frequency > 0 else "no period"
+            period = with_unit(f"period {2 * np.pi / frequency:.4g}", "time") if frequency > 0 else "no period"
             several = ", the fastest" if len(self.pairs) > 1 else ""
             found.append(
                 f"oscillatory instability: {pluralize(len(self.pairs), 'complex pair')}{several} with {period} and "
-                f"e-folding time {1 / rate:.4g}"
+                f"e-folding time {with_unit(f'{1 / rate:.4g}', 'time')}"
             )
         if len(self.negative):
-            e_folding = 1 / np.sqrt(-self.negative.min())
-            found.append(f"buckling: {len(self.negative)} negative λ, e-folding time {e_folding:.4g}")
+            e_folding = with_unit(f"{1 / np.sqrt(-self.negative.min()):.4g}", "time")
+            found.append(f"buckling: {len(self.negative)} negative λ, e-folding time {e_folding}")
         if self.zero_modes > self.rigid:
             found.append(f"floppy modes: {self.zero_modes - self.rigid} in addition to {self.rigid} translations")
         if not self.grows:

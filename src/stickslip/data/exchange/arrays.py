@@ -8,6 +8,7 @@ import numpy as np
 from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
 from ...core.laws.dispatch import Kind
 from ...core.state import State
+from ...core.units import Units, current_units, units_from
 from .. import archive
 from ..atomic import replace_atomically
 from ..sample import Assumption, PackingError, law_by_name
@@ -17,6 +18,7 @@ REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
 OPTIONAL = ("mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
+UNITS = "units"  # optional: "SI", or names of length, mass and time
 LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # optional: the law of the packing
 
 
@@ -31,6 +33,8 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         "image": pairs["image"], "slip": pairs["slip"], "mode": pairs["mode"],
         **{name: getattr(grains, name) for name in MOTION},
     }  # fmt: skip
+    if current_units():
+        arrays[UNITS] = str(current_units())
     if state.cell.periodic.any():
         arrays |= {"cell": state.cell.vectors, "periodic": state.cell.periodic}
     if control.force[:n].any():
@@ -54,13 +58,19 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
 
 
 def read_npz(path: Path) -> tuple[dict, dict]:
-    """Read arrays for `from_arrays` and options for `law_by_name`; PackingError if the file is of another kind."""
+    """Read arrays for `from_arrays`, with `units` or None, and options for `law_by_name`.
+
+    Raises
+    ------
+    PackingError
+        if the file is of another kind.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
         raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
-    known = (*REQUIRED, *OPTIONAL, *LAW)
+    known = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
@@ -79,7 +89,16 @@ def read_npz(path: Path) -> tuple[dict, dict]:
     dim = given.pop("dim", 3)
     if not isinstance(dim, int | float) or dim not in (2, 3):
         raise PackingError(f"dim = {dim} was given in {path}: 2 and 3 are allowed")
-    return arrays | {"dim": int(dim)}, given
+    return arrays | {"dim": int(dim), UNITS: _units(path, arrays.get(UNITS), int(dim))}, given
+
+
+def _units(path: Path, given: np.ndarray | None, dim: int) -> Units | None:
+    if given is None:
+        return None
+    try:
+        return units_from(given.tolist(), dim)
+    except ValueError as problem:
+        raise PackingError(str(problem).replace(" was given", f" was given in {path}", 1)) from None
 
 
 def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
@@ -92,7 +111,7 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
         tree["state"] = frames[0].state
     else:
         tree["frames"] = {f"{k:06d}": frame.state for k, frame in enumerate(frames)}
-    archive.write(path, tree)
+    archive.write(path, tree, units=current_units())
     return []
 
 

@@ -12,6 +12,8 @@ from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import SHARP, Law, laws_equal, with_values
 from ...core.laws.user import from_file
 from ...core.state import State
+from ...core.units import Units
+from .. import archive
 from ..atomic import check_free
 from ..sample import (
     NO_CONTACTS,
@@ -105,6 +107,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if frame not in (None, "all"):
         raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave the frame out")
     arrays, in_file = read_npz(path)
+    del arrays["units"]
     user, given = given, {} if own else in_file | given
     if i0 is not None:
         arrays["i0"] = i0
@@ -114,6 +117,31 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if "pair_i" not in arrays:
         words = [NO_CONTACTS, *words]
     return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
+
+
+@checked
+def packing_units(path: str | Path) -> Units | None:
+    """Units that a packing, or the folder of a run, names for its numbers; None if it names none.
+
+    They are in the entry `units` of an .npz: "SI", or names of length, mass and time as in "mm, g, s". Archives store
+    those of the scenario. `units_in_use` prints them.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savez(f"{folder}/one.npz", position=[[0, 0, 0]], radius=[0.5], units="mm, g, s")
+    ...     print(packing_units(f"{folder}/one.npz"))
+    mm, g, s
+    """
+    path = Path(path)
+    path = path / "results.h5" if path.is_dir() else path
+    if not path.is_file():
+        return None
+    if path.suffix.lower() == ".npz":
+        arrays, _ = read_npz(path)
+        return arrays["units"]
+    return archive.named_units(path) if path.suffix.lower() in ARCHIVE else None
 
 
 def law_from_file(given: dict) -> tuple[dict, Law | None]:

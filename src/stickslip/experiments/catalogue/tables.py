@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ...core.text import read_text
-from ...core.units import Fields, units_of
+from ...core.units import Fields, current_units, in_units, units_of
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
 
@@ -70,7 +70,9 @@ def write_table(path: Path, table: Table, digits: int = 8) -> None:
     """Write a table as CSV, with units in the header and numbers with a number of significant digits."""
     columns, units = {}, units_of(Event) | units_of(StrainStep) | LENGTHS
     for name, values in table.items():
-        unit = units.get(name, "1").replace("force/length^(dim-1)", "stress").replace("^", "")
+        unit = units.get(name, "1")
+        unit = in_units(unit, current_units()) if current_units() else unit.replace("force/length^(dim-1)", "stress")
+        unit = unit.replace("^", "")
         unit = "-" if unit == "1" else unit
         flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
         columns |= {

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from ...core.outcome import Outcome
-from ...core.units import Fields
+from ...core.units import Fields, heading
 from ...figures import disk_array as figures_of
 from ...figures.instability import static_and_kinetic
 from ...loading.protocols import Family
@@ -145,7 +145,7 @@ def _numbers(result: DiskArrayResult) -> dict:
 def show(result: DiskArrayResult) -> None:
     """Print a summary of a run on the terminal."""
     pairs = Table(title="Complex pairs along the load path", **STYLE)
-    for name in ("pair", "born at", "by load step", "dies at", "largest Im λ", "at push"):
+    for name in ("pair", "born at", "by load step", "dies at", heading("largest Im λ", "1/time^2"), "at push"):
         pairs.add_column(name, justify="right", overflow="fold")
     coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
     for k, f in enumerate(result.families):
@@ -162,8 +162,9 @@ def show(result: DiskArrayResult) -> None:
         console.print("  by load step: distance to the nearest birth on the same path with twice the load step")
     if result.free_runs:
         runs = Table(title="Free runs", **STYLE)
-        for name in ("push", "predicted growth rate", "fitted", "M at the end", "verdict"):
-            runs.add_column(name, justify="right", overflow="fold")
+        kinds = {"predicted growth rate": "1/time", "fitted": "1/time", "M at the end": "length^2"}
+        for name in ("push", *kinds, "verdict"):
+            runs.add_column(heading(name, kinds.get(name, "1")), justify="right", overflow="fold")
         for load, f in result.free_runs.items():
             fitted = f"{f.growth.growth_rate:.4e}" if f.growth else "–"
             words = "slides" if f.slid else "unstable, arrested" if f.predicted_growth > 0 else "stable"
@@ -171,8 +172,9 @@ def show(result: DiskArrayResult) -> None:
         console.print(runs)
     if result.sliding:
         slides = Table(title="Sliding", **STYLE)
-        for name in ("push", "realizations", "slid in time", "velocity", "forward front"):
-            slides.add_column(name, justify="right", overflow="fold")
+        kinds = {"velocity": "length/time", "forward front": "length/time"}
+        for name in ("push", "realizations", "slid in time", *kinds):
+            slides.add_column(heading(name, kinds.get(name, "1")), justify="right", overflow="fold")
         for load, e in result.sliding.items():
             good = e.velocity[np.isfinite(e.velocity)]
             found = forward_front(result, e)

@@ -130,6 +130,11 @@ class DiskArrayScenario(ScenarioBase):
     dynamics: Dynamics = Dynamics()
     sliding: Sliding = Sliding()
 
+    @property
+    def dim(self) -> int:
+        """Two dimensions."""
+        return 2
+
     def sizes(self) -> Iterator[Size]:
         """Iterate over load steps, the memory of the path with its complex modes, time steps, and runs."""
         load, disks, dt = self.load, self.array.disks, self.dynamics.dt

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from rich.table import Table
 
-from ...core.units import Fields
+from ...core.units import Fields, for_people
 from ...figures import fault as figures_of
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
@@ -58,11 +58,20 @@ def numbers(result: FaultResult) -> dict:
 def show(result: FaultResult) -> None:
     """Print the events and their average."""
     events, table = result.history.events, Table(title="Events", **STYLE)
-    for name in ("year", "duration [s]", "nucleates at [km]", "rupture [km]", "max V [m/s]", "slip [m]", "surface [m]"):
+    lasted, unit = for_people(events.end - events.start, "s")
+    for name in (
+        "year",
+        f"duration [{unit}]",
+        "nucleates at [km]",
+        "rupture [km]",
+        "max V [m/s]",
+        "slip [m]",
+        "surface [m]",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
     for k in range(min(SHOWN, len(events.start))):
         table.add_row(
-            f"{events.start[k] / YEAR:.3f}", f"{events.end[k] - events.start[k]:.1f}", f"{events.depth[k] / 1e3:.2f}",
+            f"{events.start[k] / YEAR:.3f}", f"{lasted[k]:.4g}", f"{events.depth[k] / 1e3:.2f}",
             f"{events.top[k] / 1e3:.1f}–{events.bottom[k] / 1e3:.1f}", f"{events.max_velocity[k]:.3g}",
             f"{events.max_slip[k]:.3f}", f"{events.surface_slip[k]:.3f}",
         )  # fmt: skip

@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from ...core.units import Fields, units_of
+from ...core.units import Fields, heading, units_of, with_unit
 from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console, show_table
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
 from .pouring import Poured
 from .simulate import FlowResult, FlowSeries, StageEnd
+
+PRESSURE = "force/length^(dim-1)"
 
 
 def figures(result: FlowResult):
@@ -63,26 +65,28 @@ def _write_series(result: FlowResult, path: Path) -> None:
 
     Vectors have columns _x, _y, _z; columns of walls and plates are prefixed with their names.
     """
-    series, columns = result.series, {}
+    series, columns, units = result.series, {}, units_of(FlowSeries)
     bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
     for name in FlowSeries._fields:
-        values, kind = getattr(series, name), name.split("_")[0]
+        values, kind, unit = getattr(series, name), name.split("_")[0], units.get(name, "1")
         if kind in bodies:
             for k, body in enumerate(bodies[kind]):
-                columns |= {f"{body}_{name.split('_')[1]}_{a}": values[:, k, m] for m, a in enumerate("xyz")}
+                columns |= {f"{body}_{name.split('_')[1]}_{a}": (unit, values[:, k, m]) for m, a in enumerate("xyz")}
         elif values.ndim == 1:
-            columns[name] = values
+            columns[name] = unit, values
         elif name in ("center", "low", "high"):
-            columns |= {f"{name}_{a}": values[:, m] for m, a in enumerate("xyz")}
-    header = ",".join(name.replace(",", " ") for name in columns)
-    np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=header, comments="", fmt="%.9g")
+            columns |= {f"{name}_{a}": (unit, values[:, m]) for m, a in enumerate("xyz")}
+    header = ",".join(heading(name.replace(",", " "), unit) for name, (unit, _) in columns.items())
+    table = np.stack([values for _, values in columns.values()], axis=1)
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
 
 
 def show(result: FlowResult) -> None:
     """Print the end of each stage and the measures of plane shear."""
     table = Table(title="Stages", **STYLE)
+    kinds = {"until": "time", "energy": "energy", "deposit along x": "length", "top": "length"}
     for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
     series, around = result.series, "x" in result.scenario.cell.periodic
     for number, stage in enumerate(result.stages):
         k = np.flatnonzero(series.stage == number)[-1]
@@ -103,7 +107,8 @@ def show(result: FlowResult) -> None:
     if shear := plane_shear(result):
         console.print(
             f"Plane shear: friction {shear.friction:.3f} ± {shear.friction_deviation:.3f} (standard deviation in time) "
-            f"at pressure {shear.pressure:.4g}, shear rate {shear.shear_rate:.3g}, inertial number "
+            f"at pressure {with_unit(f'{shear.pressure:.4g}', PRESSURE)}, shear rate "
+            f"{with_unit(f'{shear.shear_rate:.3g}', '1/time')}, inertial number "
             f"{shear.inertial_number:.2e}, packing fraction {shear.packing_fraction:.3f}."
         )
 
@@ -121,6 +126,6 @@ def measures(result: FlowResult) -> dict[str, tuple[float, str]]:
     if "x" not in result.scenario.cell.periodic:
         out |= {"deposit_length": (left.high[0] - left.low[0], "length"), "run_out": (left.high[0], "length")}
     if shear := plane_shear(result):
-        units = {"pressure": "force/length^(dim-1)", "shear_rate": "1/time", "height": "length"}
+        units = {"pressure": PRESSURE, "shear_rate": "1/time", "height": "length"}
         out |= {f"plane_{name}": (value, units.get(name, "1")) for name, value in shear._asdict().items()}
     return out

@@ -7,6 +7,7 @@ from rich.table import Table
 
 from ...core.laws.builtin import Law
 from ...core.state import State
+from ...core.units import unit_name, with_unit
 from ...solve.density import participation_ratio
 from ...solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ...solve.sensitivity import ContactSensitivity, contact_sensitivity
@@ -116,7 +117,8 @@ def show(more: Details, found: Stability) -> None:
 
 
 def _show_moduli(m: ElasticModuli) -> None:
-    console.print("\nelastic moduli in force/length^(dim−1), with fixed contact modes")
+    unit = unit_name("force/length^(dim-1)").replace("-", "−")
+    console.print(f"\nelastic moduli in {unit}, with fixed contact modes")
     table = Table(**STYLE)
     for column in ("", "total", "affine", "non-affine"):
         table.add_column(column, justify="right")
@@ -131,10 +133,11 @@ def _show_moduli(m: ElasticModuli) -> None:
 
 def _show_transient(t: TransientGrowth) -> None:
     what = "√energy" if t.norm == "energy" else "displacements"
+    at, until = (with_unit(f"{time:.4g}", "time") for time in (t.time, t.times[-1]))
     pair = f"; frequencies {t.pair[0]:.6g} and {t.pair[1]:.6g} nearly coincide" if len(t.pair) else ""
     console.print(
-        f"\ntransient growth: {what} ×{t.amplitude:.4g} at time {t.time:.4g}, the largest value found up to "
-        f"time {t.times[-1]:.4g}; upper bound ×{t.bound:.4g}{pair}"
+        f"\ntransient growth: {what} ×{t.amplitude:.4g} at time {at}, the largest value found up to "
+        f"time {until}; upper bound ×{t.bound:.4g}{pair}"
     )
 
 

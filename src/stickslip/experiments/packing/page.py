@@ -9,6 +9,7 @@ import numpy as np
 
 from ... import __version__
 from ...core.contacts.neighbors import with_neighbor_list
+from ...core.units import for_people, unit_name, with_unit
 from ...data import archive
 from ...data.checkpoint import UNFINISHED
 from ...data.exchange.arrays import read_archive
@@ -27,7 +28,6 @@ from ...figures.style import png
 from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ...solve.stability import DENSE_UP_TO, stability
 from .. import claims as claims_table
-from ..registry import EXPERIMENTS
 from ..run_folder import CHART, CLAIMS, FILM, NUMBERS, list_files
 from ..sweep.cycles import FIGURE as CYCLES
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
@@ -58,7 +58,6 @@ class PageContent(NamedTuple):
     at: int  # index of the frame that `modes` belong to
     modes: list  # translation, rotation, exponent of each, the fastest first
     sections: list[tuple[str, str]]  # heading and HTML, without the view
-    si: bool = False
     without: str = ""  # reason why there is no view in three dimensions
     warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
@@ -118,7 +117,7 @@ def folder_content(
     _load_law_files(about["scenario"], trust)
     states = _read_states(folder / NUMBERS, frame)
     tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
-    labels = _labels(states, tree, si=_uses_si(experiment))
+    labels = _labels(states, tree)
     states = [(name, with_neighbor_list(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
     at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
@@ -140,7 +139,7 @@ def folder_content(
     title = f"{experiment}: {folder.resolve().name}"
     sentence = f"unstable ({labels[at]}): {_describe_growth(modes[0][2])}" if modes else ""
     return PageContent(
-        title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why, sentence,
+        title, versions, frames, labels, at, modes, sections, without, why, why, sentence,
         tuple(_stage_of(frame.state.time, _stages(tree)) for frame in frames),
     )  # fmt: skip
 
@@ -188,13 +187,11 @@ def _read_states(path: Path, frame: str | None) -> list:
     return mine if np.ptp([item[1].time for item in mine]) == 0 else sorted(mine, key=lambda item: item[1].time)
 
 
-def _labels(states: list, tree: dict, *, si: bool) -> list[str]:
+def _labels(states: list, tree: dict) -> list[str]:
     """Label each state by its stage and time, or by its load if time does not advance."""
     stages = _stages(tree)
     advances = len({state.time for _, state, *_ in states}) > 1
-    return [
-        _label(name.rpartition("/")[2], state.time, stages, advances, " s" if si else "") for name, state, *_ in states
-    ]
+    return [_label(name.rpartition("/")[2], state.time, stages, advances) for name, state, *_ in states]
 
 
 def _stages(tree: dict) -> list[dict]:
@@ -206,11 +203,11 @@ def _stage_of(time: float, stages: list[dict]) -> str:
     return next((one["name"] for one in stages if one["start"] <= time <= one["end"]), "")
 
 
-def _label(name: str, time: float, stages: list[dict], advances: bool, unit: str) -> str:
+def _label(name: str, time: float, stages: list[dict], advances: bool) -> str:
     if not advances:
         return name
     stage = _stage_of(time, stages)
-    return (f"{stage}, " if stage else "") + f"time {time:.4g}{unit}, frame {name}"
+    return (f"{stage}, " if stage else "") + f"time {with_unit(f'{time:.4g}', 'time')}, frame {name}"
 
 
 def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
@@ -257,11 +254,9 @@ def _list_measures(tree: dict, units: dict[str, str]) -> list[list[str]]:
     """List the measures of a run with their units; for archives from earlier versions, all scalars outside states."""
     if not isinstance(saved := tree.get("measures"), dict):
         return _list_scalars(tree, units)
-    return [
-        [_readable(name), f"{one['value']:.5g}", one["unit"]]
-        for name, one in saved.items()
-        if np.isfinite(one["value"])
-    ]
+    known = {name: one for name, one in saved.items() if np.isfinite(one["value"])}
+    shown = {name: for_people([one["value"]], one["unit"]) for name, one in known.items()}
+    return [[_readable(name), f"{value:.5g}", unit] for name, ((value,), unit) in shown.items()]
 
 
 def _readable(name: str) -> str:
@@ -300,19 +295,14 @@ def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[li
     return rows
 
 
-def _uses_si(experiment: str) -> bool:
-    """Return True if the results of an experiment are in SI units."""
-    return experiment in EXPERIMENTS and EXPERIMENTS[experiment].scenario.si
-
-
 def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
     """Return the last, least and greatest values of each time series."""
     rows = []
     for name, values in series.items() if isinstance(series, dict) else ():
         known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
         if len(known) and name != "time":
-            numbers = [f"{v:.5g}" for v in (known[-1], known.min(), known.max())]
-            rows.append([_readable(name), *numbers, units.get(f"series/{name}", "")])
+            numbers, unit = for_people((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
+            rows.append([_readable(name), *(f"{v:.5g}" for v in numbers), unit])
     return rows
 
 
@@ -325,8 +315,12 @@ def _sweep_content(folder: Path) -> PageContent:
     data = open_sweep(folder)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
     kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
-    columns = [f"{name} [{data[name].attrs['units']}]" if data[name].attrs.get("units", "1") != "1" else str(name)
-               for name in kept.columns]  # fmt: skip
+    columns = []
+    for name in kept.columns:
+        unit = data[name].attrs.get("units", "1")
+        if unit == "s":
+            kept[name], unit = for_people(kept[name], unit)
+        columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
     text = page.table(columns, rows[:ROWS])
     if len(rows) > ROWS:
@@ -423,7 +417,8 @@ def _mode_table(modes: list) -> str:
     for k, (*_, s) in enumerate(modes):
         period = f"{2 * np.pi / abs(s.imag):.5g}" if s.imag else "–"
         rows.append([str(k), f"{s.real:.5g}", f"{abs(s.imag):.5g}", period, f"{1 / s.real:.5g}" if s.real > 0 else "–"])
-    columns = ["mode", "growth rate [1/time]", "ω [1/time]", "period [time]", "e-folding time [time]"]
+    kinds = {"growth rate": "1/time", "ω": "1/time", "period": "time", "e-folding time": "time"}
+    columns = ["mode", *(f"{name} [{unit_name(unit)}]" for name, unit in kinds.items())]
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
@@ -433,7 +428,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
         view = page.paragraph(shown.without, kind="absent")
     else:
         inside = scene.page_view(
-            shown.frames, shown.modes, at=shown.at, labels=shown.labels, si=shown.si, colour=colour
+            shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour
         )  # fmt: skip
         view = page.paragraph(_what_one_sees(shown))
         view += page.embedded_document(inside, "the packing in three dimensions")
@@ -471,8 +466,12 @@ HELP = (
 
 def _describe_growth(s: complex) -> str:
     """Describe the growth rate and the period of a motion exp(s t)."""
-    growth = f"grows by a factor of e in {1 / s.real:.4g}" if s.real > 0 else f"growth rate {s.real:.3g}"
-    return f"period {2 * np.pi / abs(s.imag):.4g}, {growth}" if s.imag else growth
+    growth = (
+        with_unit(f"grows by a factor of e in {1 / s.real:.4g}", "time")
+        if s.real > 0
+        else with_unit(f"growth rate {s.real:.3g}", "1/time")
+    )
+    return f"{with_unit(f'period {2 * np.pi / abs(s.imag):.4g}', 'time')}, {growth}" if s.imag else growth
 
 
 def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame], list[str]]:
@@ -490,7 +489,7 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
         stage = (
             shown.stages[first + min(max(1, int(np.searchsorted(times, t))), len(times) - 1)] if shown.stages else ""
         )
-        out.append((f"{stage}, " if stage else "") + f"time {t:.4g}{' s' if shown.si else ''}")
+        out.append((f"{stage}, " if stage else "") + f"time {with_unit(f'{t:.4g}', 'time')}")
     return frames, out
 
 
@@ -529,5 +528,5 @@ def write_movie(
         labels = [f"mode {mode}, enlarged: {_describe_growth(chosen[2])}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with staged_file(path) as part:
-        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
+        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, report=report)
     return path

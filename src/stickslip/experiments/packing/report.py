@@ -15,6 +15,7 @@ from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State
+from ...core.units import heading
 from ...data.atomic import replace_atomically
 from ...data.sample import Assumption
 from ...solve.balance import BALANCED_BELOW, imbalance
@@ -25,6 +26,7 @@ from ...solve.stability import Stability
 from ..terminal import STYLE, console, show_table
 from . import details as stability_more
 
+KINDS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}  # units; others: 1/time
 SHOWN = 12  # pairs listed in the table
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
@@ -232,7 +234,7 @@ def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
     table = Table(title=title, **STYLE)
     for column in columns:
-        table.add_column(column, justify="right", overflow="fold")
+        table.add_column(heading(column, KINDS.get(column, "1/time")), justify="right", overflow="fold")
     return table
 
 

@@ -81,6 +81,11 @@ class QuasiScenario(ScenarioBase):
     loading: Loading = Loading()
     dynamics: Slow = Slow()
 
+    @property
+    def dim(self) -> int:
+        """Two dimensions."""
+        return 2
+
     def sizes(self) -> Iterator[Size]:
         """Iterate over load increments, and the memory of the states along a path."""
         steps = 1 / self.loading.increment

@@ -12,10 +12,11 @@ from ...data.manifest import find_foreign, write_file
 from ...extras import require
 from ...figures import rate_state as figures
 from ...figures.style import png
-from ...friction.fitting import Fit, fit
-from ...friction.laboratory import read_csv, record_data
+from ...friction.fitting import Fit, Solution, build_fit, solve_fit
+from ...friction.laboratory import LabRecord, read_csv, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
+from ...friction.remedies import stiffness_doubt, trend_gain
 from ...friction.sampling import PERCENTS, Posterior, posterior
 from ..run_folder import foreign_files_message
 from ..terminal import STYLE, console, progress, show_table
@@ -44,6 +45,7 @@ class RecordFits(NamedTuple):
     fits: tuple[Fit, ...]
     comparison: LawComparison | None
     posterior: Posterior | None = None
+    remedies: tuple[str, ...] = ()  # what may be wrong with the input, measured by second fits
 
 
 def fit_record(
@@ -59,7 +61,8 @@ def fit_record(
         _check_folder(out, overwrite)
     if stiffness is not None and free_stiffness:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
-    record = record_data(read_csv(file, columns=_parse_columns(columns)), before=before, normal=normal)
+    raw = read_csv(file, columns=_parse_columns(columns))
+    record = record_data(raw, before=before, normal=normal)
     sprung = len(record.legs) > 0
     if sprung and stiffness is None and not free_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
@@ -74,9 +77,27 @@ def fit_record(
     fixed = {name: value for name, value in given.items() if value is not None}
     if steps is not None:
         require("emcee", "posterior")
-    fits = tuple(fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws)
-    found = RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
+    solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
+    fits = tuple(map(build_fit, solutions))
+    comparison = compare_laws(*fits) if len(fits) == 2 else None
+    best = [one for one in solutions if comparison is None or comparison.preferred in (None, one.task.law)]
+    found = RecordFits(file, record, fits, comparison, remedies=_remedies(raw, record, best))
     return found if steps is None else found._replace(posterior=_sample(found, form, fixed, free, steps))
+
+
+def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[str, ...]:
+    """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
+    out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
+    for one in solutions:
+        if doubt := stiffness_doubt(record, one, normal):
+            out.append(f"{one.task.law} law: {doubt}")
+        elif (gain := trend_gain(one)).helps:
+            out.append(
+                f"{one.task.law} law: friction has a trend of {gain.trends[0]:.3g} 1/m, which was not fitted; with it, "
+                f"the standard deviation of the residuals falls by {100 * gain.fall:.0f} %, from {gain.before:.2g} to "
+                f"{gain.after:.2g}: --detrend may help"
+            )
+    return tuple(out)
 
 
 def _sample(found: RecordFits, form: str, fixed: dict, free, steps: int) -> Posterior:
@@ -204,15 +225,16 @@ def _show_posterior(one: Posterior) -> None:
 
 
 def doubts(found: RecordFits) -> list[str]:
-    """Return one sentence for each fit with a D_c that suggests a wrong unit of length."""
+    """Return one sentence for each suspicion: a wrong unit of length or of stiffness, or a trend that was left out."""
     low, high = CREDIBLE
-    return [
+    lengths = [
         f"{one.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
         f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
         for one in found.fits
         if np.isfinite(dc := one.values.get("dc", np.nan)) and not low <= dc <= high
         for unit, factor in [_likelier_unit(dc)]
     ]
+    return [*found.remedies, *lengths]
 
 
 def _likelier_unit(dc: float) -> tuple[str, float]:

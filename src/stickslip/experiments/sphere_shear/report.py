@@ -4,6 +4,7 @@ import numpy as np
 from rich.table import Table
 
 from ...core.readable import pluralize
+from ...core.units import heading
 from ...figures import sphere_shear as figures_of
 from ..run_folder import archive_fields
 from ..terminal import STYLE, console, show_table
@@ -42,6 +43,7 @@ def show(result: ShearResult) -> None:
     """Print a summary of a run on the terminal."""
     table = Table(title="Sheared packings", **STYLE)
     for name in ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end"):
+        name = heading(name, "force/length^(dim-1)") if name == "pressure" else name
         table.add_column(name, justify="right", no_wrap=True)
     for p in result.paths:
         born = f"{p.onset.strain:.6g}" if p.onset else "at the start" if p.pairs[0] else "never"
@@ -59,8 +61,9 @@ def show(result: ShearResult) -> None:
     runs = [r for r in (*result.single, *result.later) if r]
     if runs:
         table = Table(title="Newtonian runs", **STYLE)
-        for name in ("strain", "pairs", "growth rate", "fitted", "last M", "drop/p", "contacts lost"):
-            table.add_column(name, justify="right", no_wrap=True)
+        kinds = {"growth rate": "1/time", "fitted": "1/time", "last M": "length^2"}
+        for name in ("strain", "pairs", *kinds, "drop/p", "contacts lost"):
+            table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
         for r in runs:
             fitted = f"{r.growth.growth_rate:.4e}" if r.growth else "–"
             table.add_row(

@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from ...core.units import for_people
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
 from ...data.law_file import check_law_files
 from ...data.manifest import find_foreign, read_manifest, write_manifest
@@ -153,7 +154,8 @@ def show(swept: SweepResult) -> None:
         table.add_column(name, justify="left" if name in ("measure", "unit") else "right", no_wrap=True)
     for name, known in ranges(swept).items():
         cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
-        table.add_row(name, known["unit"], str(known["members"]), *(f"{v:.5g}" for v in cells))
+        cells, unit = for_people(cells, known["unit"])
+        table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
     failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]

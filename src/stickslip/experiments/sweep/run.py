@@ -18,6 +18,7 @@ from ...data.checkpoint import MEMBERS, SWEEP
 from ...data.checkpoint import remove_checkpoint as drop_pieces
 from ...data.manifest import add_to_manifest, write_file
 from ...ensemble import Workers, reach, run_members, trial
+from ..experiment import named_measures
 from ..registry import experiment_of
 from ..run_folder import NUMBERS, OPTIONS, list_files, staged_results
 from ..terminal import format_duration
@@ -245,5 +246,5 @@ def _run_in_folder(one, folder: Path, figures: bool, words: str, report) -> tupl
         write_result(folder, experiment, result)
     else:
         write_numbers(folder, experiment, result)
-    measures = {name: [float(value), unit] for name, (value, unit) in experiment.measures(result).items()}
+    measures = {name: [value, unit] for name, (value, unit) in named_measures(experiment, result).items()}
     return time.perf_counter() - start, measures

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from ...core.units import Fields
+from ...core.units import Fields, heading
 from ...figures.instability import static_and_kinetic
 from ...solve.fastest import FastestPair
 from ..run_folder import THRESHOLD, archive_fields
@@ -35,7 +35,8 @@ def files(result: ThresholdResult):
 def _write_outcomes(result: ThresholdResult, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["load", "velocity", "runs", "slid", "share", "lasting", "lasting share", "median lifetime"])
+        velocity, lifetime = heading("velocity", "length/time"), heading("median lifetime", "time")
+        writer.writerow(["load", velocity, "runs", "slid", "share", "lasting", "lasting share", lifetime])
         for load, _, kick, runs, slid, lasting, lifetime in _outcomes(result):
             time = "" if np.isnan(lifetime) else lifetime
             writer.writerow([load, kick, runs, slid, slid / runs, lasting, lasting / runs, time])
@@ -75,8 +76,9 @@ def numbers(result: ThresholdResult) -> dict:
 def show(result: ThresholdResult) -> None:
     """Print a summary of a run on the terminal."""
     table = Table(title="Kicked runs", **STYLE)
+    kinds = {"velocity": "length/time", "median lifetime": "time"}
     for name in ("load", "pairs", "velocity", "slid", "lasting", "median lifetime"):
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
     for load, pairs, kick, runs, slid, lasting, lifetime in _outcomes(result):
         time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
         table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)

@@ -1,0 +1,140 @@
+"""Remedies for fits that describe a record badly: a trend that was left out, and a stiffness in another unit.
+
+Both are measured by a second fit of the same record.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .fitting import EXACT, Solution, build_fit, solve_fit
+from .model import Data, Prepared
+from .noise import WHITE, autoregression, effective_samples
+from .problem import pieces, residual, solve
+
+LEAST_FALL = 0.05  # of the residuals, below which a trend changes little
+SURE = 16.0  # χ² of the trends, four standard errors for one of them
+STEEP = 3.0  # ratio of a stiffness to the steepest rise of friction, either way, beyond which both are compared closely
+FAR = 2.0  # ratio of stiffnesses beyond which one contradicts the other
+NEAR = 1.3  # ratio within which a unit explains a stiffness
+BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
+BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
+NORMAL = 1e4, 1e9  # normal stresses in laboratories [Pa]
+USUAL = 1e7  # [Pa]
+
+
+class TrendGain(NamedTuple):
+    """What trends would change in a fit without them."""
+
+    trends: tuple[float, ...]  # one for each record [1/length]
+    before: float  # root mean square of the residuals, without and with trends
+    after: float
+    helps: bool  # True if the residuals fall noticeably, and by more than noise explains
+
+    @property
+    def fall(self) -> float:
+        """Share by which the residuals fall."""
+        return 1 - self.after / self.before
+
+
+def trend_gain(solution: Solution) -> TrendGain:
+    """Fit a trend, linear in displacement, to each record as well, starting from a solution without trends.
+
+    The fall of the sum of squares is compared with the number of independent samples in the residuals that remain, so
+    that slow noise is not mistaken for a trend.
+    """
+    task, start = solution.task, solution.x
+    before = residual(task, start)
+    size, scatter = float(np.sqrt(np.mean(before**2))), task.scatter
+    if "trend" in task.slots[0] or size < EXACT * scatter:
+        return TrendGain((0.0,) * len(task.cases), size, size, helps=False)
+    count = len(start)
+    more = task._replace(
+        names=(*task.names, *(f"trend[{k + 1}]" for k in range(len(task.cases)))),
+        slots=[slot | {"trend": count + k} for k, slot in enumerate(task.slots)],
+        fixed={name: value for name, value in task.fixed.items() if name != "trend"},
+    )
+    x = solve(more, np.append(start, np.zeros(len(task.cases))), WHITE).x
+    after = residual(more, x)
+    independent = effective_samples(autoregression([after[run] for run in pieces(more)]), len(after))
+    rest = float(np.sqrt(np.mean(after**2)))
+    sure = (size**2 / max(rest, EXACT * scatter) ** 2 - 1) * independent > SURE
+    return TrendGain(tuple(x[count:].tolist()), size, rest, helps=sure and 1 - rest / size > LEAST_FALL)
+
+
+class StiffnessDoubt(NamedTuple):
+    """A given stiffness that contradicts the record, and the unit that it may have."""
+
+    given: float  # [1/m]
+    shown: float  # by the record, from a fit with the stiffness free [1/m]
+    interval: tuple[float, float]  # 95 %; NaN if unknown
+    unit: str  # a likelier unit of the number that was given; "" if none is known
+    value: float  # that number converted from it [1/m]
+    normal: float = np.nan  # normal stress with which `unit` would be right, if none was recorded [Pa]
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        between = f" (95 %: {low:.4g} to {high:.4g})" if np.isfinite(low) else ""
+        words = f"a stiffness of {self.given:g} 1/m contradicts the record, which shows {self.shown:.4g} 1/m{between}"
+        if not self.unit:
+            return f"{words}: check the value, or fit it with --free-stiffness"
+        if np.isfinite(self.normal):
+            return (
+                f"{words}: is its unit right? {self.given:g} {self.unit} would be {self.shown:.4g} 1/m at a normal "
+                f"stress of {self.normal / 1e6:.2g} MPa: divide it by the normal stress, or use --free-stiffness"
+            )
+        return (
+            f"{words}: is its unit right? {self.given:g} {self.unit} is {self.value:.6g} 1/m: give --stiffness "
+            f"{self.value:.6g}, or use --free-stiffness"
+        )
+
+
+def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
+    """Compare a fixed stiffness with what the record shows; None if they agree, or if the record does not show it.
+
+    Friction rises with the displacement of the load point by at most k (1 − V/V_l), which is k after a hold or a large
+    step. If the steepest rise is far from k, the record is fitted again with the stiffness free.
+
+    Parameters
+    ----------
+    normal : recorded normal stress [Pa]; None if it is unknown
+    """
+    task = solution.task
+    given = task.fixed.get("stiffness", np.nan)
+    (case,) = task.cases
+    if case.legs is None or "stiffness" in task.slots[0] or _is_near(given, _steepest_rise(case), STEEP):
+        return None
+    fixed = {name: value for name, value in task.fixed.items() if name != "stiffness" and np.isfinite(value)}
+    free = tuple(name for name in task.names if name not in ("a", "b", "dc", "mu0"))
+    again = build_fit(solve_fit(data, law=task.law, form=task.form, fixed=fixed, free=(*free, "stiffness")))
+    shown, interval = again.values["stiffness"], again.intervals["stiffness"]
+    if not np.isfinite(shown) or _is_near(given, shown, FAR):
+        return None
+    rest = residual(task, solution.x)
+    if np.std(again.residuals[0][case.used]) > (1 - LEAST_FALL) * np.sqrt(np.mean(rest**2)):
+        return None
+    return StiffnessDoubt(given, shown, interval, *_likelier_unit(given, shown, normal))
+
+
+def _is_near(one: float, other: float, ratio: float) -> bool:
+    return abs(np.log(one / other)) < np.log(ratio)
+
+
+def _steepest_rise(case: Prepared) -> float:
+    """Steepest rise of friction over load-point displacement, over five samples to suppress noise."""
+    run, rise = case.place[4:] - case.place[:-4], case.friction[4:] - case.friction[:-4]
+    slopes = rise[run > 0] / run[run > 0]
+    return max(float(np.quantile(slopes, 0.98)), 1e-12) if len(slopes) else 1.0
+
+
+def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[str, float, float]:
+    """Unit in which the given number is what the record shows, its value [1/m], and the normal stress that it needs."""
+    known = dict(BY_LENGTH) | ({} if normal is None else {unit: size / normal for unit, size in BY_STRESS.items()})
+    unit = min(known, key=lambda one: abs(np.log(given * known[one] / shown)))
+    if _is_near(given * known[unit], shown, NEAR):
+        return unit, given * known[unit], np.nan
+    stresses = {unit: given * size / shown for unit, size in BY_STRESS.items()}
+    unit = min(stresses, key=lambda one: abs(np.log(stresses[one] / USUAL)))
+    if normal is None and NORMAL[0] <= stresses[unit] <= NORMAL[1]:
+        return unit, shown, stresses[unit]
+    return "", np.nan, np.nan

@@ -1,0 +1,80 @@
+"""Fits that name a remedy: a trend that was left out, and a stiffness in another unit."""
+
+import numpy as np
+import pytest
+
+from stickslip.experiments.rate_state import fit_report
+from stickslip.friction.fitting import fit, solve_fit
+from stickslip.friction.laboratory import LabRecord, write_csv
+from stickslip.friction.loads import velocity_steps
+from stickslip.friction.ratestate import RateState, Spring, spring_slider
+from stickslip.friction.remedies import trend_gain
+
+STIFFNESS, TREND, NOISE = 1500.0, 4.0, 2e-4
+SURFACE = RateState(0.010, 0.013, 1e-5, 0.6, 1e-6, "slip")
+LEGS = velocity_steps([1e-6, 1e-5, 1e-6], distance=2e-4)
+
+
+@pytest.fixture(scope="module")
+def lab():
+    times = np.unique(np.r_[np.linspace(0, 200, 61), 200 + np.geomspace(0.05, 20, 120), np.linspace(220, 420, 120)])
+    h = spring_slider(SURFACE, Spring(STIFFNESS), LEGS, times=times)
+    noise = NOISE * np.random.default_rng(5).normal(size=len(times))
+    return LabRecord(h.time, h.friction + noise, h.load_point, np.full(len(times), 5e6))
+
+
+def found_in(folder, record, **options):
+    path = write_csv(folder / "record.csv", record)
+    given = {"stiffness": STIFFNESS, "free_stiffness": False, "v0": None, "before": None, "detrend": False}
+    given |= {"normal": False, "out": None, "overwrite": False, "laws": ("slip",)}
+    return fit_report.fit_record(path, **given | options)
+
+
+def test_a_trend_that_was_left_out_is_measured(tmp_path, lab):
+    sloped = lab._replace(friction=lab.friction + TREND * (lab.load_point - lab.load_point[0]))
+    found = found_in(tmp_path, sloped)
+    (said,) = fit_report.doubts(found)
+    detrended = found_in(tmp_path, sloped, detrend=True)
+    fall = 1 - np.std(detrended.fits[0].residuals[0]) / np.std(found.fits[0].residuals[0])
+    assert fall > 0.3  # the trend is most of the misfit
+    assert f"falls by {100 * fall:.0f} %" in said and "--detrend" in said
+    assert fit_report.doubts(detrended) == []
+
+
+def test_noise_alone_is_no_trend(tmp_path, lab):
+    assert fit_report.doubts(found_in(tmp_path, lab)) == []
+    data = found_in(tmp_path, lab).data
+    gain = trend_gain(solve_fit(data, law="slip", fixed={"stiffness": STIFFNESS}))
+    assert 0 <= gain.fall < 0.01 and not gain.helps
+
+
+def test_every_record_has_a_trend_of_its_own(lab):
+    one = fit_report.record_data(lab)
+    two = one._replace(friction=one.friction + TREND * np.interp(one.time, one.time, lab.load_point))
+    solution = solve_fit([one, two], law="slip", fixed={"stiffness": STIFFNESS})
+    gain = trend_gain(solution)
+    assert gain.helps
+    assert gain.trends == pytest.approx([0.0, TREND], abs=0.3)  # the errors of single fits are 0.1/m
+    refitted = fit([one, two], law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",))
+    assert gain.trends == pytest.approx([refitted.values["trend[1]"], refitted.values["trend[2]"]], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("given", "unit"), [(1.5, "1/mm"), (1.5e-3, "1/um"), (7.5e9, "Pa/m"), (7.5, "GPa/m"), (7.5e3, "MPa/m")]
+)
+def test_a_stiffness_in_another_unit_is_suspected(tmp_path, lab, given, unit):
+    said = [line for line in fit_report.doubts(found_in(tmp_path, lab, stiffness=given)) if "stiffness" in line]
+    assert len(said) == 1
+    assert f"{given:g} {unit} is 1500 1/m" in said[0]
+    assert "--stiffness 1500" in said[0]
+
+
+def test_without_a_normal_stress_the_one_that_would_explain_it_is_named(tmp_path, lab):
+    found = found_in(tmp_path, lab._replace(normal_stress=None), stiffness=7.5)
+    (said,) = [line for line in fit_report.doubts(found) if "stiffness" in line]
+    assert "GPa/m" in said and "normal stress of 5" in said
+
+
+def test_a_stiffness_that_fits_is_not_suspected(tmp_path, lab):
+    for right in (1000.0, STIFFNESS, 2500.0):
+        assert not [line for line in fit_report.doubts(found_in(tmp_path, lab, stiffness=right)) if "unit" in line]
