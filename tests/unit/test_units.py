@@ -296,6 +296,10 @@ def test_packings_have_units_as_well(tmp_path, capsys):
     for path in (PACKAGE.parents[1] / "examples" / "sheared_spheres.npz", tmp_path / "named.npz"):
         app(["stability", str(path), "--modes", str(tmp_path / "m.npz"), "-q"], standalone_mode=False)
         told[path.stem] = capsys.readouterr().out.strip()
+        app(["stability", str(path), "--modes", str(tmp_path / "m.npz"), "--after", "--more"], standalone_mode=False)
+        table = " ".join(capsys.readouterr().out.split())
+        for words in ("period [s]", "growth rate [1/s]", "moduli in g/(mm s²)", " mm"):
+            assert (words in table) == (path.stem == "named"), words
     assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["sheared_spheres"]) == told["named"]
     np.savez(tmp_path / "wrong.npz", **source, units="furlongs")
     with pytest.raises(ValueError, match=r"units = 'furlongs' was given in .*wrong.npz: use"):

@@ -42,6 +42,7 @@ from ..core.laws.builtin import Law, damping_model
 from ..core.measure import overlaps, touching
 from ..core.readable import pluralize, readable
 from ..core.state import State
+from ..core.units import with_unit
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
 from .freedom import (
     ZERO_BELOW,
@@ -140,6 +141,9 @@ class BirthForm(NamedTuple):
         """Largest displacement of a grain in one direction at an amplitude [length]."""
         return float(2 * amplitude * np.abs(self.mode[self.free.axis < 3]).max())
 
+    def _moved(self, amplitude: float) -> str:
+        return with_unit(f"{self.displacement(amplitude):.3g}", "length")
+
     @property
     def fate(self) -> str:
         """Bounded bursts, runaway, limit first, not near a birth, or resonance."""
@@ -159,13 +163,13 @@ class BirthForm(NamedTuple):
         what = "reaches the Coulomb limit" if self.limit <= self.opening else "opens"
         end = "no contact is lost"
         if np.isfinite(self.first):
-            end = f"contact {i}–{j} {what}, when grains move by {self.displacement(self.first):.3g}"
+            end = f"contact {i}–{j} {what}, when grains move by {self._moved(self.first)}"
         words = {
-            "bounded bursts": f"bounded bursts, in which grains move by up to {self.displacement(self.peak):.3g}; no "
-            f"contact is lost (the first would be {i}–{j} at {self.displacement(self.first):.3g})",
+            "bounded bursts": f"bounded bursts, in which grains move by up to {self._moved(self.peak)}; no "
+            f"contact is lost (the first would be {i}–{j} at {self._moved(self.first)})",
             "runaway": f"runaway: growth becomes faster until {end}",
             "limit first": f"limit first: growth becomes slower until {end}"
-            + (f"; the burst would go on to {self.displacement(self.peak):.3g}" if np.isfinite(self.peak) else ""),
+            + (f"; the burst would go on to {self._moved(self.peak)}" if np.isfinite(self.peak) else ""),
             "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth until {end}",
             "resonance": f"no normal form, since a mode {100 * self.resonance:.2g} % from twice the frequency leaves β "
             f"uncertain by {100 * self.detuned:.0f} %: linear growth until {end}",
@@ -173,7 +177,7 @@ class BirthForm(NamedTuple):
         closes = ""
         if self.closing < min(self.first, self.peak if self.fate == "bounded bursts" else np.inf):
             i, j = self.closing_contact
-            closes = f"; before that, {i} and {j} come into contact, at {self.displacement(self.closing):.3g}"
+            closes = f"; before that, {i} and {j} come into contact, at {self._moved(self.closing)}"
         return words[self.fate] + closes
 
 

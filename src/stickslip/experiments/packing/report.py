@@ -15,7 +15,7 @@ from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State
-from ...core.units import heading
+from ...core.units import heading, with_unit
 from ...data.atomic import replace_atomically
 from ...data.sample import Assumption
 from ...solve.balance import BALANCED_BELOW, imbalance
@@ -193,14 +193,15 @@ def _show_form(form: BirthForm | str) -> None:
         console.print(f"what follows the instability is not known: {form}")
         return
     console.print(f"what follows the instability: {form.verdict}", style="bold")
+    rate = with_unit(f"{form.growth_rate:.4g}", "1/time")
     console.print(
-        f"normal form of the fastest pair: σ = {form.growth_rate:.4g}, β = {form.beta:.4g} ({form.bare:.4g} without "
+        f"normal form of the fastest pair: σ = {rate}, β = {form.beta:.4g} ({form.bare:.4g} without "
         f"slaved modes), |q|/|p| = {form.nearness:.2g}; the mode nearest to 2ω is {100 * form.resonance:.2g} % away, "
         f"which leaves β uncertain by {100 * form.detuned:.2g} %"
     )
     if len(form.rates):
         table = Table(**STYLE)
-        for column in ("amplitude", "growth rate", "over σ"):
+        for column in ("amplitude", heading("growth rate", "1/time"), "over σ"):
             table.add_column(column, justify="right")
         for k in range(len(form.rates) // 4 - 1, len(form.rates), len(form.rates) // 4):
             if np.isfinite(form.rates[k]):
