@@ -141,6 +141,9 @@ def test_tables_are_for_people(state, jammed):
     assert ["contacts that touch", "193"] in shown
     assert ["contacts that slide", "0", "", "at the Coulomb limit"] in shown  # there is no friction
     assert ["packing fraction", "0.7"] in shown
+    smaller = ss.packings.strained(packed, -0.01 * np.eye(3))
+    assert ["contacts that touch", "193", "", "when last evaluated"] in cells(smaller)
+    assert "193 contacts (0 sliding) when last evaluated" in repr(smaller)
     assert ["cell", repr(packed.cell).removeprefix("Cell: "), "[length]"] in shown
     mean = f"{info.overlap:.4g} on average"
     assert ["largest overlap", f"{info.largest_overlap:.6g}", "[length]", mean] in cells(info)

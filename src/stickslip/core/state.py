@@ -555,7 +555,8 @@ def _describe_modes(contacts: Contacts) -> str:
     if contacts.stale and not contacts.count[0]:
         return "contacts not looked for yet"
     touching, sliding = _count_contacts(contacts)
-    return f"{pluralize(touching, 'contact')} ({sliding} sliding)"
+    moved = " when last evaluated" if contacts.stale else ""
+    return f"{pluralize(touching, 'contact')} ({sliding} sliding){moved}"
 
 
 def _count_contacts(contacts: Contacts) -> tuple[int, int]:
@@ -572,7 +573,7 @@ def _contact_rows(contacts: Contacts):
         yield "contacts", "not looked for yet: the first evaluation of forces finds them"
         return
     longest = float(np.linalg.norm(contacts.slip[:count][contacts.mode[:count] != OPEN], axis=1).max(initial=0.0))
-    yield "contacts that touch", touching
+    yield "contacts that touch", touching, "", "when last evaluated" if contacts.stale else ""
     yield "contacts that slide", sliding, "", "at the Coulomb limit"
     yield "largest slip", longest, "length"
     yield "listed pairs", count, "", f"closer than a gap of {contacts.skin:.4g}"

@@ -368,14 +368,15 @@ def _rows(found: Stability):
     yield "contacts at the Coulomb limit", found.at_limit or None
     yield "rattlers", len(found.rattlers), "", "grains that nothing holds, left out"
     yield "residual", found.residual, "", "largest unbalanced force over the mean contact force"
+    slides = "if all contacts at the limit keep sliding" if found.if_stuck else ""
     for k, (rate, frequency) in enumerate(zip(found.growth_rate, found.frequency, strict=True)):
         if k == MOST_PAIRS:
             yield "more growing pairs", len(found.pairs) - MOST_PAIRS
             break
         period = f"period {2 * np.pi / frequency:.4g}, " if frequency > 0 else ""
-        yield f"growing pair {k + 1}", f"{period}e-folding time {1 / rate:.4g}", "time"
+        yield f"growing pair {k + 1}", f"{period}e-folding time {1 / rate:.4g}", "time", slides
     for k, rate in enumerate(np.sqrt(-found.negative[:MOST_PAIRS])):
-        yield f"buckling mode {k + 1}", f"e-folding time {1 / rate:.4g}", "time"
+        yield f"buckling mode {k + 1}", f"e-folding time {1 / rate:.4g}", "time", slides
     yield "more buckling modes", max(len(found.negative) - MOST_PAIRS, 0) or None
     yield "floppy modes", max(found.zero_modes - found.rigid, 0), "", "besides translations of the whole packing"
     yield "if contacts at the limit stick", found.if_stuck and found.if_stuck.motion

@@ -458,16 +458,18 @@ def _given(law: Law) -> dict[str, np.ndarray]:
     return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
 
 
+DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in words
+    VELOCITY: ("force time/length", "proportional to the velocity"),
+    MASS: ("1/time", "proportional to effective mass and velocity"),
+    VISCOELASTIC: ("1/(time length)", "proportional to effective mass, contact radius and velocity"),
+}
+
+
 def _rows(law: Law):
     """Rows of a table of a law: parameters that all pairs of materials share, then those that differ, by pair."""
-    model = next(name for name, number in DAMPING.items() if number == law.damping & 3)
+    damping, dashpots = DASHPOTS.get(law.damping & 3, ("", ""))
     built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
     stiffness = built_in.stiffness_unit if built_in else ""
-    damping, dashpots = {
-        "velocity": ("force time/length", "proportional to the velocity"),
-        "mass_velocity": ("1/time", "proportional to effective mass and velocity"),
-        "viscoelastic": ("1/(time length)", "proportional to effective mass, contact radius and velocity"),
-    }[model]
     known = {
         "kn": (stiffness, "normal stiffness"), "kt": (stiffness, "tangential stiffness"),
         "mu": ("1", "coefficient of friction"), "damping_n": (damping, "normal dashpot"),
@@ -476,17 +478,10 @@ def _rows(law: Law):
     given = _given(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
     yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"
-    smooth = law.coulomb == SMOOTH
-    yield (
-        "Coulomb friction",
-        "smooth" if smooth else "sharp",
-        "",
-        (
-            "the tangential stiffness decreases to zero towards the limit"
-            if smooth
-            else "contacts stick up to the limit"
-        ),
-    )
+    if law.coulomb == SMOOTH:
+        yield "Coulomb friction", "smooth", "", "the tangential stiffness decreases to zero towards the limit"
+    else:
+        yield "Coulomb friction", "sharp", "", "contacts stick up to the limit"
     for name, values in given.items():
         if name not in differ:
             yield name, float(values[0, 0]), *known.get(name, ())
