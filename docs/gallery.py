@@ -39,9 +39,11 @@ BURSTS = """import numpy as np
 law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
 state = ss.packings.disk_array(10, press=0.1 / 2000)
 for push in (*np.arange(0, 0.006, 5e-4), 0.0061):
-    state, _ = ss.relax(ss.packings.with_push(state, push / 2000), law, tolerance=1e-13)
+    state = ss.packings.with_push(state, push / 2000)
+    state, _ = ss.relax(state, law, tolerance=1e-13)
 moving = ss.packings.perturbed(state, velocity=1e-9, seed=1)
-_, record, _ = ss.run(moving, law, steps=300_000, dt=0.2, every=20, probes=range(10))
+probes = range(10)
+_, record, _ = ss.run(moving, law, 300_000, dt=0.2, every=20, probes=probes)
 form = ss.modes.birth_form(state, law)"""
 MODE = """import numpy as np
 

@@ -130,8 +130,9 @@ def packing_units(path: str | Path) -> Units | None:
     --------
     >>> import numpy as np, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     np.savez(f"{folder}/one.npz", position=[[0, 0, 0]], radius=[0.5], units="mm, g, s")
-    ...     print(packing_units(f"{folder}/one.npz"))
+    ...     path = f"{folder}/one.npz"
+    ...     np.savez(path, position=[[0, 0, 0]], radius=[0.5], units="mm, g, s")
+    ...     print(packing_units(path))
     mm, g, s
     """
     path = Path(path)
