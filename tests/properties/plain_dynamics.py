@@ -1,8 +1,8 @@
 """Slow, obvious twin of `run`: plain Python, one contact at a time, written from the documentation.
 
 Pairs are found by brute force over all images, memory is a dictionary, and only names of parameters are taken
-from the package. The twin makes the steps that `docs/engine.md`, `docs/theory/contacts.md` and the docstrings of `run`
-and `cell_motion` describe, with the same discretisation, so that it agrees with `run` to round-off.
+from the package. The twin makes the steps that `docs/engine.md`, the theory pages `engine` and `contacts`, and the
+docstrings of `run` and `cell_motion` describe, with the same discretisation, so that it agrees with `run` to round-off.
 """
 
 import inspect
