@@ -260,3 +260,10 @@ def test_masses_may_be_given_by_density(tmp_path):
 def test_densities_that_cannot_be_used(given, words):
     with pytest.raises(PackingError, match=words):
         from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 1.0], LAW, **given)
+
+
+@pytest.mark.parametrize("name", ["cell", "position", "slip", "velocity", "external_force", "mass", "radius"])
+def test_rows_of_different_lengths_are_refused(name):
+    given = {"position": [[0.0, 0.0, 0.0]], "radius": [0.5]} | {name: [[1.0, 2.0], [3.0]]}
+    with pytest.raises(PackingError, match=f"^{name} "):
+        ss.packings.from_arrays(given.pop("position"), given.pop("radius"), ss.laws.linear(), **given)

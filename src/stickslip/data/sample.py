@@ -91,6 +91,17 @@ def from_arrays(
     """
     if dim not in (2, 3):
         raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
+    for name, rows in (
+        ("cell", cell),
+        ("position", position),
+        ("image", image),
+        ("slip", slip),
+        ("velocity", velocity),
+    ):
+        try:
+            np.shape(rows)
+        except ValueError:
+            raise PackingError(f"{name} has rows of different lengths: give an array of numbers") from None
     mass = _masses(mass, density, radius, dim)
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
