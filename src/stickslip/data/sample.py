@@ -91,13 +91,11 @@ def from_arrays(
     """
     if dim not in (2, 3):
         raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
-    for name, rows in (
-        ("cell", cell),
-        ("position", position),
-        ("image", image),
-        ("slip", slip),
-        ("velocity", velocity),
-    ):
+    given = {
+        "position": position, "radius": radius, "mass": mass, "cell": cell, "image": image, "slip": slip,
+        "velocity": velocity, "spin": spin, "angle": angle, "external_force": external_force, "i0": i0,
+    }  # fmt: skip
+    for name, rows in given.items():
         try:
             np.shape(rows)
         except ValueError:
