@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
@@ -99,6 +99,7 @@ def cycle(law, corners, steps=400):
     return work
 
 
+@settings(max_examples=15)
 @given(
     st.lists(st.tuples(st.floats(1e-3, 2e-2), st.floats(-2e-2, 2e-2)), min_size=2, max_size=5), st.floats(0.05, 10.0)
 )

@@ -29,7 +29,7 @@ def packing():
 )
 def test_exponents_are_those_of_the_whole_spectrum(packing, damping):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=damping, damping_t=damping / 2)
-    found = ss.stability(packing, law)
+    found = ss.stability(packing, law, method="all")
     truth = growing(ss.modes.damped_growth(packing, law))
     np.testing.assert_allclose(np.sort_complex(found.exponents.conj()), truth, atol=1e-9)
     assert found.grows == bool(len(truth))
@@ -38,7 +38,7 @@ def test_exponents_are_those_of_the_whole_spectrum(packing, damping):
 
 def test_modes_solve_the_quadratic_problem(packing):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=1e-3)
-    found = ss.stability(packing, law)
+    found = ss.stability(packing, law, method="all")
     assert len(found.exponents)
     free, root = found.free, np.sqrt(found.free.mass)
     pull, drag = dynamical_matrix(packing, law, free), assembled(packing, contact_blocks(packing, law)[1], free)
@@ -51,8 +51,11 @@ def test_modes_solve_the_quadratic_problem(packing):
 def test_the_law_is_taken_as_it_is_unless_dashpots_are_left_out(packing):
     """Left out, the answer is that of the law without them, to the last bit; `undamped` is the same."""
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=0.1, damping_t=0.05)
-    damped, left_out = ss.stability(packing, law), ss.stability(packing, law, dashpots=False)
-    plain = ss.stability(packing, ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp"))
+    damped, left_out = (
+        ss.stability(packing, law, method="all"),
+        ss.stability(packing, law, method="all", dashpots=False),
+    )
+    plain = ss.stability(packing, ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp"), method="all")
     assert plain.undamped is left_out.undamped is None
     for found in (left_out, damped.undamped):
         for name in ("pairs", "negative", "modes"):
