@@ -366,3 +366,77 @@ def test_arguments_that_no_run_saved_are_refused(call, tmp_path, arguments):
     (tmp_path / "out" / "unfinished" / "reproduce.json").write_text(json.dumps(arguments))
     done = call("resume", "out")
     assert done.code == 2 and done.err.count("\n") == 1 and "reproduce.json is damaged" in done.err
+
+
+def test_a_sweep_that_seems_to_wait_for_its_place_moves_nothing_of_others(call, tmp_path):
+    """Before anything is installed: whose files are there, and is the new sweep in this folder at all?"""
+    away = tmp_path / "away"
+    (away / "members").mkdir(parents=True)
+    (away / "members" / "mine").write_text("mine")
+    (away / "ready").touch()
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked" / ".anew").symlink_to(away)
+    (tmp_path / "both" / ".anew" / "members").mkdir(parents=True)
+    (tmp_path / "both" / ".anew" / "ready").touch()
+    (tmp_path / "both" / "members").mkdir()
+    (tmp_path / "both" / "members" / "mine").write_text("mine")
+    for name in ("linked", "both"):
+        assert call("run", "many.toml", "--out", name).code == 2
+    assert (away / "members" / "mine").read_text() == "mine"
+    assert contents(tmp_path / "both") == {"members/mine": b"mine", ".anew/ready": b""}
+
+
+def test_results_that_wait_for_their_place_replace_nothing_of_others(call, tmp_path):
+    assert call("run", "0.toml", "--out", "out").code == 0
+    waiting = tmp_path / "out" / ".writing"
+    waiting.mkdir()
+    for path in report.list_files(tmp_path / "out"):
+        (waiting / path.name).write_bytes(path.read_bytes())
+    (waiting / "manifest.json").write_bytes((tmp_path / "out" / "manifest.json").read_bytes())
+    (tmp_path / "out" / "series.csv").write_text("mine")
+    (tmp_path / "out" / "events.csv").write_text("mine")
+    for words in (("run", "1.toml", "--out", "out"), ("resume", "out")):
+        call(*words)
+        assert (tmp_path / "out" / "series.csv").read_text() == (tmp_path / "out" / "events.csv").read_text() == "mine"
+
+
+@pytest.mark.parametrize("inner", ["members/{}/.writing/mine.txt", "members/{}/unfinished/mine.txt"])
+def test_files_of_others_in_the_temporary_folders_of_members_are_kept(call, tmp_path, inner):
+    assert call("run", "many.toml", "--out", "many").code == 0
+    member = next((tmp_path / "many" / "members").iterdir())
+    (member / "measures.json").unlink()
+    mine = tmp_path / "many" / inner.format(member.name)
+    mine.parent.mkdir()
+    mine.write_text("mine")
+    done = call("run", "many.toml", "--out", "many")
+    assert done.code == 2
+    assert "mine.txt" in done.err
+    assert mine.read_text() == "mine"
+
+
+def test_folders_named_like_results_are_kept(call, tmp_path):
+    inner = tmp_path / "out" / ".writing" / "series.csv"
+    inner.mkdir(parents=True)
+    (inner / "mine").write_text("mine")
+    assert call("run", "0.toml", "--out", "out").code == 2
+    assert (inner / "mine").read_text() == "mine"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pipes")
+def test_pipes_in_the_place_of_results_are_not_read(call, tmp_path):
+    (tmp_path / "out").mkdir()
+    os.mkfifo(tmp_path / "out" / "scenario.json")
+    (tmp_path / "out" / "manifest.json").write_text('{"files": {"scenario.json": ["neither"]}}')
+    assert call("run", "0.toml", "--out", "out").code == 2
+    with pytest.raises(ValueError, match="does not contain a sweep"):
+        ss.io.open_sweep(tmp_path / "out" / "scenario.json")
+
+
+@pytest.mark.parametrize("measures", ["[1]", '{"a": 5}', '{"a": ["x", "y"]}'])
+def test_members_with_damaged_measures_are_run_again(call, tmp_path, measures):
+    assert call("run", "many.toml", "--out", "many").code == 0
+    path = next((tmp_path / "many" / "members").iterdir()) / "measures.json"
+    before = json.loads(path.read_text())
+    path.write_text(f'{{"stickslip": "{ss.__version__}", "seconds": 1, "measures": {measures}}}')
+    assert call("run", "many.toml", "--out", "many").code == 0
+    assert json.loads(path.read_text())["measures"] == before["measures"]

@@ -74,6 +74,7 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     if not folder.is_dir():
         return []
     own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
+    own = {name: [one for one in digests if one != _OTHER] for name, digests in own.items()}  # no run writes others
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # it wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
@@ -109,6 +110,8 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
                 f"{link} is a link, through which a run would write outside its folder: move it away or choose another "
                 f"--out"
             )
+    for member in (folder / MEMBERS).iterdir() if (folder / MEMBERS).is_dir() else ():
+        check_hidden(member, ours)
     for name in (WRITING, ANEW, GONE, UNFINISHED):
         path, piece = folder / name, name in (GONE, UNFINISHED)
         if not os.path.lexists(path):
@@ -132,7 +135,7 @@ def _is_own_hidden(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool
         return True
     if piece:
         return path.is_dir() or (path.is_file() and _PIECE.fullmatch(path.name) is not None)
-    return ours(path.name) or path.name in _SWEEP_FILES
+    return path.is_dir() if path.name == MEMBERS else path.is_file() and (ours(path.name) or path.name in _SWEEP_FILES)
 
 
 def allow_overwriting(folder: Path, names: Iterable[str]) -> None:

@@ -159,6 +159,8 @@ def install_results(folder: Path) -> None:
         new = {}
     if NUMBERS not in new or SCENARIO not in new:  # not complete, or not written by a run: it replaces nothing
         return
+    if find_foreign(folder, is_run_file):
+        return
     old = read_manifest(folder)
     write_manifest(folder, {name: old.get(name, []) + new.get(name, []) for name in old | new})
     for path in list_files(folder):

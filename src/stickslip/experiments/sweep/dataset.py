@@ -10,6 +10,7 @@ import xarray as xr
 
 from ... import __version__
 from ...core.arguments import checked
+from ...core.text import check_regular_file
 from ...data.dotted_keys import field_at
 from ...data.manifest import write_file
 from ...data.schema import split_unit
@@ -47,6 +48,7 @@ def open_sweep(folder: str | Path) -> xr.Dataset:
     path = Path(folder)
     path = path / DATASET if path.is_dir() else path
     try:
+        check_regular_file(path, "give the folder of a finished sweep")
         with xr.open_dataset(path, engine="scipy") as found:
             return found.load()
     except (OSError, TypeError, ValueError):

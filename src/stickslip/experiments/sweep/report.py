@@ -38,6 +38,7 @@ def run_with_progress(
         if it returns False, nothing is run
     """
     where = reach(workers)
+    check_writable(out)
     _install_results(out)
     others = _check_folder(out, overwrite)
     target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
@@ -75,7 +76,7 @@ def run_with_progress(
         if not any(swept.found):
             raise RuntimeError(f"every member failed ({swept.failures[0]}): {out} was left unchanged")
         (target / READY).touch()
-        _install_results(out)
+        _install_results(out, overwrite=True)
     return swept
 
 
@@ -94,9 +95,8 @@ def _check_folder(out: Path, overwrite: bool) -> bool:
     Raises
     ------
     ValueError
-        If they may not be replaced, or the folder is not writable.
+        If they may not be replaced.
     """
-    check_writable(out)
     if (out / SCENARIO).exists() and not (out / SWEEP).exists():
         raise ValueError(f"{out} contains the results of a run: choose another --out")
     others = find_foreign(out, lambda name: name in OURS)
@@ -130,12 +130,17 @@ def _discard_other_sweep(target: Path, chosen: Sweep) -> None:
         shutil.rmtree(target, ignore_errors=True)
 
 
-def _install_results(out: Path) -> None:
-    """Move a complete sweep into place; if the process is killed during the move, the next call finishes it."""
+def _install_results(out: Path, overwrite: bool = False) -> None:
+    """Move a complete sweep into place; if the process is killed during the move, the next call finishes it.
+
+    Files that no sweep wrote stay, and so does the new sweep, unless they may be overwritten.
+    """
     target = out / ANEW
     if not (target / READY).exists():
         return
     old, new = read_manifest(out), read_manifest(target)
+    if SWEEP not in new or (not overwrite and find_foreign(out, lambda name: name in OURS)):
+        return
     write_manifest(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
     for name in OURS:
         if (target / name).exists():

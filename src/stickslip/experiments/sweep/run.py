@@ -1,6 +1,7 @@
 """Run all members of a sweep: each writes the folder of an ordinary run, and together they form one dataset."""
 
 import json
+import math
 import statistics
 import tempfile
 import time
@@ -112,10 +113,15 @@ def read_finished(folder: Path) -> dict | None:
     The name of the folder identifies the run.
     """
     try:
+        if not ((folder / MEASURES).is_file() and (folder / NUMBERS).is_file()):
+            return None
         known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
-        there = known["stickslip"] == __version__ and (folder / NUMBERS).exists()
-        return known if there and known["measures"] is not None and known["seconds"] >= 0 else None
-    except (OSError, ValueError, KeyError, TypeError):
+        whole = known["stickslip"] == __version__ and 0 <= known["seconds"] < math.inf
+        plain = all(
+            isinstance(value, (int, float)) and isinstance(unit, str) for value, unit in known["measures"].values()
+        )
+        return known if whole and plain else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
