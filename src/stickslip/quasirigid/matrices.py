@@ -201,7 +201,11 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 
 @checked
 def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
-    """(n, n) sparse c Γ cᵀ; a sliding contact has no tangential dashpot."""
+    """(n, n) sparse c Γ cᵀ; a sliding contact has no tangential dashpot.
+
+    The Coulomb limit is that of the elastic normal force. Where it follows the normal dashpot as well, as in
+    `ss.forces` and `ss.stability`, a sliding contact has the additional term μ Γₙ, which this matrix does not contain.
+    """
     sliding = _status_of_all(matrix, sliding)
     damping = matrix.damping.copy()
     damping[sliding, 1] = 0.0
