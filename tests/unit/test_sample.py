@@ -262,8 +262,30 @@ def test_densities_that_cannot_be_used(given, words):
         from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 1.0], LAW, **given)
 
 
-@pytest.mark.parametrize("name", ["cell", "position", "slip", "velocity", "external_force", "mass", "radius"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "cell",
+        "periodic",
+        "position",
+        "slip",
+        "mode",
+        "pair_i",
+        "velocity",
+        "external_force",
+        "mass",
+        "density",
+        "radius",
+    ],
+)
 def test_rows_of_different_lengths_are_refused(name):
     given = {"position": [[0.0, 0.0, 0.0]], "radius": [0.5]} | {name: [[1.0, 2.0], [3.0]]}
     with pytest.raises(PackingError, match=f"^{name} "):
         ss.packings.from_arrays(given.pop("position"), given.pop("radius"), ss.laws.linear(), **given)
+
+
+def test_cells_of_disks_span_an_area():
+    state = from_arrays([[0, 0, 0], [1, 0, 0]], [0.5, 0.5], LAW, cell=[4.0, 4.0, 1.0], dim=2)
+    flat = state._replace(cell=state.cell._replace(vectors=state.cell.vectors[::-1].copy()))
+    with pytest.raises(ValueError, match="span no area"):
+        ss.packings.check(flat)

@@ -451,6 +451,8 @@ def _check_space(state: State) -> None:
         raise ValueError("a state of 0 grains was given: at least 1 is needed")
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
+    if cell.dim == 2 and cell.periodic.any() and abs(np.linalg.det(cell.vectors[:2, :2])) < 1e-300:
+        raise ValueError("the first two of the cell's vectors span no area: give two independent vectors in the plane")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
         raise ValueError("a two-dimensional cell that is periodic or has walls along z was given: neither is allowed")
     size = np.linalg.norm(walls.normal, axis=1)

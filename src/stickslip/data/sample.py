@@ -94,6 +94,7 @@ def from_arrays(
     given = {
         "position": position, "radius": radius, "mass": mass, "cell": cell, "image": image, "slip": slip,
         "velocity": velocity, "spin": spin, "angle": angle, "external_force": external_force, "i0": i0,
+        "density": density, "periodic": periodic, "mode": mode, "pair_i": pair_i, "pair_j": pair_j,
     }  # fmt: skip
     for name, rows in given.items():
         try:
