@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SHARE = 20  # of all invalid arguments, one in so many is tried in the fast suite; of invalid states, all are
+SHARE = 40  # of all invalid arguments, one in so many is tried in the fast suite; of invalid states, all are
 
 
 def faults(part: int, share: int = SHARE) -> dict[str, str]:

@@ -1,5 +1,7 @@
 """Files whose checksum is right and whose indices are not: a sentence, and no compiled code looks beyond an array."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -146,5 +148,7 @@ def test_a_law_that_compiled_code_does_not_know_is_refused(tmp_path, entry, valu
     archive.write(tmp_path / "a.h5", {"law": law})
     assert archive.read(tmp_path / "a.h5")["law"]._replace(table=law.table) == law
     archive.write(tmp_path / "a.h5", {"law": law._replace(**{entry: value})})
-    with pytest.raises(archive.ArchiveError, match=rf"law\.{entry}(\[0, 0, 0\])? (is|has)|a law of kind {value}"):
+    with pytest.raises(
+        archive.ArchiveError, match=rf"law\.{entry}(\[0, 0, 0\])? (is|has)|a law of kind {re.escape(str(value))}"
+    ):
         archive.read(tmp_path / "a.h5")
