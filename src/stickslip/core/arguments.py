@@ -227,7 +227,7 @@ _WORDS = {int: "a whole number", float: "a number", bool: "True or False", type(
 
 
 def _words(annotation) -> str:
-    """What an annotation allows, in words."""
+    """Return in words what an annotation allows."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return f"a {parts[1].name}" if isinstance(parts[1], Result) else _words(parts[0])

@@ -14,7 +14,7 @@ STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 
 
 
 class Size(NamedTuple):
-    """How many things of a kind a run has or a function makes."""
+    """Number of things of one kind that a run has or a function makes."""
 
     what: str  # what determines it, as the start of a sentence: "line.width and line.cell make"
     number: float
