@@ -1,6 +1,7 @@
 """Mutated files: whatever is in a scenario or a packing, the command line ends with 0, or with 2 and one sentence."""
 
 import copy
+import gc
 import json
 import signal
 import struct
@@ -15,7 +16,9 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.data.exchange.motion import read_mode
 from stickslip.experiments.lammps import memory
+from stickslip.experiments.packing.report import check_modes
 from stickslip.loading.packing import jammed
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES
@@ -190,6 +193,21 @@ def test_some_mutated_scenarios(tmp_path, capsys):
 
 def test_some_mutated_packings(tmp_path, capsys):
     check_packings(150, tmp_path, capsys)
+
+
+def test_damaged_archives_are_closed(tmp_path, capsys):
+    path = tmp_path / "p.npz"
+    path.write_bytes(b"PK\x03\x04" + bytes(40))
+    gc.collect()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ended(["stability", path], capsys)
+        with pytest.raises(ValueError, match="contains no modes"):
+            read_mode(path, 0, 3)
+        with pytest.raises(ValueError, match="does not contain modes"):
+            check_modes(path, tmp_path / "packing.npz", asked=True)
+        gc.collect()
+    assert not [str(w.message) for w in caught]
 
 
 def write_restart(path, state, law):

@@ -66,7 +66,8 @@ def read_npz(path: Path) -> tuple[dict, dict]:
         if the file is of another kind.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # numpy leaves a damaged archive open if it opens the file itself
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
         raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None

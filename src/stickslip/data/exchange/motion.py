@@ -25,7 +25,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     if not Path(path).is_file():
         raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             found = {name: file[name] for name in REQUIRED}
     except Exception:  # numpy and zipfile raise various errors for a damaged file
         raise PackingError(f"{path} contains no modes: give the .npz that `stickslip stability` wrote") from None

@@ -397,7 +397,7 @@ def packing_content(
 
 def _read_modes(path: Path, n: int) -> list:
     first = read_mode(path, 0, n)  # checks the file
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         count = len(file["exponent"])
     return [first, *(read_mode(path, k, n) for k in range(1, min(MODES, count)))]
 

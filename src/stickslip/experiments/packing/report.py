@@ -276,7 +276,9 @@ def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
     if not os.path.lexists(path):
         return
     if path.is_file():
-        with suppress(OSError, EOFError, ValueError, AttributeError, BadZipFile), np.load(path) as file:
+        # numpy leaves a damaged archive open if it opens the file itself
+        damaged = suppress(OSError, EOFError, ValueError, AttributeError, BadZipFile)
+        with damaged, path.open("rb") as raw, np.load(raw) as file:
             if set(_MODES) <= set(file.files):
                 return
     if asked:
