@@ -76,6 +76,20 @@ struct Moving {
   int64_t len_share;
 };
 
+// Time step, drag factors and drags, for translations and for rotations
+struct Pace {
+  double dt;
+  double keep;  // 1 − ν dt/2
+  double slow;  // 1/(1 + ν dt/2)
+  double keep_t;
+  double slow_t;
+  double drag;
+  double spin_drag;
+};
+
+constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5;
+
 struct Blocks;  // see blocks.h
 
 API Blocks *new_blocks(void);
@@ -108,6 +122,21 @@ struct Law {
   void *rolling_cap;    // largest moment
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
 };
+
+// ---- evaluation
+
+// Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by
+// rows. `progress` (3,): step; whether it has ended and forces are stored, else positions are those of the step, but
+// forces are not known yet; whether velocities are also those of the step, and memory is not transported. `residual`
+// (2,): largest unbalanced force at the last check, and its body.
+API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
+                      const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
+                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
+                      double *residual, int64_t *progress, int64_t threads);
+
+// Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
+API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *vectors, int64_t memory, double *force, double *torque);
 
 // ---- the library itself
 
