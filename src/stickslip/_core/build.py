@@ -135,8 +135,8 @@ def _working(command: list[str]) -> Compiler | None:
         ):  # fmt: skip
             if _run(words).returncode:
                 return None
-    version = _run([*command, "c++", "--version"] if compiler.is_zig else [*command, "--version"]).stdout
-    return compiler._replace(version=version.partition("\n")[0].strip())
+    says = _run([*command, *(["c++"] if compiler.is_zig else []), "--version"]).stdout.partition("\n")[0].strip()
+    return compiler._replace(version=f"ziglang: {says}" if compiler.is_zig else says)
 
 
 def _run(words: list) -> subprocess.CompletedProcess:
@@ -223,6 +223,8 @@ def build(
         raise BuildError("sanitizers need GCC or Clang: set CXX to one of them")
     made = {"asked": asked or "", "compiler": compiler.version, "command": shlex.join(compiler.command)}
     made |= {"target": _zig_target() if compiler.is_zig else ""}
+    if force:
+        shutil.rmtree(out / ".objects", ignore_errors=True)
     _compile_and_link(compiler, folder, out, wanted | made, verbose)
     return f"the compiled core was built in {time.perf_counter() - start:.1f} s by {compiler.version}"
 
