@@ -88,7 +88,16 @@ struct Pace {
 };
 
 constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
-constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5;
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5, NO_MEMORY = 6;
+
+constexpr int64_t MOST_THREADS = 256;
+
+struct Writing {
+  int64_t every;
+  double *events;
+  int64_t *event_count;
+  int64_t len_events;
+};
 
 struct Blocks;  // see blocks.h
 
@@ -208,6 +217,9 @@ API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
                            const double *vectors, int64_t memory, double *force, double *torque);
+
+API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
+API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
 
 // ---- the library itself
 
