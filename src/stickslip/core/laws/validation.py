@@ -188,13 +188,13 @@ def _compile(kind, own: UserLaw, values: dict) -> None:
                 with warnings.catch_warnings(action="ignore"):
                     function.compile(one)
             except Exception as problem:  # Numba does not derive all of its errors from NumbaError
-                raise ValueError(f"{role} cannot be compiled, {_summarize_numba_error(str(problem))}; {HELP}") from None
+                raise ValueError(f"{role} cannot be compiled, {summarize_numba_error(str(problem))}; {HELP}") from None
     with contextlib.suppress(OSError):  # if the disk is full, the next process compiles them again
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch()
 
 
-def _summarize_numba_error(message: str) -> str:
+def summarize_numba_error(message: str) -> str:
     """Innermost location that Numba reports, and its message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
     places = re.findall(r'File "([^"]+)", line (\d+)', message) or re.findall(r"Raised from (.+) \((\d+)\)", message)
