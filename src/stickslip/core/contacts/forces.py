@@ -11,8 +11,9 @@ from numba import njit
 from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
-from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
-from ..laws.dispatch import check_kind
+from ..laws.builtin import Law, damping_model
+from ..laws.kinds import check_kind
+from ..laws.oracle import cap, normal_force, rescaling_flag, row, tangential_stiffness
 from ..options import INNER
 from ..readable import pluralize, readable
 from ..state import OPEN, Contacts, State, groups

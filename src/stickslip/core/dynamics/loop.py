@@ -18,8 +18,7 @@ from ..contacts.forces import Bodies
 from ..contacts.mechanics import FREE
 from ..contacts.rows import CLOSED, OPENED, REACHED_LIMIT, Step, record_event, sweep_contacts
 from ..flow import STRETCH, TURN
-from ..laws.builtin import rescaling_flag
-from ..laws.dispatch import as_numpy_integers
+from ..laws.oracle import as_numpy_integers, rescaling_flag
 from ..options import INNER
 from ..simd.blocks import KERNEL_OPTIONS, STUCK_AGAIN, evaluate_blocks
 from ..simd.cycle_counter import ticks

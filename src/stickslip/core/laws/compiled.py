@@ -1,18 +1,19 @@
 """Laws as the compiled core takes them: the struct `Law` of `core.h`, with the functions of a user's law compiled.
 
-Each role of a law, such as force or cap, becomes one C function that evaluates n contacts of one pair of materials. It is
-compiled by Numba when it is first needed.
+Each role of a law, such as force or cap, becomes one C function that evaluates n contacts of one pair of materials. It
+is compiled by Numba when it is first needed.
 """
 
+import linecache
+import re
 import types
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 
 import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS
 from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
-from .dispatch import HELP, USER_LAWS, Kind, UserLaw, find_user_law
-from .validation import summarize_numba_error
+from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap"
 MEMBERS = {  # C functions of a user's law, and the function of the law that each needs
@@ -43,13 +44,15 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
         find_user_law(law.kind)
     return _fixed_members(law.kind, members) | {
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & 3, "tension": not law.damping & NO_TENSION,
-        "rate": rate, "len_table": len(law.table), "width": law.table.shape[2], "table": law.table,
+        "rate": rate, "len_table": len(law.table), "width": law.table.shape[2],
+        "table": np.ascontiguousarray(law.table, float),
     }  # fmt: skip
 
 
 @lru_cache
 def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     """Members that all laws of a kind share."""
+    check_kind(kind)
     out = dict.fromkeys(MEMBERS)
     if not isinstance(kind, Kind):
         known = BUILTIN_LAWS[kind]
@@ -60,7 +63,7 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     return {"hertz": False, "uses_radius": radius, "rescaled": False, **out}
 
 
-@lru_cache(maxsize=None)
+@cache
 def block_function(kind: Kind, name: str):
     """C function `LawFunction` of a user's law, compiled by Numba.
 
@@ -72,17 +75,17 @@ def block_function(kind: Kind, name: str):
     from numba import cfunc
     from numba.types import CPointer, float64, int64, void
 
-    own, scope = USER_LAWS[kind], dict(_compiled_functions(kind))
+    own, scope = USER_LAWS[kind], dict(numba_functions(kind))
     exec(compile(_block_text(own, name), "<contact law>", "exec"), scope)
     try:
         return cfunc(void(CPointer(float64), int64, *5 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
-        place, words = f"{own.file}: " if own.file else "", summarize_numba_error(str(problem))
+        place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem))
         raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {words}; {HELP}") from None
 
 
-@lru_cache(maxsize=None)
-def _compiled_functions(kind: Kind) -> dict:
+@cache
+def numba_functions(kind: Kind) -> dict:
     """Functions of a user's law for Numba, and other names that blocks use."""
     from numba import njit
 
@@ -107,6 +110,18 @@ def _compiled(function, made: dict, njit):
         for cell, old in zip(cells, function.__closure__ or (), strict=True):
             cell.cell_contents = _compiled(old.cell_contents, made, njit)
     return made[function]
+
+
+def _summarize_numba_error(message: str) -> str:
+    """Innermost location that Numba reports, and its message."""
+    lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
+    places = re.findall(r'File "([^"]+)", line (\d+)', message) or re.findall(r"Raised from (.+) \((\d+)\)", message)
+    said = next(
+        (s for s in lines if re.match(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)", s)), lines[0]
+    )
+    line = linecache.getline(places[-1][0], int(places[-1][1])).strip() if places else ""
+    shown = f"line {places[-1][1]}: {line!r} " if line else ""
+    return f"{shown}({said.partition(' Raised from ')[0][:200]})"
 
 
 def _block_text(own: UserLaw, name: str) -> str:
@@ -153,7 +168,7 @@ def _cap_slopes(name):
 
 
 def _energy(call):
-    """Energy, else ∫F dδ from the end of the range by Gauss quadrature: over √δ where grains touch, over δ in the gap."""
+    """Energy; by default ∫F dδ from the end of the range by Gauss quadrature, over √δ or, in the gap, over δ."""
     if given := call("normal_energy"):
         return (f"one[k] = {given}",)
     return (

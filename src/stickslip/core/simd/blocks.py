@@ -20,7 +20,7 @@ from numba import njit
 from ..contacts.geometry import at_contact, touching_fraction
 from ..contacts.mechanics import FREE, contact_forces, needs_mass, needs_radius, transport_slip
 from ..flow import INVERSE_HALF, RATE, RATE_AHEAD, VECTORS
-from ..laws.builtin import reach, row
+from ..laws.oracle import reach, row
 from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .reduce import WIDTH
