@@ -65,7 +65,8 @@ $(RUN): requirements-run.lock pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-run.lock
 	@$(BIN)/python $(BUILD) --find >/dev/null 2>&1 || { echo "no C++ compiler works here: installing one from the package index (100 MB)"; \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-compiler.lock; }
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-compiler.lock || \
+	  $(BIN)/python $(BUILD) --find; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 

@@ -31,6 +31,10 @@ SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
 MACOS, GLIBC = "11.0", "2.28"  # the oldest systems that run the libraries, if the machine's own compiler agrees
 ZIGLANG = "ziglang>=0.17"  # the package that holds a compiler
+NO_COMPILER = (
+    "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "
+    f"or run {shlex.join([sys.executable, '-m', 'pip', 'install', ZIGLANG])}"
+)
 _X86 = {
     "base": ["-march=x86-64"],
     "avx2": ["-march=x86-64-v3"],
@@ -46,7 +50,10 @@ FLAGS = [
 _SANITIZE = ["-O1", "-g", "-fno-omit-frame-pointer", "-fno-sanitize-recover=all"]
 _PROBE = '#include <math.h>\nextern "C" double probe(double x) { return exp(x); }\n'
 _MARK = "stickslip core "  # begins the stamp in a library
-_STAMP = 'extern "C" {{\nextern __attribute__((visibility("default"))) const char core_stamp[];\nconst char core_stamp[] = {};\n}}\n'
+_STAMP = """\
+extern "C" __attribute__((visibility("default"))) const char core_stamp[];
+const char core_stamp[] = {};
+"""
 
 
 class BuildError(RuntimeError):
@@ -77,9 +84,7 @@ class Compiler(NamedTuple):
         if not self.is_zig:
             strict = ["-Wl,--no-undefined,--as-needed"] if sys.platform == "linux" and not sanitize else []
             return [*self.command, *_apple(), "-shared", "-pthread", *strict]
-        if (
-            sys.platform == "linux"
-        ):  # `cc` first compiles a runtime library, for 17 s; symbols are those that Python loaded
+        if sys.platform == "linux":  # `cc` compiles a runtime library first, for 17 s; Python has loaded libc and libm
             return [*self.command, "ld.lld", "-shared"]
         return [*self.command, "cc", "-target", _zig_target(), "-shared"]
 
@@ -130,8 +135,8 @@ def _working(command: list[str]) -> Compiler | None:
         ):  # fmt: skip
             if _run(words).returncode:
                 return None
-    version = _run([*command, "c++", "--version"] if compiler.is_zig else [*command, "--version"]).stdout
-    return compiler._replace(version=version.partition("\n")[0].strip())
+    says = _run([*command, *(["c++"] if compiler.is_zig else []), "--version"]).stdout.partition("\n")[0].strip()
+    return compiler._replace(version=f"ziglang: {says}" if compiler.is_zig else says)
 
 
 def _run(words: list) -> subprocess.CompletedProcess:
@@ -213,14 +218,13 @@ def build(
         return "the compiled core is up to date"
     compiler = find_compiler()
     if compiler is None:
-        raise BuildError(
-            "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "
-            f"or run {shlex.join([sys.executable, '-m', 'pip', 'install', ZIGLANG])}"
-        )
+        raise BuildError(NO_COMPILER)
     if sanitize and compiler.is_zig:
         raise BuildError("sanitizers need GCC or Clang: set CXX to one of them")
     made = {"asked": asked or "", "compiler": compiler.version, "command": shlex.join(compiler.command)}
     made |= {"target": _zig_target() if compiler.is_zig else ""}
+    if force:
+        shutil.rmtree(out / ".objects", ignore_errors=True)
     _compile_and_link(compiler, folder, out, wanted | made, verbose)
     return f"the compiled core was built in {time.perf_counter() - start:.1f} s by {compiler.version}"
 
@@ -309,7 +313,7 @@ def main() -> None:
         parser.error("--sanitize needs --out: Python cannot load such libraries without their runtime")
     if given.find:
         found = find_compiler()
-        sys.exit(print(found.version) if found else "no C++ compiler works here")
+        sys.exit(print(found.version) if found else NO_COMPILER)
     try:
         print(build(HERE, given.out, sanitize=given.sanitize, force=given.force, verbose=given.verbose))
     except (BuildError, OSError) as error:

@@ -150,6 +150,50 @@ struct Law {
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
 };
 
+// ---- motion of the cell, and springs
+
+// rows of Flow.matrix, see `core/flow.py`
+constexpr int64_t VECTORS = 0, RATE = 1, RATE_AHEAD = 2, STRETCH = 3, TURN = 4, INVERSE_HALF = 5, SINCE = 6, PULL = 7;
+
+struct Flow {
+  double *matrix;    // (8, 3, 3)
+  double *factor;    // (2, courses + 1) of courses, mean over the step and at its end; the last is 1, for none
+  double *rate;      // (B, 6) of bodies, in the order of memory
+  int64_t *follows;  // (B, 6)
+  int64_t courses;
+};
+
+struct Frame {
+  uint8_t *free;       // (3, 3)
+  double *given;       // (3, 3) rates of components that are not free
+  int64_t *follows;    // (3, 3) course, or the last column: constant
+  double *wanted;      // (3, 3) stress
+  double mass;
+  double *knots;
+  double *course;      // (K, courses)
+  double *area;        // (K, courses) integral of `course` from the first knot
+  int64_t *place;      // (N,) position of each grain in memory
+  double *grain_mass;  // (N,)
+  double *clock;       // (1,) time, accumulated step by step
+  double *reach;       // (1,) distance within which pairs were selected
+  double widest;       // largest sum of two radii
+  int64_t courses;
+  int64_t len_knots;
+  int64_t len_place;
+};
+
+struct Pull {  // springs on the bodies of the last tile
+  double *stiffness;  // (L, 3)
+  double *anchor;     // (L, 3)
+  int64_t *leads;     // (L, 3) column of `course`, −1: none
+  double *knots;
+  double *course;     // (K, courses)
+  double *clock;      // (1,) time, accumulated step by step
+  int64_t courses;
+  int64_t len_stiffness;
+  int64_t len_knots;
+};
+
 // ---- evaluation
 
 // Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by

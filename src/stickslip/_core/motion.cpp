@@ -126,7 +126,7 @@ inline double move_body(const Step &step, int64_t g, const double *f) {
       if (free[k]) rate[k] = v[k];
   };
   auto imposed = [&](int when, int k) {  // mean over the step (0) or at its end (1)
-    return flow->rate[6 * g + k] * flow->factor[when * flow->courses + flow->follows[6 * g + k]];
+    return flow->rate[6 * g + k] * flow->factor[when * (flow->courses + 1) + flow->follows[6 * g + k]];
   };
   if (flow && half) turn();
   for (int k = 0; k < 6; ++k)

@@ -44,6 +44,11 @@ class Frame(NamedTuple):
     reach: np.ndarray  # (1,) distance within which pairs were selected
     widest: float  # largest sum of two radii
 
+    @property
+    def courses(self) -> int:
+        """Number of time profiles."""
+        return self.course.shape[1]
+
 
 @checked
 def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
@@ -116,9 +121,13 @@ def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
         control.follows[order].astype(int) % (columns + 1),
     )  # fmt: skip
     frame = Frame(
-        control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),
-        control.knots, control.course, area, place[:n], state.grains.mass, used.copy(), np.full(1, state.time),
-        np.zeros(1), 2.0 * float(state.grains.radius.max()) + state.contacts.gap,
+        *map(np.ascontiguousarray, (
+            control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress,
+        )),
+        cell_mass(state),
+        *map(np.ascontiguousarray, (control.knots, control.course, area, place[:n], state.grains.mass)),
+        used.copy(), np.full(1, state.time), np.zeros(1),
+        2.0 * float(state.grains.radius.max()) + state.contacts.gap,
     )  # fmt: skip
     return frame, flow
 

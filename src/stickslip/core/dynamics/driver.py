@@ -84,8 +84,8 @@ def _gather_springs(state: State, moving: MovingBodies) -> Springs | None:
     control, last = state.control, moving.order[moving.tile[-1] :]
     if not control.spring.any():
         return None
-    parts = (np.ascontiguousarray(part[last]) for part in (control.spring, control.anchor, control.leads.astype(int)))
-    return Springs(*parts, control.knots, control.course, np.full(1, state.time))
+    parts = control.spring[last], control.anchor[last], control.leads[last].astype(int), control.knots, control.course
+    return Springs(*map(np.ascontiguousarray, parts), np.full(1, state.time))
 
 
 def _make_moving_bodies(

@@ -82,6 +82,11 @@ class Springs(NamedTuple):
     course: np.ndarray  # (K, C)
     clock: np.ndarray  # (1,) time, accumulated step by step
 
+    @property
+    def courses(self) -> int:
+        """Number of time profiles."""
+        return self.course.shape[1]
+
 
 @njit(fastmath=False, error_model="numpy", **INNER)
 def _add_springs(pull, first, body, force):
