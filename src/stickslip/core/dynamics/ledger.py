@@ -37,16 +37,8 @@ from ..contacts.mechanics import (
 from ..contacts.rolling import add_rolling_energy
 from ..contacts.rows import add_gradient, relative_motion
 from ..control import spring_forces
-from ..laws.builtin import (
-    DAMPING_T,
-    SMOOTH,
-    damping_model,
-    normal_energy,
-    reach,
-    rescaling_flag,
-    row,
-    tangential_stiffness,
-)
+from ..laws.builtin import DAMPING_T, SMOOTH, damping_model
+from ..laws.oracle import normal_energy, reach, rescaling_flag, row, tangential_stiffness
 from ..options import INNER
 from ..readable import readable
 from ..state import OPEN
