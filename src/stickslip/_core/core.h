@@ -153,6 +153,34 @@ struct Pull {  // springs on the bodies of the last tile
   int64_t len_knots;
 };
 
+// ---- energy ledger
+
+struct LedgerStep {  // see `core/dynamics/ledger.py`
+  Law *law;
+  int64_t dim;
+  Bodies *old;
+  Bodies *now;
+  Contacts *before;
+  Contacts *after;
+  double *shift_old;  // (C, 3) periodic shifts of the contacts of `after` before the step
+  double *shift_now;
+  double *way;      // (B, 3) displacements, without the flow
+  double *strain;   // (3, 3) dt L
+  uint8_t *free;    // (B, 6)
+  double *mass;     // (B,)
+  double *inertia;  // (B,)
+  double *force;    // (B, 3) external forces, and springs
+  double *torque;   // (B, 3)
+  double drag;
+  double spin_drag;
+  double dt;
+  uint8_t first;  // there is no step, only stored energies
+  double *row;    // (8,) written in place
+};
+
+// add one step to a row
+API void add_ledger_step(const LedgerStep *step);
+
 // ---- the library itself
 
 API int32_t core_processor_level(void);  // best level of this processor
