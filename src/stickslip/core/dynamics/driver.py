@@ -359,7 +359,7 @@ def run_steps(
             sampled = sampling and step % sampling == 0
             here = current.gather() if books or sampled else None
             if books:
-                books = post_step(books, law, current.state, plan, here, current.contacts, step, every)
+                books = post_step(books, current.state, plan, here, current.contacts, step, every)
             if sampled:
                 current.record(here, step // every)
             if not np.isfinite(current.residual[0]) and tolerance > 0 and step % CHECK_EVERY == 0:

@@ -18,6 +18,7 @@ import numpy as np
 from ..contacts.forces import Bodies
 from ..contacts.geometry import shifts
 from ..control import spring_forces
+from ..laws.builtin import Law
 from ..laws.compiled import law_struct
 from ..library import core
 from ..readable import readable
@@ -58,33 +59,39 @@ class Books(NamedTuple):
     pull: np.ndarray  # (B, 3) forces of springs
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
-    rate: bool  # True with `slip_update="rate"`
+    law: dict  # see `law_struct`
+    mass: np.ndarray  # (B,)
+    inertia: np.ndarray  # (B,)
 
 
-def open_books(samples: int, bodies: Bodies, state, rate: bool) -> Books:
-    """Open the books before the first entry."""
+def open_books(samples: int, bodies: Bodies, state, law: Law, rate: bool) -> Books:
+    """Open the books before the first entry; `rate`: with `slip_update="rate"`."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
-    pull = spring_forces(state.control, bodies.position, state.time)
-    return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, rate)
+    pull, walls = spring_forces(state.control, bodies.position, state.time), state.walls.mass
+    mass, inertia = np.append(state.grains.mass, walls), np.append(state.grains.inertia, np.zeros(len(walls)))
+    return Books(
+        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, law_struct(law, rate=rate), mass,
+        inertia,
+    )  # fmt: skip
 
 
-def post_step(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
+def post_step(books: Books, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
     """Post one step, from the state in the books to `here` and `contacts`, which are not modified."""
-    old, vectors, walls = books.bodies, state.cell.vectors, state.walls.mass
+    old, vectors = books.bodies, state.cell.vectors
     strain = np.zeros((3, 3))
     if (vectors != books.vectors).any():  # dt L of the step that moved the cell
         strain = 2 * np.linalg.solve((vectors + books.vectors), vectors - books.vectors).T
     pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
     books.row[_STORED] = 0.0
     core.add_ledger_step({
-        "law": law_struct(law, rate=books.rate), "dim": state.cell.dim, "old": old, "now": here,
+        "law": books.law, "dim": state.cell.dim, "old": old, "now": here,
         "before": books.contacts, "after": contacts, "shift_old": shifts(contacts, books.vectors),
         "shift_now": shifts(contacts, vectors),
         "way": here.position - old.position - 0.5 * (here.position + old.position) @ strain.T,
         "strain": np.ascontiguousarray(strain), "free": np.ascontiguousarray(state.control.free),
-        "mass": np.append(plan.mass, walls), "inertia": np.append(plan.inertia, np.zeros(len(walls))),
-        "force": plan.external[0] + 0.5 * (pull + books.pull), "torque": plan.external[1], "drag": plan.drags[0],
-        "spin_drag": plan.drags[1], "dt": plan.dt, "first": step == 0, "row": books.row,
+        "mass": books.mass, "inertia": books.inertia, "force": plan.external[0] + 0.5 * (pull + books.pull),
+        "torque": plan.external[1], "drag": plan.drags[0], "spin_drag": plan.drags[1], "dt": plan.dt,
+        "first": step == 0, "row": books.row,
     })  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = books.row
