@@ -121,7 +121,7 @@ static double volume(int64_t dim, const Matrix h) {
   return fabs(space);
 }
 
-void end_cell_step(int64_t dim, Frame &frame, Flow &flow, double dt, double slow, Moving &moving, bool fresh) {
+void end_cell_step(int64_t dim, Frame &frame, Flow &flow, double dt, double slow, const Moving &moving, bool fresh) {
   Matrix *m = matrices(flow);
   double total[9] = {}, space = volume(dim, m[VECTORS]), *end = flow.factor + flow.courses + 1;
   for (int64_t a = 0; a < frame.len_place; ++a) {
@@ -153,7 +153,7 @@ double unbalanced_cell(int64_t dim, const Frame &frame, const Flow &flow, double
   return frame.mass * pow(volume(dim, m[VECTORS]), 1.0 / dim) * most;
 }
 
-void add_springs(const Pull &pull, int64_t first, Moving &moving) {
+void add_springs(const Pull &pull, int64_t first, const Moving &moving) {
   for (int64_t s = 0; s < pull.len_stiffness; ++s)
     for (int k = 0; k < 3; ++k) {
       int64_t at = 3 * s + k, c = pull.leads[at], g = first + s;

@@ -76,10 +76,51 @@ struct Moving {
   int64_t len_share;
 };
 
+// Time step, drag factors and drags, for translations and for rotations
+struct Pace {
+  double dt;
+  double keep;  // 1 − ν dt/2
+  double slow;  // 1/(1 + ν dt/2)
+  double keep_t;
+  double slow_t;
+  double drag;
+  double spin_drag;
+};
+
+constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5;
+
 struct Blocks;  // see blocks.h
 
-API Blocks *new_blocks(void);
+API Blocks *new_blocks(void);  // null if there is no memory
 API void free_blocks(Blocks *blocks);
+API void clear_blocks(Blocks *blocks);  // frees memory and leaves no block
+API void commit_blocks(const Blocks *blocks, const Contacts *contacts);  // writes slips and modes back to the list
+// Commits the old blocks, then chooses blocks for all pairs that may touch within the displacement limits `room` (B,).
+// `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix if there is a frame.
+// Returns false, without any block, if there is no memory.
+API uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *moving, const double *inverse_mass,
+                          const int64_t *material, const double *normal, int64_t walls, const double *vectors,
+                          const double *across, const double *room, double gap, int64_t materials, uint8_t by_size,
+                          uint8_t by_mass);
+
+// Morton keys (n,) of points (3, n) in cells of `size`; coordinates must not be negative
+API void morton_keys(const double *x, int64_t n, double size, int64_t *key);
+API void speeds(const Moving *moving, double *out);  // (2,) largest and root-mean-square speed
+// Limit of each body until blocks are chosen again: `base` + `span` times its speed, within bounds
+API void displacement_limits(const Moving *moving, double base, double span, double least, double most, double *room);
+// Reduces `room` so that no body moves further than `most` from its `origin`, which is in the state's order. Returns
+// false if this takes more than half of any body's limit.
+API uint8_t limit_displacements(const Moving *moving, const double *origin, double most, double *room);
+// Copies bodies from the state's order; `kick` and `kick_t` are half a time step over mass and over inertia
+API void gather_bodies(const Moving *moving, const Bodies *bodies, const double *kick, const double *kick_t);
+API void scatter_bodies(const Moving *moving, const Bodies *bodies);  // copies bodies back to the state's order
+// Writes the pair vectors and angles of touching contacts, unless the outputs are null. Returns true if they are those
+// of the committed memory.
+API uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle,
+                            const double *radius, const double *vectors, double *pair, double *roll);
+API int64_t find_not_finite(const Moving *moving);  // first body with a non-finite coordinate or angle, or −1
+API int64_t find_runaway(const Moving *moving, double dt);  // first that moves more than its radius in a step, or −1
 
 // ---- contact laws
 
@@ -180,6 +221,21 @@ struct LedgerStep {  // see `core/dynamics/ledger.py`
 
 // add one step to a row
 API void add_ledger_step(const LedgerStep *step);
+
+// ---- evaluation
+
+// Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by
+// rows. `progress` (3,): step; whether it has ended and forces are stored, else positions are those of the step, but
+// forces are not known yet; whether velocities are also those of the step, and memory is not transported. `residual`
+// (2,): largest unbalanced force at the last check, and its body.
+API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
+                      const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
+                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
+                      double *residual, int64_t *progress, int64_t threads);
+
+// Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
+API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *vectors, int64_t memory, double *force, double *torque);
 
 // ---- the library itself
 
