@@ -194,6 +194,30 @@ struct Pull {  // springs on the bodies of the last tile
   int64_t len_knots;
 };
 
+// ---- samples
+
+struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
+  int64_t every;
+  double *reference;  // (N, 3)
+  double *mass;       // (N,)
+  double *inertia;    // (N,)
+  int64_t *unit;      // (B,)
+  int64_t *supports;  // (B,)
+  int64_t *probes;    // (P,)
+  double *series;     // (T, columns of all observables)
+  double *tracks;     // (T, P, 6)
+  double *events;     // (E, EVENT)
+  int64_t *event_count;  // (1,)
+  int64_t len_probes;
+  int64_t len_events;
+};
+
+// row k of the observables and of the tracks; returns false if there is no memory
+API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
+                         const double *vectors, const Writing *writing, double time);
+API const char *observable_name(int64_t k);  // null after the last
+API int64_t observable_width(int64_t k);     // columns
+
 // ---- energy ledger
 
 struct LedgerStep {  // see `core/dynamics/ledger.py`
