@@ -105,7 +105,7 @@ class _Run:
 
     def set_writing(self, writing: RecordBuffers) -> None:
         """Take other buffers for records."""
-        self.writing, self.buffers = writing, core.fill("Writing", writing)
+        self.writing, self.buffers = writing, core.fill("Writing", writing._asdict() | {"mass": self.plan.mass, "inertia": self.plan.inertia})
 
     def choose_pairs(self) -> None:
         """Choose the pairs that may touch before a body has moved too far.
@@ -286,7 +286,7 @@ def run_steps(
         sampled = sampling and step % sampling == 0
         here = current.gather() if books or sampled else None
         if books:
-            books = post_step(books, law, current.state, plan, here, current.contacts, step, every)
+            books = post_step(books, current.state, plan, here, current.contacts, step, every)
         if sampled:
             current.record(here, step // every)
         if not np.isfinite(current.residual[0]) and tolerance > 0 and step % core.CHECK_EVERY == 0:

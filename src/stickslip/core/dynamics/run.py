@@ -109,7 +109,7 @@ def run(
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
-    books = open_books(len(writing.series), driven_bodies(state), state, rate > 0) if ledger else None
+    books = open_books(len(writing.series), driven_bodies(state), state, law, rate > 0) if ledger else None
     result = run_steps(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
     end, code, done, residual, worst, writing, books = result
     end = with_mark(end, law, slip_update) if code in (core.DONE, core.CONVERGED) else end._replace(instant=None)
