@@ -9,7 +9,6 @@ BUILD := src/stickslip/_core/build.py
 .PHONY: demo test coverage quick slow lint bench docs release wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
-	@nice $(BIN)/stickslip warm stability >/dev/null 2>&1 &
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores

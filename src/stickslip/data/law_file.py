@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
 
-from .. import kernel_cache
+from ..extras import cache_folder
 from ..core.laws.builtin import Law
 from ..core.laws.user import from_text
 from ..core.text import read_text
@@ -97,7 +97,7 @@ def trust_law_files(tables: dict) -> None:
 
     def trust(law: dict) -> dict:
         if isinstance(law.get("file"), str) and not _is_trusted(text := _read(Path(law["file"]))):
-            with (kernel_cache.folder() / TRUSTED).open("a", encoding="ascii") as file:
+            with (cache_folder() / TRUSTED).open("a", encoding="ascii") as file:
                 file.write(f"{_digest(text)}\n")
         return law
 
@@ -105,7 +105,7 @@ def trust_law_files(tables: dict) -> None:
 
 
 def _is_trusted(text: str) -> bool:
-    path = kernel_cache.folder() / TRUSTED
+    path = cache_folder() / TRUSTED
     return path.is_file() and _digest(text) in path.read_text(encoding="ascii", errors="replace").split()
 
 
