@@ -1,0 +1,96 @@
+// Contact laws as scalar functions of numbers, vectors of numbers, or numbers with a derivative.
+#pragma once
+#include "core.h"
+#include "vector.h"
+
+// parameters that every law has, and models of damping
+constexpr int64_t KN = 0, KT = 1, MU = 2, DAMPING_N = 3, DAMPING_T = 4;
+constexpr int64_t VELOCITY_DAMPING = 1, MASS_DAMPING = 2, VISCOELASTIC = 3;
+
+template <class T>
+struct Elastic {
+  T force, stiffness;  // of the normal spring, and of the unmobilised tangential one
+};
+
+template <class T>
+struct Slopes {
+  T first, second;
+};
+
+inline const double *parameters(const Law &law, int64_t a, int64_t b) {
+  return law.table + (a * law.len_table + b) * law.width;
+}
+
+inline bool needs_radius(const Law &law) { return law.uses_radius || law.damping == VISCOELASTIC; }
+inline bool needs_mass(const Law &law) { return law.damping == MASS_DAMPING || law.damping == VISCOELASTIC; }
+
+// Elastic normal force and tangential stiffness of a built-in law; overlap > 0.
+template <class T>
+inline Elastic<T> built_in(const Law &law, const double *q, T r_eff, T overlap) {
+  if (!law.hertz) return {q[KN] * overlap, T{} + q[KT]};
+  T radius = root(law.uses_radius ? overlap * r_eff : overlap);
+  return {q[KN] * overlap * radius, q[KT] * radius};
+}
+
+// Result of a function of a user's law at one contact.
+inline Slopes<double> call(void *function, const double *q, double r_eff, double overlap, double fn) {
+  double one = 0.0, two = 0.0;
+  reinterpret_cast<LawFunction>(function)(q, 1, &r_eff, &overlap, &fn, &one, &two);
+  return {one, two};
+}
+
+inline Elastic<double> elastic(const Law &law, const double *q, double r_eff, double overlap) {
+  if (!law.force) return built_in(law, q, r_eff, overlap);
+  Slopes<double> found = call(law.force, q, r_eff, overlap, 0.0);
+  return {found.first, found.second};
+}
+
+// Derivatives dF_n/dδ and dk_t/dδ.
+inline Slopes<double> tangents(const Law &law, const double *q, double r_eff, double overlap) {
+  if (law.slopes) return call(law.slopes, q, r_eff, overlap, 0.0);
+  Elastic<Dual> found = built_in(law, q, Dual{r_eff, 0.0}, Dual{overlap, 1.0});
+  return {found.force.slope, found.stiffness.slope};
+}
+
+inline double range(const Law &law, const double *q, double r_eff) {
+  return law.range ? call(law.range, q, r_eff, 0.0, 0.0).first : 0.0;
+}
+
+// Coulomb limit of a law without a cap of its own; `viscous_rate`: as LAMMPS, which takes |F_n|.
+template <class T>
+inline T coulomb_limit(const double *q, T fn, bool viscous_rate) {
+  return q[MU] * (viscous_rate ? magnitude(fn) : larger(fn, T{}));
+}
+
+inline double cap(const Law &law, const double *q, double r_eff, double overlap, double fn, bool viscous_rate = false) {
+  if (law.cap) return call(law.cap, q, r_eff, overlap, fn).first;
+  return coulomb_limit(q, fn, viscous_rate && !law.force);
+}
+
+// Derivatives of the cap with respect to F_n and to the overlap, where F_n > 0.
+inline Slopes<double> cap_slopes(const Law &law, const double *q, double r_eff, double overlap, double fn) {
+  if (law.cap_slopes) return call(law.cap_slopes, q, r_eff, overlap, fn);
+  return {q[MU], 0.0};
+}
+
+inline double normal_energy(const Law &law, const double *q, double r_eff, double overlap) {
+  if (law.energy) return call(law.energy, q, r_eff, overlap, 0.0).first;
+  return built_in(law, q, r_eff, overlap).force * overlap / (law.hertz ? 2.5 : 2.0);
+}
+
+// Factor on the damping coefficients.
+template <class T>
+inline T damping_factor(const Law &law, T r_eff, T m_eff, T overlap) {
+  T factor = T{} + 1.0;
+  if (law.damping == VISCOELASTIC) factor = m_eff * root(larger(overlap * r_eff, T{}));
+  if (law.damping == MASS_DAMPING) factor = m_eff;
+  return law.range ? select(overlap > 0.0, factor, T{}) : factor;  // across a gap nothing is damped
+}
+
+// Factor on the tangential stiffness of a spring whose force k_t |s| is a fraction x of the Coulomb limit.
+template <class T>
+inline T mobilisation(T x) {
+  return 1.0 + x - x * x;
+}
+
+inline double mobilisation_tangent(double x) { return 1.0 - 2.0 * x; }

@@ -1,0 +1,220 @@
+// Geometry and mechanics of one contact, or of a vector of contacts, for all laws.
+//
+// The normal n points from j to i, the slip is that of i relative to j. In two dimensions (DIM = 2) z components are
+// literal zeros that the compiler removes.
+#pragma once
+#include "laws.h"
+
+// Treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
+// it was committed; HELD: transport it with every contact in its mode; FREE: transport it
+constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
+constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; above 1/2, so that a slip can reverse
+
+template <class T>
+struct Ratio {
+  T part, whole;
+};
+
+// Displacement of the surface of i relative to that of j, dr + n × d(roll); the same formula holds for velocities.
+// Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7.
+template <class T>
+inline Vec<T> at_contact(Vec<T> n, Vec<T> d, Vec<T> roll) {
+  return d + cross(n, roll);
+}
+
+// Normal halfway through a displacement dr that ends at n, scaled so that n·m = 1: m = n − P dr/(2|r|); `inverse` is
+// 1/|r|, zero at walls.
+template <class T>
+inline Vec<T> mid_normal(Vec<T> n, T inverse, Vec<T> d) {
+  T half = 0.5 * inverse;
+  return n - half * (d - dot(n, d) * n);
+}
+
+// Vector w projected along the mid-step normal m onto the plane of contact: w − (n·w) m. It rotates a slip from the
+// plane before the step to that after it, to third order in the angle.
+template <class T>
+inline Vec<T> onto_plane(Vec<T> n, Vec<T> m, Vec<T> w) {
+  return w - dot(w, n) * m;
+}
+
+template <class T>
+inline Vec<T> slip_increment(Vec<T> n, Vec<T> m, Vec<T> d, Vec<T> roll) {
+  return onto_plane(n, m, at_contact(m, d, roll));
+}
+
+// Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, exactly zero if dr = 0.
+template <class T>
+inline T overlap_increment(Vec<T> n, T inverse, Vec<T> d) {
+  T twice = inverse * dot(d, d) - 2.0 * dot(n, d);
+  return twice / (1.0 + root(larger(1.0 + inverse * twice, T{})));
+}
+
+// Fraction of a step during which a closing contact touched; `depth` is the overlap at the end. During the step, the
+// overlap grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
+template <class T>
+inline Ratio<T> touching_fraction(Vec<T> n, T inverse, T depth, Vec<T> d) {
+  T along = dot(n, d), gained = 0.5 * inverse * (dot(d, d) - along * along) - along, one = T{} + 1.0;
+  auto part = gained > depth;
+  return {select(part, depth, one), select(part, gained, one)};
+}
+
+// Ratio of contact radii √(δ/δ_old) where the overlap has decreased, else 1.
+template <class T>
+inline T contact_radius_ratio(T overlap, T gained) {
+  T one = T{} + 1.0;
+  auto falls = (gained < 0.0) & (overlap > 0.0);
+  return select(falls, root(select(falls, overlap, one) / select(falls, overlap - gained, one)), one);
+}
+
+template <class T>
+struct Transport {
+  Vec<T> slip;       // rotated with the contact and shortened by the law
+  Vec<T> increment;  // of the slip
+  Vec<T> mid;        // mid-step normal
+  T fade;            // factor by which the slip was shortened
+};
+
+// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n.
+template <class T>
+inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T inverse, T overlap, Vec<T> d, Vec<T> roll,
+                                   Vec<T> s) {
+  Vec<T> m = rate ? n : mid_normal(n, inverse, d), o = onto_plane(n, m, s);
+  Vec<T> increment = slip_increment(n, m, d, roll);
+  T fade = T{} + 1.0;
+  if (law.rescaled) {
+    if (rate) {  // as LAMMPS `granular` rotates its memory
+      T square = dot(o, o);
+      o = root(dot(s, s) / select(square > 0.0, square, fade)) * o;
+    }
+    fade = contact_radius_ratio(overlap, overlap_increment(n, inverse, d));
+    o = fade * o;
+    if (!rate) increment = (0.5 * (1.0 + fade)) * increment;
+  }
+  return {o, increment, m, fade};
+}
+
+// Factor κ of the increment d such that a + κ d has the direction to which the slip a of a sliding contact turns.
+//
+// A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its final direction is that of a + κ d with
+// κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order. The last term uses the mean of R before and after. A slip that
+// was shortened by a factor f turns as if it had not been shortened: with d multiplied by (1 + f)/2, κ is 2f/(1 + f)
+// times its value for a/f.
+// Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact rotation.
+template <class T>
+inline Ratio<T> turning_weight(bool rescaled, T stiffness, T limit, Vec<T> a, Vec<T> d, T fade) {
+  T scale = stiffness * stiffness, square = limit * limit;
+  Vec<T> b = rescaled ? (1.0 / fade) * a : a;
+  T change = scale * (b.x * (b.x + 2.0 * d.x) + b.y * (b.y + 2.0 * d.y) + b.z * (b.z + 2.0 * d.z));
+  // the bound lets a contact sheared in the opposite direction reverse, although κ is derived for small steps
+  T part = larger(0.75 * square + 0.25 * change, MIN_WEIGHT * square);
+  return {rescaled ? 2.0 * fade / (1.0 + fade) * part : part, square};
+}
+
+template <class T, class M>
+struct Truncated {
+  Vec<T> slip;
+  M slides;
+};
+
+// Slip a + d part/whole truncated at the Coulomb limit, and whether the contact slides. With HELD memory it keeps its
+// mode.
+//
+// `a` is the previous slip, rotated with the contact and shortened by `fade`, d the increment. In three dimensions the
+// slip of a contact that keeps sliding turns; see `turning_weight`. The slip of a contact that starts to slide is
+// truncated along a + d part/whole. One division serves all cases, because a vector division takes as long as ten
+// multiplications.
+template <int DIM, class T, class M>
+inline Truncated<T, M> return_mapping(bool rescaled, int64_t memory, T stiffness, T limit, Vec<T> a, Vec<T> d,
+                                      Ratio<T> fraction, M slid, T fade) {
+  T part = fraction.part, whole = fraction.whole;
+  Vec<T> b = whole * a + part * d;
+  T scale = stiffness * stiffness, bound = whole * limit, pull = scale * dot(b, b);
+  // without slip there is no sliding direction to hold: such contacts slid under a law without friction
+  M over = memory == HELD ? M(slid & ((a.x != 0.0) | (a.y != 0.0) | (a.z != 0.0))) : M(pull > bound * bound);
+  M slides = (limit == 0.0) | over;
+  if (DIM == 3) {
+    Ratio<T> weight = turning_weight(rescaled, stiffness, limit, a, d, fade);
+    M turns = slides & slid & (limit > 0.0);
+    part = select(turns, weight.part, part);
+    whole = select(turns, weight.whole, whole);
+    b = whole * a + part * d;
+    pull = scale * dot(b, b);
+  }
+  T below = select(slides, root(pull), whole), one = T{} + 1.0;
+  T factor = select(below > 0.0, select(slides, limit, one) / below, T{});
+  return {factor * b, slides};
+}
+
+// Tangential force −k_t (mobilisation) s on i due to the slip.
+template <class T>
+inline Vec<T> tangential_force(bool smooth, T stiffness, T limit, Vec<T> s) {
+  T factor = -stiffness;
+  if (smooth) {
+    auto holds = limit > 0.0;
+    T x = stiffness * root(dot(s, s)) / select(holds, limit, T{} + 1.0);
+    factor = select(holds, factor * mobilisation(x), T{});
+  }
+  return factor * s;
+}
+
+// Tangential force with its dashpot, truncated at the Coulomb limit.
+template <class T>
+inline Vec<T> with_tangential_dashpot(Vec<T> t, T damping, T limit, Vec<T> v) {
+  t = t - damping * v;
+  T square = dot(t, t), one = T{} + 1.0;
+  auto over = square > limit * limit;
+  return select(over, limit / root(select(over, square, one)), one) * t;
+}
+
+template <class T, class M>
+struct Loads {
+  T normal;
+  Vec<T> tangential, slip;
+  T limit;
+  M slides;
+};
+
+// Tangential force and slip if spring and dashpot together are truncated at the Coulomb limit, as in LAMMPS:
+// s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|.
+template <class T, class M>
+inline Loads<T, M> truncate_as_lammps(T fn, T stiffness, T damping, T limit, Vec<T> s, Vec<T> v, M hold) {
+  Vec<T> t = (-stiffness) * s - damping * v;
+  T square = dot(t, t), one = T{} + 1.0;
+  M slides = square > limit * limit;
+  T share = select(slides, limit / root(select(slides, square, one)), one);
+  // a contact that slides without ever having been sheared transmits no tangential force
+  T grip = select(negate(slides) | (dot(s, s) > 0.0), share, T{});
+  slides = slides & negate(hold);
+  auto soft = stiffness > 0.0;
+  T stretch = select(soft, damping / select(soft, stiffness, one), T{});
+  s = s + select(slides, share - 1.0, T{}) * (s + stretch * v);
+  return {fn, grip * t, s, limit, slides};
+}
+
+// Normal force with its dashpot, clipped if the law has no tension. Attraction by a user's law itself is allowed.
+template <class T>
+inline T with_dashpot(const Law &law, T elastic, T damping, T vn) {
+  T fn = elastic - damping * vn;
+  return law.tension ? fn : larger(fn, law.force ? smaller(elastic, T{}) : T{});
+}
+
+// Tangential part of a contact's loads: springs, dashpots, Coulomb limit, from its transported slip and the increment.
+// `slid`: the contact was sliding before; `hold`: the slip is kept; `v`: tangential velocity of the surface of i
+// relative to that of j.
+template <int DIM, class T, class M>
+inline Loads<T, M> contact_loads(const Law &law, bool rate, int64_t memory, M hold, T fn, T stiffness, T damping,
+                                 T limit, T overlap, const Transport<T> &moved, Ratio<T> fraction, M slid, Vec<T> v) {
+  Loads<T, M> out;
+  if (law.damping && rate) {
+    out = truncate_as_lammps(fn, stiffness, damping, limit, moved.slip + moved.increment, v, hold);
+  } else {
+    Truncated<T, M> found =
+        return_mapping<DIM>(law.rescaled, memory, stiffness, limit, moved.slip, moved.increment, fraction, slid, moved.fade);
+    Vec<T> slip = select(hold, moved.slip, found.slip), t = tangential_force(law.smooth, stiffness, limit, slip);
+    if (law.damping) t = with_tangential_dashpot(t, damping, limit, v);
+    out = {fn, t, slip, limit, found.slides};
+  }
+  // a pair without friction across a gap does not touch: it does not slide either
+  if (law.range) out.slides = out.slides & ((limit > 0.0) | (overlap > 0.0));
+  return out;
+}
