@@ -18,9 +18,9 @@ struct Picked {  // a pair, and all that blocks need about it except its slip, s
   bool far;      // its block needs vectors
 };
 
-// Buckets hold pairs between a tile and later ones of the same thread, then pairs between threads or within the last
-// tile, and finally pairs within each of the other tiles. Each pair of materials has separate buckets, and so have
-// walls.
+// Buckets hold pairs between a tile and later ones of the same thread or the last one, then pairs between threads or
+// within the last tile, and finally pairs within each of the other tiles. Each pair of materials has separate buckets,
+// and so have walls.
 struct Choice {
   Blocks &blocks;
   const Contacts list;
@@ -143,7 +143,8 @@ void pick_pairs(const Choice s, int64_t part) {
       next->bucket = static_cast<int32_t>(s.kinds * group + 2 * kind + wall);
       next->i = static_cast<uint32_t>(g);
       next->j = static_cast<uint32_t>(h);
-      next->mode = static_cast<uint8_t>(mode == STICK && reached ? STUCK_AGAIN : mode == SLIDE && !reached ? LOOSE : mode);
+      next->mode = static_cast<uint8_t>(mode == STICK && reached ? STUCK_AGAIN : mode);
+      if (mode == SLIDE && !reached) next->mode = LOOSE;
       next->rank = next->mode ? 0 : distance_class(near * near - square, near * near - touch * touch);
       if (group < last) next->rank += static_cast<int32_t>(CLASSES * later);
       next->far = wall || s.list.image[3 * c] || s.list.image[3 * c + 1] || s.list.image[3 * c + 2];
