@@ -88,7 +88,9 @@ struct Pace {
 };
 
 constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
-constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5;
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5, NO_MEMORY = 6;
+
+constexpr int64_t MOST_THREADS = 256;
 
 struct Blocks;  // see blocks.h
 
@@ -194,6 +196,58 @@ struct Pull {  // springs on the bodies of the last tile
   int64_t len_knots;
 };
 
+// ---- samples
+
+struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
+  int64_t every;
+  double *reference;  // (N, 3)
+  double *mass;       // (N,)
+  double *inertia;    // (N,)
+  int64_t *unit;      // (B,)
+  int64_t *supports;  // (B,)
+  int64_t *probes;    // (P,)
+  double *series;     // (T, columns of all observables)
+  double *tracks;     // (T, P, 6)
+  double *events;     // (E, EVENT)
+  int64_t *event_count;  // (1,)
+  int64_t len_probes;
+  int64_t len_events;
+};
+
+// row k of the observables and of the tracks; returns false if there is no memory
+API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
+                         const double *vectors, const Writing *writing, double time);
+API const char *observable_name(int64_t k);  // null after the last
+API int64_t observable_width(int64_t k);     // columns
+
+// ---- energy ledger
+
+struct LedgerStep {  // see `core/dynamics/ledger.py`
+  Law *law;
+  int64_t dim;
+  Bodies *old;
+  Bodies *now;
+  Contacts *before;
+  Contacts *after;
+  double *shift_old;  // (C, 3) periodic shifts of the contacts of `after` before the step
+  double *shift_now;
+  double *way;      // (B, 3) displacements, without the flow
+  double *strain;   // (3, 3) dt L
+  uint8_t *free;    // (B, 6)
+  double *mass;     // (B,)
+  double *inertia;  // (B,)
+  double *force;    // (B, 3) external forces, and springs
+  double *torque;   // (B, 3)
+  double drag;
+  double spin_drag;
+  double dt;
+  uint8_t first;  // there is no step, only stored energies
+  double *row;    // (8,) written in place
+};
+
+// add one step to a row
+API void add_ledger_step(const LedgerStep *step);
+
 // ---- evaluation
 
 // Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by
@@ -208,6 +262,9 @@ API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
                            const double *vectors, int64_t memory, double *force, double *torque);
+
+API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
+API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
 
 // ---- values of a law at given overlaps
 
