@@ -115,7 +115,6 @@ def test_the_energy_by_quadrature_is_the_integral_of_the_force():
     np.testing.assert_allclose(energy[1:], np.cumsum(steps), rtol=0, atol=1e-6 * np.abs(energy).max())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("options", [{}, {"coulomb": "smooth"}, {"damping_n": 0.3, "damping_t": 0.1}])
 def test_a_run_with_the_python_form_is_a_run_with_the_built_in_law(name, options):
