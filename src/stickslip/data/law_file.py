@@ -14,6 +14,7 @@ from pydantic import Field, model_serializer, model_validator
 
 from ..extras import cache_folder
 from ..core.laws.builtin import Law
+from ..core.laws.compiled import FORCES, law_struct
 from ..core.laws.user import from_text
 from ..core.text import read_text
 from .schema import Finite, ScenarioError, ScenarioTable, validate_scenario
@@ -110,7 +111,7 @@ def _is_trusted(text: str) -> bool:
 
 
 def check_law_files(tables: dict) -> None:
-    """Build the laws that a scenario names, before anything is written.
+    """Build and compile the laws that a scenario names, before anything is written.
 
     Raises
     ------
@@ -120,7 +121,8 @@ def check_law_files(tables: dict) -> None:
 
     def check(law: dict) -> dict:
         if law.get("file") is not None:
-            load_law(validate_scenario(LawFile, **{k: v for k, v in law.items() if k in LawFile.model_fields}))
+            choice = {k: v for k, v in law.items() if k in LawFile.model_fields}
+            law_struct(load_law(validate_scenario(LawFile, **choice)), members=FORCES)
         return law
 
     with_laws(tables, check)
