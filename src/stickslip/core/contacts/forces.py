@@ -12,10 +12,12 @@ from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
 from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
+from ..laws.compiled import law_struct
 from ..laws.dispatch import check_kind
+from ..library import core
 from ..options import INNER
 from ..readable import pluralize, readable
-from ..state import OPEN, Contacts, State, groups
+from ..state import Contacts, State, groups
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
@@ -102,18 +104,6 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
-@njit(cache=True)
-def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
-    """Add Σ f ⊗ r over all touching pairs of grains whose memory is committed."""
-    n_grains = len(bodies.radius) - len(bodies.normal)
-    for c in range(contacts.count[0]):
-        if contacts.mode[c] != OPEN and contacts.j[c] < n_grains:
-            r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
-            for a in range(3):
-                for b in range(3):
-                    out[a, b] += f[a] * r[b]
-
-
 @njit(cache=True, fastmath=True, error_model="numpy")
 def evaluate(
     kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
@@ -180,7 +170,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         loads.torque, NO_EVENTS, np.zeros(1, np.int64), rescaling_flag(law.kind),
     )  # fmt: skip
     if state.control.cell_free.any():
-        _add_virial(law.kind, law.coulomb, state.cell.dim, law.table, here, trial, shift, loads.virial)
+        core.add_virial(law_struct(law), state.cell.dim, here, trial, shift, loads.virial)
     return loads, trial
 
 
