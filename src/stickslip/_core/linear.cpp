@@ -1,6 +1,7 @@
 // build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
 // Linearisation of contacts and of their rolling moments, and sums over all contacts.
 #include "elastic.h"
+#include "rolling.h"
 
 // ---- forces
 
@@ -77,9 +78,6 @@ void linearise(const Law *law, int64_t dim, const Bodies *bodies, const Contacts
 }
 
 // ---- rolling moments
-
-// columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
-constexpr int64_t ROLLING = 7, ANCHOR = 3, AT_CAP = 6;
 
 // Rolling stiffness k_r and dk_r/dδ.
 static Slopes<double> rolling_stiffness(const Law &law, const Pair &pair) {

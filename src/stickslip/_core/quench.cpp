@@ -6,9 +6,9 @@
 
 constexpr double SMALL = 1e-4;  // largest unbalanced force over the mean contact force, at most
 constexpr double LATENCY = 5.0, FASTER = 1.1, SLOWER = 0.5, MIXING = 0.1, LESS_MIXING = 0.99;
-constexpr int64_t CHECK_EVERY = 50;  // steps between two measurements of the stiffness
+constexpr int64_t MEASURE_EVERY = 50;  // steps between two measurements of the stiffness
 
-struct Pace {  // the array `pace`
+struct Fire {  // the array `pace`
   double dt, mixing, downhill, longest, balanced;
 };
 
@@ -89,7 +89,7 @@ static double move(double *x, double *v, double *f, const double *origin, int64_
 
 template <int DIM>
 static int64_t descend_in(const Law &law, const Bodies &bodies, const Contacts &contacts, const double *shift,
-                          double *v, double *f, double *stiffness, Pace &pace, double reach, double tolerance,
+                          double *v, double *f, double *stiffness, Fire &pace, double reach, double tolerance,
                           int64_t steps) {
   double *x = bodies.position;
   int64_t n = 3 * bodies.len_radius;
@@ -99,7 +99,7 @@ static int64_t descend_in(const Law &law, const Bodies &bodies, const Contacts &
     Sums now = sums_of(v, f, n);
     pace.balanced = now.worst <= tolerance && (now.worst <= SMALL * mean || mean <= SMALL * tolerance);
     if (pace.balanced) return step;
-    if (step % CHECK_EVERY == 0) {
+    if (step % MEASURE_EVERY == 0) {
       double k = largest_stiffness<DIM>(law, bodies, contacts, shift, stiffness);
       if (k > 0.0) pace.longest = root(2.0 / k);
       pace.dt = pace.dt > 0.0 ? smaller(pace.dt, pace.longest) : 0.1 * pace.longest;
@@ -122,7 +122,7 @@ static int64_t descend_in(const Law &law, const Bodies &bodies, const Contacts &
 int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
                 double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
                 int64_t steps) {
-  Pace &now = *reinterpret_cast<Pace *>(pace);
+  Fire &now = *reinterpret_cast<Fire *>(pace);
   return (dim == 3 ? descend_in<3> : descend_in<2>)(*law, *bodies, *contacts, shift, velocity, force, stiffness, now,
                                                     reach, tolerance, steps);
 }

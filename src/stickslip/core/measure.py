@@ -252,5 +252,5 @@ def coordination(state: Committed, least: int = 2) -> float:
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
     check_materials(state, law)
-    shift = shifts(state.contacts, state.cell.vectors)
-    return core.elastic_energy(law_struct(law), state.cell.dim, bodies(state), state.contacts, shift)
+    struct, shift = law_struct(law, members=("energy", "range")), shifts(state.contacts, state.cell.vectors)
+    return core.elastic_energy(struct, state.cell.dim, bodies(state), state.contacts, shift)

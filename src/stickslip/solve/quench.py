@@ -13,7 +13,7 @@ from ..core.contacts.geometry import shifts
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.laws.compiled import law_struct
-from ..core.laws.dispatch import check_kind
+from ..core.laws.kinds import check_kind
 from ..core.library import core
 from ..core.state import Grains, State, empty_contacts
 
@@ -40,11 +40,12 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     here = state._replace(grains=Grains(*(part[order] for part in state.grains)), contacts=contacts)
     velocity, force = np.zeros((2, state.n_bodies, 3))
     stiffness, pace, reach = np.empty(state.n_bodies), np.array(PACE), 0.5 * contacts.skin / np.sqrt(state.cell.dim)
+    struct = law_struct(law, members=("force", "slopes", "range"))
     while steps > 0 and not pace[BALANCED]:
         here = with_neighbor_list(here, law)
         moving = bodies(here)
         done = core.descend(
-            law_struct(law), here.cell.dim, moving, here.contacts, shifts(here.contacts, here.cell.vectors), reach,
+            struct, here.cell.dim, moving, here.contacts, shifts(here.contacts, here.cell.vectors), reach,
             velocity, force, stiffness, pace, tolerance, steps,
         )  # fmt: skip
         steps -= max(done, 1)

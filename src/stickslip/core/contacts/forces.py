@@ -11,9 +11,9 @@ from numba import njit
 from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
-from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
+from ..laws.builtin import Law
 from ..laws.compiled import law_struct
-from ..laws.dispatch import check_kind
+from ..laws.oracle import cap, normal_force, row, tangential_stiffness
 from ..library import core
 from ..options import INNER
 from ..readable import pluralize, readable
@@ -21,7 +21,6 @@ from ..state import Contacts, State, groups
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
-from .rows import NO_EVENTS, sweep_contacts
 
 
 class Bodies(NamedTuple):
@@ -104,15 +103,6 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def evaluate(
-    kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
-):  # fmt: skip
-    """Evaluate all contacts. A single kernel serves all built-in laws, unlike in the time loop."""
-    sweep_contacts(
-        kind, coulomb, dim, viscous, 0, rescaled, memory, None, 0.0, False, None, bodies, contacts, shift, p, force,
-        torque, None, 0.0, events, event_count,
-    )  # fmt: skip
 
 
 @checked
@@ -163,14 +153,13 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         rolling=None if contacts.rolling is None else contacts.rolling.copy(),
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
-    here, shift = bodies(state), shifts(trial, state.cell.vectors)
-    check_kind(law.kind)
-    evaluate(
-        law.kind, law.coulomb, state.cell.dim, damping_model(law), here, trial, shift, law.table, memory, loads.force,
-        loads.torque, NO_EVENTS, np.zeros(1, np.int64), rescaling_flag(law.kind),
-    )  # fmt: skip
+    here, struct = bodies(state), law_struct(law)
+    core.evaluate_contacts(
+        struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque
+    )
     if state.control.cell_free.any():
-        core.add_virial(law_struct(law), state.cell.dim, here, trial, shift, loads.virial)
+        shift = shifts(trial, state.cell.vectors)
+        core.add_virial(struct, state.cell.dim, here, trial, shift, loads.virial)
     return loads, trial
 
 

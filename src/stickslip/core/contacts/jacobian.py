@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arguments import checked
 from ..laws.builtin import Law
-from ..laws.compiled import law_struct
+from ..laws.compiled import TANGENTS, law_struct
 from ..library import core
 from ..state import State
 from .forces import bodies, check_materials, check_memory
@@ -65,8 +65,8 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip")
     out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))
-    shift = shifts(state.contacts, state.cell.vectors)
-    core.linearise(law_struct(law), state.cell.dim, bodies(state), state.contacts, shift, memory, out)
+    struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
+    core.linearise(struct, state.cell.dim, bodies(state), state.contacts, shift, memory, out)
     if memory == HELD and (out.closed > out.remembers).any():
         raise ValueError("a touching contact was never committed: equilibrate, or accept(state, trial) first")
     return out

@@ -21,9 +21,10 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ..laws.builtin import Law, by_kind, row
-from ..laws.compiled import law_struct
-from ..laws.dispatch import COMPILED, FAST, Kind, KindType
+from ..laws.builtin import Law
+from ..laws.compiled import TANGENTS, law_struct
+from ..laws.kinds import USER_LAWS, Kind
+from ..laws.oracle import FAST, KindType, by_kind, row
 from ..library import core
 from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
@@ -55,7 +56,7 @@ def rolling_cap_slopes(kind, q, r_eff, overlap, fn):
 
 def resists_rolling(kind: int) -> bool:
     """Return True if a law has rolling resistance."""
-    return isinstance(kind, Kind) and "rolling_stiffness" in COMPILED.get(kind, {})
+    return isinstance(kind, Kind) and kind in USER_LAWS and "rolling_stiffness" in USER_LAWS[kind].functions
 
 
 def _if_rolling(function):
@@ -197,8 +198,8 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     out = _MomentLinearisation(
         np.zeros((count, 3)), np.zeros((count, 3)), *np.zeros((len(_MomentLinearisation._fields) - 2, count))
     )
-    shift = shifts(state.contacts, state.cell.vectors)
-    core.linearise_moments(law_struct(law), state.cell.dim, here, state.contacts, shift, memory, out)
+    struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
+    core.linearise_moments(struct, state.cell.dim, here, state.contacts, shift, memory, out)
     by_way = np.zeros((count, 3, 6))  # with respect to r and θ
     by_way[:, :, 3:] = np.eye(3)
     psi, by_psi, by_reach = memory_tangent(
@@ -219,6 +220,6 @@ def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
     """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
     if not resists_rolling(law.kind):
         return 0.0
-    shift = shifts(state.contacts, state.cell.vectors)
+    struct, shift = law_struct(law, members=("range", "rolling")), shifts(state.contacts, state.cell.vectors)
     total = np.zeros(state.n_bodies)
-    return core.rolling_bound(law_struct(law), state.cell.dim, here, state.contacts, shift, inverse_inertia, total)
+    return core.rolling_bound(struct, state.cell.dim, here, state.contacts, shift, inverse_inertia, total)

@@ -16,6 +16,7 @@ from .cell_motion import cell_mass
 from .coefficients import inverse_inertia_of
 
 ROUNDS = 300  # of the power iteration
+NEEDED = "force", "slopes", "range"  # functions of a user's law
 
 
 def _largest_squared_frequency(state: State, law: Law, here: Bodies, cell: np.ndarray) -> float:
@@ -23,7 +24,7 @@ def _largest_squared_frequency(state: State, law: Law, here: Bodies, cell: np.nd
     start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
     scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
     return core.largest_squared_frequency(
-        law_struct(law), state.cell.dim, here, state.contacts, shifts(state.contacts, state.cell.vectors),
+        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts, shifts(state.contacts, state.cell.vectors),
         inverse_inertia_of(state), cell, ROUNDS, start, *scratch,
     )  # fmt: skip
 
@@ -31,7 +32,7 @@ def _largest_squared_frequency(state: State, law: Law, here: Bodies, cell: np.nd
 def _frequency_bound(state: State, law: Law, here: Bodies) -> float:
     """Upper bound on the largest ω² of the contact network [1/time²]."""
     return core.frequency_bound(
-        law_struct(law), state.cell.dim, here, state.contacts, shifts(state.contacts, state.cell.vectors),
+        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts, shifts(state.contacts, state.cell.vectors),
         inverse_inertia_of(state), _inverse_cell_inertia(state), np.zeros((state.n_bodies, 2)),
     )  # fmt: skip
 
