@@ -288,6 +288,82 @@ struct LawValues {
 
 API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
 
+// ---- linearisation, time step and quench. `shift` (C, 3): periodic shifts of all pairs
+
+// See `contacts.jacobian` for the members
+struct Linearisation {
+  double *normal;
+  double *inverse;
+  double *before;
+  double *way;
+  double *turn;
+  double *slip;
+  double *closed;
+  double *remembers;
+  double *slides;
+  double *weighted;
+  double *force_n;
+  double *slope_n;
+  double *secant;
+  double *along;
+  double *by_overlap;
+  double *by_force;
+  double *damping_n;
+  double *damping_t;
+  double *stiffness_t;
+  double *slope_t;
+  double *limit;
+  double *mu;
+  double *fade;
+  double *fading;
+};
+
+// See `contacts.rolling`
+struct MomentLinearisation {
+  double *before;
+  double *way;
+  double *secant;
+  double *along;
+  double *by_overlap;
+  double *by_force;
+  double *reach;
+  double *reach_by_overlap;
+  double *reach_by_force;
+  double *weighted;
+};
+
+// linearisation of all contacts, at rest
+API void linearise(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                   int64_t memory, const Linearisation *out);
+// linearisation of the rolling moments of all contacts
+API void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *shift, int64_t memory, const MomentLinearisation *out);
+// largest sum of 2 k_r/I over the contacts of a body; `total` (B,) zeros
+API double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                         const double *shift, const double *inverse_inertia, double *total);
+// add Σ f ⊗ r over all touching pairs of grains whose memory is committed to `out` (3, 3)
+API void add_virial(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                    double *out);
+// energy of all normal springs
+API double elastic_energy(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                          const double *shift);
+// upper bound on ω²; `cell` (3, 3): 1/(M ℓ²) of its free components; `total` (B, 2) zeros
+API double frequency_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *shift, const double *inverse_inertia, const double *cell, double *total);
+// largest ω² by power iteration from x (B, 6); scratch: `y` (B, 6), `springs` (C, 6)
+API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                                     const double *shift, const double *inverse_inertia, const double *cell,
+                                     int64_t rounds, double *x, double *y, double *springs);
+// steps of FIRE until the forces balance or a coordinate has changed by `reach`; returns their number. `velocity` (B, 3)
+// and `pace` (5,) are continued from the last call; scratch: `force` (B, 3), `stiffness` (B,)
+API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                    double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
+                    int64_t steps);
+// see `solve.leapfrog`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16)
+API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
+                  const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
+                  float *record);
+
 // ---- the library itself
 
 API int32_t core_processor_level(void);  // best level of this processor

@@ -17,7 +17,7 @@ from ..laws.oracle import cap, normal_force, row, tangential_stiffness
 from ..library import core
 from ..options import INNER
 from ..readable import pluralize, readable
-from ..state import OPEN, Contacts, State, groups
+from ..state import Contacts, State, groups
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
@@ -103,16 +103,6 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
-@njit(cache=True)
-def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
-    """Add Σ f ⊗ r over all touching pairs of grains whose memory is committed."""
-    n_grains = len(bodies.radius) - len(bodies.normal)
-    for c in range(contacts.count[0]):
-        if contacts.mode[c] != OPEN and contacts.j[c] < n_grains:
-            r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
-            for a in range(3):
-                for b in range(3):
-                    out[a, b] += f[a] * r[b]
 
 
 @checked
@@ -167,9 +157,9 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     core.evaluate_contacts(
         struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque
     )
-    shift = shifts(trial, state.cell.vectors)
     if state.control.cell_free.any():
-        _add_virial(law.kind, law.coulomb, state.cell.dim, law.table, here, trial, shift, loads.virial)
+        shift = shifts(trial, state.cell.vectors)
+        core.add_virial(struct, state.cell.dim, here, trial, shift, loads.virial)
     return loads, trial
 
 

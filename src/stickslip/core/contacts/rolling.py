@@ -21,13 +21,15 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ..laws.builtin import STEP, Law
+from ..laws.builtin import Law
+from ..laws.compiled import TANGENTS, law_struct
 from ..laws.kinds import USER_LAWS, Kind
-from ..laws.oracle import FAST, KindType, by_kind, normal_force, row
+from ..laws.oracle import FAST, KindType, by_kind, row
+from ..library import core
 from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
-from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts
-from .mechanics import effective_values, out_of_range, return_mapping, turning_weight
+from .geometry import normal_and_overlap, onto_plane, pair_vector, shifts
+from .mechanics import effective_values, out_of_range, return_mapping
 from .tangent import Turn, column, memory_tangent, outer, spring_tangent
 
 # columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
@@ -187,50 +189,6 @@ class _MomentLinearisation(NamedTuple):
     weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
 
 
-@njit(cache=True, error_model="numpy")
-def _fill_moments(kind, dim, bodies, contacts, shift, p, memory, out):
-    for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        (nx, ny, nz), inverse, overlap, q, r_eff, away = _evaluate_pair(kind, dim, p, bodies, shift, c, i, j)
-        if away:
-            continue
-        px = py = pz = dx = dy = dz = 0.0
-        if contacts.mode[c] != OPEN:
-            own, old = contacts.rolling[c], contacts.pair[c]
-            rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
-            tx, ty, tz = _relative_angle(dim, bodies.angle, i, j)
-            tx, ty, tz = tx - own[3], ty - own[4], tz - own[5]
-            out.before[c, 0], out.before[c, 1], out.before[c, 2] = own[0], own[1], own[2]
-            out.way[c, 0], out.way[c, 1], out.way[c, 2] = tx, ty, tz
-            mx, my, mz = mid_normal(nx, ny, nz, inverse, rx - old[0], ry - old[1], rz - old[2])
-            px, py, pz = onto_plane(nx, ny, nz, mx, my, mz, own[0], own[1], own[2])
-            dx, dy, dz = onto_plane(nx, ny, nz, mx, my, mz, tx, ty, tz)
-        z, fn = complex(overlap, STEP), normal_force(kind, q, r_eff, overlap)
-        stiffness, slope = rolling_stiffness(kind, q, r_eff, overlap), rolling_stiffness(kind, q, r_eff, z).imag / STEP
-        limit = rolling_cap(kind, q, r_eff, overlap, fn)
-        before = SLIDE if contacts.rolling[c, AT_CAP] > 0.0 else STICK
-        _, _, _, mode = return_mapping(dim, stiffness, limit, px, py, pz, dx, dy, dz, 1.0, 1.0, before, memory)
-        weight = 1.0
-        if mode == SLIDE:
-            by_force, by_overlap = rolling_cap_slopes(kind, q, r_eff, overlap, fn)
-            slope_n = normal_force(kind, q, r_eff, z).imag / STEP
-            out.by_force[c], out.by_overlap[c] = by_force, by_force * slope_n + by_overlap
-            if stiffness > 0.0:
-                out.reach[c] = limit / stiffness
-                out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * slope) / stiffness
-                out.reach_by_force[c] = by_force / stiffness
-            if dim == 3 and before == SLIDE and limit > 0.0:
-                top, below = turning_weight(stiffness, limit, px, py, pz, dx, dy, dz)
-                out.weighted[c], weight = 1.0, top / below
-        px, py, pz = px + weight * dx, py + weight * dy, pz + weight * dz
-        size = np.sqrt(px * px + py * py + pz * pz)
-        if mode == SLIDE:
-            out.secant[c] = limit / size if size > 0.0 else 0.0
-        else:
-            out.secant[c] = out.along[c] = stiffness
-            out.by_overlap[c] = slope * size
-
-
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
     """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ) from those of (F, T/R), at rest; see `jacobian`.
 
@@ -240,8 +198,8 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     out = _MomentLinearisation(
         np.zeros((count, 3)), np.zeros((count, 3)), *np.zeros((len(_MomentLinearisation._fields) - 2, count))
     )
-    shift = shifts(state.contacts, state.cell.vectors)
-    _fill_moments(law.kind, state.cell.dim, here, state.contacts, shift, law.table, memory, out)
+    struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
+    core.linearise_moments(struct, state.cell.dim, here, state.contacts, shift, memory, out)
     by_way = np.zeros((count, 3, 6))  # with respect to r and θ
     by_way[:, :, 3:] = np.eye(3)
     psi, by_psi, by_reach = memory_tangent(
@@ -258,21 +216,10 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     return whole, rub
 
 
-@njit(cache=True, error_model="numpy")
-def _largest_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia):
-    """Largest sum of 2 k_r/I over the contacts of a body."""
-    total = np.zeros(len(bodies.radius))
-    for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        k = _rolling_stiffness_at(kind, dim, p, bodies, shift, c, i, j)
-        total[i] += 2.0 * k * inverse_inertia[i]
-        total[j] += 2.0 * k * inverse_inertia[j]
-    return total.max()
-
-
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
     """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
     if not resists_rolling(law.kind):
         return 0.0
-    shift = shifts(state.contacts, state.cell.vectors)
-    return float(_largest_bound(law.kind, state.cell.dim, here, state.contacts, shift, law.table, inverse_inertia))
+    struct, shift = law_struct(law, members=("range", "rolling")), shifts(state.contacts, state.cell.vectors)
+    total = np.zeros(state.n_bodies)
+    return core.rolling_bound(struct, state.cell.dim, here, state.contacts, shift, inverse_inertia, total)

@@ -18,6 +18,7 @@ from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap"
+TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
 MEMBERS = {  # C functions of a user's law, and the function of the law that each needs
     "force": "normal_force",
     "cap": "cap",
