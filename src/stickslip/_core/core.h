@@ -88,7 +88,9 @@ struct Pace {
 };
 
 constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
-constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5;
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5, NO_MEMORY = 6;
+
+constexpr int64_t MOST_THREADS = 256;
 
 struct Blocks;  // see blocks.h
 
@@ -194,7 +196,10 @@ struct Pull {  // springs on the bodies of the last tile
   int64_t len_knots;
 };
 
-// ---- samples
+// ---- samples and events
+
+constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2;  // kinds of events
+constexpr int64_t EVENT = 10;  // columns: kind, time, i, j, image, position of i
 
 struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
   int64_t every;
@@ -260,6 +265,9 @@ API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
                            const double *vectors, int64_t memory, double *force, double *torque);
+
+API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
+API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
 
 // ---- the library itself
 

@@ -4,11 +4,12 @@
 // between bodies of different threads. Then each thread goes through its tiles. It evaluates a tile's contacts, both with
 // later tiles and within the tile, and moves the tile's grains while they are in the processor's cache.
 #include <math.h>
-#include <stdlib.h>
+#include <string.h>
 
 #include "evaluate.h"
 #include "events.h"
 #include "mechanics.h"
+#include "memory.h"
 #include "motion.h"
 #include "record.h"
 #include "threads.h"
@@ -26,16 +27,6 @@ inline int64_t ticks() {  // of a constant-rate counter of the processor, 0 wher
   return 0;
 #endif
 }
-
-struct Memory {  // scratch of one call, aligned to cache lines
-  explicit Memory(int64_t numbers) : raw(static_cast<char *>(malloc(8 * numbers + 64))) {
-    data = reinterpret_cast<double *>((reinterpret_cast<uintptr_t>(raw) + 63) & ~uintptr_t(63));
-  }
-  ~Memory() { free(raw); }
-  Memory(const Memory &) = delete;
-  char *raw;
-  double *data;
-};
 
 struct Run {
   const Law &law;
@@ -161,8 +152,9 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
     if (at.ended) {
       if (sampling()) {
         const double *vectors = run.flow ? run.flow->matrix + 9 * VECTORS : run.vectors;
-        write_moving_sample(run.law, run.dim, at.step / writing.every, run.moving, run.bodies, run.contacts, vectors,
-                            writing, time);
+        if (!write_moving_sample(run.law, run.dim, at.step / writing.every, run.moving, run.bodies, run.contacts,
+                                 vectors, writing, time))
+          return NO_MEMORY;
       }
       if (tolerance > 0.0 && at.step % CHECK_EVERY == 0) {
         int64_t worst;
@@ -181,7 +173,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
     at.ended = false;
     ++at.step;
     if (run.pull) run.pull->clock[0] += run.pace.dt;
-    for (int64_t t = run.tiles - (by_rows ? 0 : run.tiles); t <= run.tiles; ++t)
+    for (int64_t t = 0; t <= run.tiles; ++t)
       if (run.far[t] > limit) return MOVED;
   }
 }
@@ -195,12 +187,16 @@ int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blo
   Pool pool(threads);
   const int64_t tiles = moving->len_tile - 1, workers = moving->len_share - 1;
   const int64_t slots = blocks ? LANES * blocks->count : 0, watched = writing->len_events ? slots : 0;
-  Memory far(tiles + 1), sums((workers + 1) * CHUNK * WIDTH), scratch(workers * SCRATCH), before(watched);
-  for (int64_t t = 0; t <= tiles; ++t) far.data[t] = 0.0;
+  Scratch memory;
+  double *far, *sums, *scratch;
+  int64_t *before;
+  if (!memory.take_zeros(far, tiles + 1) || !memory.take(sums, (workers + 1) * CHUNK * WIDTH) ||
+      !memory.take(scratch, workers * SCRATCH) || !memory.take(before, watched))
+    return NO_MEMORY;
   const Run run = {*law, dim, *moving, blocks, *bodies, *contacts, vectors, *pace, frame, flow, pull, *writing,
-                   law->damping && !law->rate, tiles, workers, far.data, sums.data, scratch.data, pool};
+                   law->damping && !law->rate, tiles, workers, far, sums, scratch, pool};
   Progress at = {progress[0], progress[1] != 0, progress[2] != 0};
-  const int32_t code = advance(run, at, stop, start, tolerance, residual, reinterpret_cast<int64_t *>(before.data), slots);
+  const int32_t code = advance(run, at, stop, start, tolerance, residual, before, slots);
   progress[0] = at.step, progress[1] = at.ended, progress[2] = at.fresh;
   return code;
 }

@@ -170,3 +170,6 @@ void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const 
                  bodies->rate, *bodies, vectors, force, torque, 3, nullptr, nullptr};
   sweep_contacts(*law, dim, sweep, *contacts);
 }
+
+uint8_t needs_radius(const Law *law) { return needs_radius(*law); }
+uint8_t needs_mass(const Law *law) { return needs_mass(*law); }

@@ -1,6 +1,6 @@
 // A pool of threads that lasts for one call from Python. Threads wait by spinning, since a region takes microseconds.
 #pragma once
-#include <stdint.h>
+#include "core.h"
 #ifdef _WIN32
 #include <windows.h>
 #else
@@ -8,7 +8,6 @@
 #include <sched.h>
 #endif
 
-constexpr int64_t MOST_THREADS = 256;
 constexpr int SPINS = 4000;  // before a waiting thread offers its processor to others
 
 inline void relax(int &spins) {
