@@ -196,6 +196,10 @@ struct Pull {  // springs on the bodies of the last tile
   int64_t len_knots;
 };
 
+// Begins a step: rates, matrices and the cell at its end. Returns the square of the allowed displacement, or −1 if there
+// is none left. `keep` and `slow` are the drag factors of translations.
+API double begin_cell_step(Frame *frame, Flow *flow, double dt, double keep, double slow);
+
 // ---- samples and events
 
 constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2;  // kinds of events
