@@ -273,6 +273,28 @@ API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, co
 API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
 API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
 
+// ---- values of a law at given overlaps
+
+struct LawValues {
+  int64_t *a;  // (n,) materials
+  int64_t *b;
+  double *overlap;
+  double *r_eff;
+  double *m_eff;
+  double *fn;     // normal force with its dashpot
+  double *force;  // results (n,), null where not needed: of the normal spring
+  double *stiffness;
+  double *energy;
+  double *slopes;      // (n, 2) as in `Law`, and so are `cap_slopes`
+  double *cap;
+  double *cap_slopes;
+  double *range;
+  double *damping;  // factor on the damping coefficients
+  int64_t len_a;
+};
+
+API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
+
 // ---- the library itself
 
 API int32_t core_processor_level(void);  // best level of this processor

@@ -152,8 +152,8 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
     if (at.ended) {
       if (sampling()) {
         const double *vectors = run.flow ? run.flow->matrix + 9 * VECTORS : run.vectors;
-        if (!write_moving_sample(run.law, run.dim, at.step / writing.every, run.moving, run.bodies, run.contacts,
-                                 vectors, writing, time))
+        if (!write_moving_sample(run.law, run.dim, at.step / writing.every, run.moving, run.bodies, run.contacts, vectors,
+                                 writing, time))
           return NO_MEMORY;
       }
       if (tolerance > 0.0 && at.step % CHECK_EVERY == 0) {

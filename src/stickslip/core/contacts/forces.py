@@ -11,8 +11,9 @@ from numba import njit
 from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
-from ..laws.builtin import Law, cap, normal_force, row, tangential_stiffness
+from ..laws.builtin import Law
 from ..laws.compiled import law_struct
+from ..laws.oracle import cap, normal_force, row, tangential_stiffness
 from ..library import core
 from ..options import INNER
 from ..readable import pluralize, readable
