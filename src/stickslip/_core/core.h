@@ -227,6 +227,9 @@ API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *b
 API const char *observable_name(int64_t k);  // null after the last
 API int64_t observable_width(int64_t k);     // columns
 
+// periodic shifts cellᵀ·image (count, 3)
+API void find_shifts(const int16_t *image, int64_t count, const double *vectors, double *shift);
+
 // ---- energy ledger
 
 struct LedgerStep {  // see `core/dynamics/ledger.py`

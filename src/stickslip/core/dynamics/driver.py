@@ -105,7 +105,7 @@ class _Run:
 
     def set_writing(self, writing: RecordBuffers) -> None:
         """Take other buffers for records."""
-        self.writing, self.buffers = writing, core.fill("Writing", writing._asdict() | {"mass": self.plan.mass, "inertia": self.plan.inertia})
+        self.writing, self.buffers = writing, core.fill("Writing", writing)
 
     def choose_pairs(self) -> None:
         """Choose the pairs that may touch before a body has moved too far.
