@@ -196,7 +196,14 @@ struct Pull {  // springs on the bodies of the last tile
   int64_t len_knots;
 };
 
-// ---- samples
+// Begins a step: rates, matrices and the cell at its end. Returns the square of the allowed displacement, or −1 if there
+// is none left. `keep` and `slow` are the drag factors of translations.
+API double begin_cell_step(Frame *frame, Flow *flow, double dt, double keep, double slow);
+
+// ---- samples and events
+
+constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2;  // kinds of events
+constexpr int64_t EVENT = 10;  // columns: kind, time, i, j, image, position of i
 
 struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
   int64_t every;
@@ -219,6 +226,9 @@ API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *b
                          const double *vectors, const Writing *writing, double time);
 API const char *observable_name(int64_t k);  // null after the last
 API int64_t observable_width(int64_t k);     // columns
+
+// periodic shifts cellᵀ·image (count, 3)
+API void find_shifts(const int16_t *image, int64_t count, const double *vectors, double *shift);
 
 // ---- energy ledger
 

@@ -27,8 +27,6 @@ class Plan(NamedTuple):
 
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
-    mass: np.ndarray  # (N,)
-    inertia: np.ndarray  # (N,)
     dt: float
 
 
@@ -88,4 +86,4 @@ def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    return Plan(external, (float(drag), float(spin_drag)), grains.mass, grains.inertia, float(dt))
+    return Plan(external, (float(drag), float(spin_drag)), float(dt))
