@@ -6,18 +6,14 @@ Functions take and return scalars. In two dimensions the z components are litera
 import numpy as np
 from numba import njit
 
+from ..library import core
 from ..options import INNER
 
 
-@njit(cache=True)
-def shifts(contacts, cell):
+def shifts(contacts, cell) -> np.ndarray:
     """Periodic shift cellᵀ·image of every pair, (C, 3) [length]."""
-    out = np.zeros((contacts.count[0], 3))
-    image = contacts.image
-    for c in range(np.uint64(contacts.count[0])):
-        if image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
-            for m in range(3):
-                out[c, m] = image[c, 0] * cell[0, m] + image[c, 1] * cell[1, m] + image[c, 2] * cell[2, m]
+    out = np.empty((contacts.count[0], 3))
+    core.shifts(contacts.image, cell, len(out), out)
     return out
 
 

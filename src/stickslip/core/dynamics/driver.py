@@ -7,9 +7,10 @@ from ..contacts.forces import Bodies, forces, moved_masses
 from ..contacts.geometry import shifts
 from ..contacts.interaction_range import with_rolling_memory
 from ..contacts.mechanics import FROZEN, needs_radius
-from ..contacts.neighbors import TOO_FAR, grid_of, pack_keys, rebuild_list, select_rows
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
 from ..contacts.rolling import resists_rolling
 from ..contacts.rows import Step
+from ..fields import pack_keys
 from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, VECTORS
 from ..laws.builtin import Law, damping_model
 from ..simd.blocks import TILE_SIZE, MovingBodies, commit, empty_blocks, store_reference
@@ -286,7 +287,7 @@ class _Run:
             self.contacts = _without_open_pairs(self.contacts)
             self.contacts = _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law)
         contacts, before = self.contacts, self.state.contacts
-        key = before.key if contacts.i is before.i else pack_keys(contacts)
+        key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
         store_reference(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
         return state_after(self.state, here, contacts, time)._replace(instant=instant)
