@@ -152,6 +152,26 @@ struct Law {
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
 };
 
+// ---- neighbours
+
+struct Grid {  // of the cell, for the pair search; the unit matrix if nothing is periodic
+  double *vectors;    // (3, 3)
+  double *inverse;    // (3, 3)
+  double *height;     // (3,) distance between opposite faces
+  uint8_t *periodic;  // (3,)
+};
+
+struct Pairs;  // keys of all pairs within range
+
+// Pairs closer than `skin`; x are the positions of all bodies, walls last. Null if there is no memory
+API Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
+                      int64_t walls, double skin);
+API int64_t count_pairs(const Pairs *pairs);  // −1 if a pair is more boxes apart than a key can hold
+// Fills a list, whose memory is zero, and copies the memory of pairs that are also in the old list
+API void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list);
+API void free_pairs(Pairs *pairs);
+// Largest displacement of a body; infinite if a position is not a number
+API double largest_displacement(const double *x, const double *origin, int64_t bodies);
 // ---- motion of the cell, and springs
 
 // rows of Flow.matrix, see `core/flow.py`
