@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.mechanics import FROZEN
+from stickslip.core.contacts.memory import FROZEN
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
 from stickslip.data.schema import ScenarioError

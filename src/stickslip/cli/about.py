@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, Quiet, app, check_choice, complete_from, examples
+from .app import AsJson, Quiet, app, complete_from, examples
 
 
 def _example_names() -> dict[str, str]:
@@ -25,10 +25,7 @@ CITE = examples(
     ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
     ("cite examples/rate_state_sweep.toml --json", "the same as one JSON object"),
 )
-DOCTOR = examples(
-    ("doctor", "a few seconds"),
-    ("doctor --json", "for a bug report, or to test an installation"),
-)
+DOCTOR = examples(("doctor", "a few seconds"), ("doctor --json", "for a bug report, or to test an installation"))
 EXAMPLE = examples(
     ("example", "a list"),
     ("example --all", "all of them, in the folder examples"),
@@ -112,7 +109,7 @@ def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the verdict.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check this installation: versions, threads, the core, optional parts and a self-check; exit code 1 if it fails."""
+    """Check this installation: versions, threads, core, optional parts and a self-check; exit code 1 if it fails."""
     from ..doctor import report as doctor_report
     from ..experiments import json_output, terminal
 

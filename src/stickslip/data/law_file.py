@@ -12,11 +12,11 @@ from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
 
-from ..extras import cache_folder
 from ..core.laws.builtin import Law
 from ..core.laws.compiled import FORCES, law_struct
 from ..core.laws.user import from_text
 from ..core.text import read_text
+from ..extras import cache_folder
 from .schema import Finite, ScenarioError, ScenarioTable, validate_scenario
 
 TRUSTED = "trusted_laws.txt"  # in the user's cache folder: the SHA-256 of every text that may be executed

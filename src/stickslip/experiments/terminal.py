@@ -14,7 +14,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 
-
 UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
 
 

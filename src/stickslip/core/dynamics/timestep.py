@@ -4,8 +4,7 @@ import numpy as np
 
 from ..arguments import checked
 from ..contacts.forces import Bodies, bodies, check_materials
-from ..contacts.geometry import shifts
-from ..contacts.neighbors import with_neighbor_list
+from ..contacts.geometry import shifts, with_neighbor_list
 from ..contacts.rolling import rolling_bound
 from ..laws.builtin import Law
 from ..laws.compiled import law_struct
@@ -24,7 +23,8 @@ def _largest_squared_frequency(state: State, law: Law, here: Bodies, cell: np.nd
     start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
     scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
     return core.largest_squared_frequency(
-        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts, shifts(state.contacts, state.cell.vectors),
+        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts,
+        shifts(state.contacts, state.cell.vectors),
         inverse_inertia_of(state), cell, ROUNDS, start, *scratch,
     )  # fmt: skip
 
@@ -32,7 +32,8 @@ def _largest_squared_frequency(state: State, law: Law, here: Bodies, cell: np.nd
 def _frequency_bound(state: State, law: Law, here: Bodies) -> float:
     """Upper bound on the largest ω² of the contact network [1/time²]."""
     return core.frequency_bound(
-        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts, shifts(state.contacts, state.cell.vectors),
+        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts,
+        shifts(state.contacts, state.cell.vectors),
         inverse_inertia_of(state), _inverse_cell_inertia(state), np.zeros((state.n_bodies, 2)),
     )  # fmt: skip
 
