@@ -11,7 +11,8 @@ Source for the least distance: Lawson and Hanson, Solving Least Squares Problems
 import numpy as np
 from scipy.optimize import nnls
 
-from ..core.contacts.geometry import shifts, with_neighbor_list
+from ..core.contacts.geometry import shifts
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors
 from ..core.state import OPEN, State

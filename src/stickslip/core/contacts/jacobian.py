@@ -20,9 +20,10 @@ from ..laws.compiled import TANGENTS, law_struct
 from ..library import core
 from ..state import State
 from .forces import bodies, check_materials, check_memory
+from .geometry import shifts
 from .interaction_range import largest_gap, with_rolling_memory
 from .memory import HELD
-from .neighbors import check_list, shifts
+from .neighbors import check_list
 from .rolling import resists_rolling, with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
 
