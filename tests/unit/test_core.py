@@ -4,13 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from numba import njit
 
 import stickslip as ss
 from stickslip.builtin_laws import BUILTIN_LAWS, NAMES
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws import builtin as laws
-from stickslip.core.laws import oracle
 from stickslip.core.laws.values import evaluate
 from stickslip.data.sample import LAWS
 from tests.conftest import make_law, make_packing, stirred
@@ -55,13 +53,6 @@ def test_scalars_of_every_built_in_law_are_those_of_its_entry(kind):
     np.testing.assert_allclose(energy, root * 2.0 * overlap ** (power + 1) / (power + 1), rtol=1e-15)
     expected = root * 2.0 * power * overlap ** (power - 1), root * 0.6 * (power - 1) * overlap ** (power - 2)
     np.testing.assert_allclose(slopes, np.stack(expected, axis=1), rtol=1e-15)
-
-
-def test_smooth_coulomb_meets_its_limit_with_zero_slope():
-    assert oracle.mobilisation(laws.SMOOTH, 1.0) == 1.0
-    assert oracle.mobilisation(laws.SMOOTH, 1.0) + oracle.mobilisation_tangent(laws.SMOOTH, 1.0) == pytest.approx(
-        0, abs=1e-15
-    )
 
 
 def scattered(dim, seed):
@@ -241,26 +232,6 @@ def test_bad_input_is_one_clear_sentence(make, words):
     with pytest.raises((ValueError, AttributeError), match=words):
         make()
 
-
-@pytest.mark.parametrize(("prepared", "times"), [(oracle.as_numpy_integers, 1), (lambda number: (number,), 3)])
-def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
-    """A kind reaches it as a plain integer, which is folded in the kernel; a literal would be compiled for apart."""
-
-    @njit
-    def called(kind):
-        return kind + 1
-
-    def kernel(number):
-        (kind,) = prepared(number)
-
-        @njit
-        def outer():
-            return called(kind)
-
-        return outer
-
-    assert [kernel(number)() for number in range(3)] == [1, 2, 3]
-    assert len(called.signatures) == times
 
 
 @pytest.mark.parametrize("kind", [-1, 5, 99])
