@@ -55,13 +55,16 @@ CASES = {
     "disks": {"dim": 2, "periodic": (True, False, False), "threads": 2, "frame": True},
     "walls": {"walls": True, "materials": 3, "threads": 2, "last": 9},
     "sheared": {"periodic": (True, True, True), "tilt": 0.4, "last": 5},
+    "one tile": {"periodic": (True, True, True), "tile": 500},  # whose blocks are full
 }
 
 
 class Assembly:
     """Random overlapping grains with a list whose memory is random, and the limits of a choice."""
 
-    def __init__(self, dim=3, walls=False, periodic=[False] * 3, tilt=0.0, materials=1, threads=1, last=0, frame=False):
+    def __init__(
+        self, dim=3, walls=False, periodic=(False,) * 3, tilt=0.0, materials=1, threads=1, last=0, frame=False
+    ):
         self.rng = rng = np.random.default_rng(dim + materials + threads + last)
         n, side = 160, 11.0 if dim == 3 else 27.0
         x = rng.random((n, 3)) * side * (1, 1, dim == 3)
@@ -116,9 +119,10 @@ class Assembly:
 
 @pytest.fixture(params=CASES)
 def grains(request, monkeypatch):
-    """An assembly of the cases in small tiles."""
-    monkeypatch.setattr(moving, "TILE_SIZE", 20)
-    return Assembly(**CASES[request.param])
+    """An assembly of the cases, in small tiles by default."""
+    case = {"tile": 20} | CASES[request.param]
+    monkeypatch.setattr(moving, "TILE_SIZE", case.pop("tile"))
+    return Assembly(**case)
 
 
 def test_each_pair_that_may_touch_is_in_one_lane_with_its_memory(grains, chosen):
