@@ -73,11 +73,13 @@ def test_a_bad_law_is_refused_in_one_sentence(functions, words):
 
 
 def test_what_only_the_compiler_refuses_is_one_sentence():
-    def dictionary(overlap, kn):
-        return {"one": kn, 2: kn}["one"] * overlap
+    def imports(overlap, kn):
+        import os  # noqa: F401
 
-    law = ss.laws.custom(normal_force=dictionary)
-    with pytest.raises(ValueError, match=r"normal_force cannot be compiled, line \d+: 'return {") as told:
+        return kn * overlap
+
+    law = ss.laws.custom(normal_force=imports)
+    with pytest.raises(ValueError, match=r"normal_force cannot be compiled, line \d+: 'import os") as told:
         law_struct(law)
     assert "\n" not in str(told.value)
 
