@@ -103,8 +103,6 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
-
-
 @checked
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
@@ -154,9 +152,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
     here, struct = bodies(state), law_struct(law)
-    core.evaluate_contacts(
-        struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque
-    )
+    core.evaluate_contacts(struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque)
     if state.control.cell_free.any():
         shift = shifts(trial, state.cell.vectors)
         core.add_virial(struct, state.cell.dim, here, trial, shift, loads.virial)
