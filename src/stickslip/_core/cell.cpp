@@ -81,11 +81,11 @@ static void set_rates(const Frame &frame, Flow &flow, double half, double keep, 
     }
 }
 
-double begin_cell_step(Frame &frame, Flow &flow, double dt, double keep, double slow) {
+double begin_cell_step(Frame *frame, Flow *flow, double dt, double keep, double slow) {
   double half = 0.5 * dt, square = 0.0;
-  Matrix *m = matrices(flow), one, other;
-  set_courses(frame, flow, dt);
-  set_rates(frame, flow, half, keep, slow);
+  Matrix *m = matrices(*flow), one, other;
+  set_courses(*frame, *flow, dt);
+  set_rates(*frame, *flow, half, keep, slow);
   one_plus(-half, m[RATE], one);
   invert(one, other);
   one_plus(half, m[RATE], one);
@@ -106,7 +106,7 @@ double begin_cell_step(Frame &frame, Flow &flow, double dt, double keep, double 
   for (int a = 0; a < 3; ++a)
     for (int b = 0; b < 3; ++b) m[VECTORS][a][b] = other[a][b];
   // a pair further apart than s + reach stays apart while the deformation uses no more than the remaining reach
-  double left = frame.reach[0] - sqrt(square) * (frame.widest + frame.reach[0]);
+  double left = frame->reach[0] - sqrt(square) * (frame->widest + frame->reach[0]);
   // −1 triggers a new choice of blocks even if all grains are at rest in the flow
   return left > 0.0 ? (0.5 * left) * (0.5 * left) : -1.0;
 }

@@ -13,10 +13,6 @@ struct CoursePoint {
 CoursePoint course_at(const double *knots, int64_t len_knots, const double *course, int64_t courses, int64_t c,
                       double time);
 
-// Begin a step: rates, matrices and the cell at its end. Returns the square of the allowed displacement, or −1 if there
-// is none left. `keep` and `slow` are the drag factors of translations.
-double begin_cell_step(Frame &frame, Flow &flow, double dt, double keep, double slow);
-
 // End a step: sum the stress in order of grain number, and accelerate the cell.
 void end_cell_step(int64_t dim, Frame &frame, Flow &flow, double dt, double slow, const Moving &moving, bool fresh);
 

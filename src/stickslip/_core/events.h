@@ -3,10 +3,8 @@
 #include "blocks.h"
 #include "rows.h"
 
-constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2, EVENT = 10;  // kinds, and columns of a row
-
 struct Events {
-  double *row;     // (…, EVENT) kind, time, i, j, image, position of i
+  double *row;     // (…, EVENT)
   int64_t *count;  // rows beyond the capacity are counted but not stored
   int64_t capacity;
   double time;

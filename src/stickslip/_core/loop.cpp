@@ -167,7 +167,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
         if (residual[0] <= tolerance) return CONVERGED;
       }
       if (at.step == stop) return DONE;
-      if (run.flow) limit = begin_cell_step(*run.frame, *run.flow, run.pace.dt, run.pace.keep, run.pace.slow);
+      if (run.flow) limit = begin_cell_step(run.frame, run.flow, run.pace.dt, run.pace.keep, run.pace.slow);
       begin_all(run, {run.dim, run.predict, run.moving, run.pace, run.flow, true, true});
     }
     at.ended = false;

@@ -153,14 +153,6 @@ Rattlers count_rattlers(const Sample &s, bool *loose, int64_t *number) {
   return found;
 }
 
-void find_shifts(const Contacts &contacts, const double *vectors, double *shift) {
-  for (int64_t c = 0; c < contacts.count[0]; ++c) {
-    const int16_t *image = contacts.image + 3 * c;
-    for (int m = 0; m < 3; ++m)
-      shift[3 * c + m] = image[0] * vectors[m] + image[1] * vectors[3 + m] + image[2] * vectors[6 + m];
-  }
-}
-
 bool sample(const Law &law, int64_t dim, int64_t k, const Bodies &bodies, const Contacts &contacts,
             const double *vectors, const Writing &writing, double time) {
   Scratch scratch;
@@ -170,7 +162,7 @@ bool sample(const Law &law, int64_t dim, int64_t k, const Bodies &bodies, const 
   if (!scratch.take(shift, 3 * contacts.count[0]) || !scratch.take(loose, bodies.len_radius) ||
       !scratch.take(number, bodies.len_radius))
     return false;
-  find_shifts(contacts, vectors, shift);
+  find_shifts(contacts.image, contacts.count[0], vectors, shift);
   Sample s = {law, int(dim), bodies, contacts, shift, vectors, writing, time, bodies.len_radius - bodies.len_normal, {}};
   s.rattlers = count_rattlers(s, loose, number);
   double *row = writing.series + columns() * k, *track = writing.tracks + 6 * writing.len_probes * k;
@@ -187,6 +179,12 @@ bool sample(const Law &law, int64_t dim, int64_t k, const Bodies &bodies, const 
 }
 
 }  // namespace
+
+void find_shifts(const int16_t *image, int64_t count, const double *vectors, double *shift) {
+  for (int64_t c = 0; c < count; ++c, image += 3)
+    for (int m = 0; m < 3; ++m)
+      shift[3 * c + m] = image[0] * vectors[m] + image[1] * vectors[3 + m] + image[2] * vectors[6 + m];
+}
 
 const char *observable_name(int64_t k) { return k < COUNT ? TABLE[k].name : nullptr; }
 int64_t observable_width(int64_t k) { return k < COUNT ? TABLE[k].width : 0; }

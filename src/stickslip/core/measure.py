@@ -12,7 +12,7 @@ from .arguments import Requirement, checked, require_positive, require_shape
 from .contacts.forces import bodies, check_materials
 from .contacts.geometry import shifts
 from .contacts.jacobian import linearise
-from .contacts.mechanics import HELD
+from .contacts.memory import HELD
 from .contacts.neighbors import body_radii, check_list
 from .laws.builtin import MU, Law
 from .laws.compiled import law_struct

@@ -6,20 +6,17 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
 from ..laws.builtin import Law
 from ..laws.compiled import law_struct
-from ..laws.oracle import cap, normal_force, row, tangential_stiffness
 from ..library import core
-from ..options import INNER
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
-from .geometry import normal_and_overlap, pair_vector, shifts
-from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
+from .geometry import shifts
+from .memory import FREE, FROZEN, HELD
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
 
 
@@ -86,21 +83,6 @@ def bodies(state: State) -> Bodies:
         walls.normal,
         state.cell.rate.copy(),
     )
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
-def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
-    """Pair vector and elastic force on i, for a touching pair of grains whose memory is committed."""
-    i, j = contacts.i[c], contacts.j[c]
-    rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
-    nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
-    q = row(kind, p, bodies.material[i], bodies.material[j])
-    r_eff, _ = effective_values(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
-    fn = normal_force(kind, q, r_eff, overlap)
-    s = contacts.slip[c]
-    limit = cap(kind, q, r_eff, overlap, fn)
-    tx, ty, tz = tangential_force(coulomb, tangential_stiffness(kind, q, r_eff, overlap), limit, s[0], s[1], s[2])
-    return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
 @checked

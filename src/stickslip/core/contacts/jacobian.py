@@ -22,7 +22,7 @@ from ..state import State
 from .forces import bodies, check_materials, check_memory
 from .geometry import shifts
 from .interaction_range import largest_gap, with_rolling_memory
-from .mechanics import HELD
+from .memory import HELD
 from .neighbors import check_list
 from .rolling import resists_rolling, with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent

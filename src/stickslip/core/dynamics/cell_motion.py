@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arguments import Numbers, checked
 from ..control import factors_at
-from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
+from ..flow import Flow
 from ..state import State, as_numbers, deforms
 
 MIN_VOLUME_RATIO = 1e-6  # smallest volume of a cell after one strain, over its previous volume

@@ -8,6 +8,7 @@ from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..state import Control, State, groups
 
+
 class GroupMembers(NamedTuple):
     """Members of all rigid groups, group after group."""
 
@@ -27,8 +28,6 @@ class Plan(NamedTuple):
 
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
-    mass: np.ndarray  # (N,)
-    inertia: np.ndarray  # (N,)
     dt: float
 
 
@@ -88,4 +87,4 @@ def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    return Plan(external, (float(drag), float(spin_drag)), grains.mass, grains.inertia, float(dt))
+    return Plan(external, (float(drag), float(spin_drag)), float(dt))

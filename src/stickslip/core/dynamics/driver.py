@@ -13,8 +13,9 @@ import numpy as np
 
 from ..contacts.forces import Bodies, forces
 from ..contacts.interaction_range import with_rolling_memory
-from ..contacts.mechanics import FROZEN
-from ..contacts.neighbors import TOO_FAR, grid_of, pack_keys, rebuild_list, select_rows
+from ..contacts.memory import FROZEN
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
+from ..fields import pack_keys
 from ..flow import PULL, RATE, SINCE, VECTORS
 from ..laws.builtin import Law
 from ..laws.compiled import law_struct
@@ -25,7 +26,7 @@ from .coefficients import Plan, state_after
 from .last_forces import bodies_at_start
 from .ledger import post_step
 from .moving import balance_threads, gather_springs, make_moving_bodies
-from .record import RecordBuffers, with_lost_contacts, write_groups, write_sample
+from .record import RecordBuffers, with_lost_contacts, write_groups
 
 MIN_BODIES = 48  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
@@ -105,7 +106,7 @@ class _Run:
 
     def set_writing(self, writing: RecordBuffers) -> None:
         """Take other buffers for records."""
-        self.writing, self.buffers = writing, core.fill("Writing", writing._asdict() | {"mass": self.plan.mass, "inertia": self.plan.inertia})
+        self.writing, self.buffers = writing, core.fill("Writing", writing)
 
     def choose_pairs(self) -> None:
         """Choose the pairs that may touch before a body has moved too far.
@@ -185,14 +186,11 @@ class _Run:
 
     def record(self, here: Bodies, row: int) -> None:
         """Write one row of all series; the loop does so itself if it evaluates contacts by rows."""
-        time = self._time()
-        if not self.by_rows:
-            law, cell = self.law, self.state.cell
-            from ..contacts.geometry import shifts
-            write_sample(
-                law.kind, law.coulomb, cell.dim, law.table, row, here, self.contacts,
-                shifts(self.contacts, cell.vectors), self.plan, self.writing, cell.vectors, time,
-            )  # fmt: skip
+        time, cell = self._time(), self.state.cell
+        if not self.by_rows and not core.write_sample(
+            self.struct, cell.dim, row, here, self.listed, cell.vectors, self.buffers, time
+        ):
+            raise MemoryError
         if self.writing.groups.shape[1]:
             external, force = self.plan.external, _forces_in_state_order(self.moving)
             write_groups(self.writing.groups[row], self.state, external, here, force, time)
@@ -208,15 +206,11 @@ class _Run:
         if self.deforming or self.contacts.skin != skin:
             # the validity of a list is checked by displacements of grains, not by the deformation of the cell
             self.set_contacts(_without_open_pairs(self.contacts))
-            self.set_contacts(
-                _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law)
-            )
+            self.set_contacts(_rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law))
         contacts, before = self.contacts, self.state.contacts
-        key = before.key if contacts.i is before.i else pack_keys(contacts)
+        key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
-        core.store_reference(
-            contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll
-        )
+        core.store_reference(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
         return state_after(self.state, here, contacts, time)._replace(instant=instant)
 
     def _time(self) -> float:

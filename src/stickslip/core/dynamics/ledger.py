@@ -59,7 +59,7 @@ class Books(NamedTuple):
     pull: np.ndarray  # (B, 3) forces of springs
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
-    law: dict  # see `law_struct`
+    law: object  # struct `Law` of the compiled core
     mass: np.ndarray  # (B,)
     inertia: np.ndarray  # (B,)
 
@@ -69,9 +69,9 @@ def open_books(samples: int, bodies: Bodies, state, law: Law, rate: bool) -> Boo
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull, walls = spring_forces(state.control, bodies.position, state.time), state.walls.mass
     mass, inertia = np.append(state.grains.mass, walls), np.append(state.grains.inertia, np.zeros(len(walls)))
+    struct = core.fill("Law", law_struct(law, rate=rate))
     return Books(
-        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, law_struct(law, rate=rate), mass,
-        inertia,
+        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, struct, mass, inertia
     )  # fmt: skip
 
 

@@ -105,7 +105,7 @@ def run(
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
-    memory = 8 * rows * (sum(prod(shape) for _, shape in OBSERVABLES.values()) + 12 * groups + 6 * len(probes))
+    memory = 8 * rows * (sum(map(prod, OBSERVABLES.values())) + 12 * groups + 6 * len(probes))
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
