@@ -16,27 +16,24 @@ from .cell_motion import cell_mass
 from .coefficients import inverse_inertia_of
 
 ROUNDS = 300  # of the power iteration
-NEEDED = "force", "slopes", "range"  # functions of a user's law
 
 
-def _largest_squared_frequency(state: State, law: Law, here: Bodies, cell: np.ndarray) -> float:
+def _network(state: State, law: Law, here: Bodies) -> tuple:
+    """Contacts with their law and inertia, as the functions of the core take them."""
+    struct, shift = law_struct(law, members=("force", "slopes", "range")), shifts(state.contacts, state.cell.vectors)
+    return struct, state.cell.dim, here, state.contacts, shift, inverse_inertia_of(state), _inverse_cell_inertia(state)
+
+
+def _largest_squared_frequency(state: State, law: Law, here: Bodies) -> float:
     """Largest ω² of the contact network, by power iteration on M^(−1/2) K M^(−1/2) [1/time²]."""
     start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
     scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
-    return core.largest_squared_frequency(
-        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts,
-        shifts(state.contacts, state.cell.vectors),
-        inverse_inertia_of(state), cell, ROUNDS, start, *scratch,
-    )  # fmt: skip
+    return core.largest_squared_frequency(*_network(state, law, here), ROUNDS, start, *scratch)
 
 
 def _frequency_bound(state: State, law: Law, here: Bodies) -> float:
     """Upper bound on the largest ω² of the contact network [1/time²]."""
-    return core.frequency_bound(
-        law_struct(law, members=NEEDED), state.cell.dim, here, state.contacts,
-        shifts(state.contacts, state.cell.vectors),
-        inverse_inertia_of(state), _inverse_cell_inertia(state), np.zeros((state.n_bodies, 2)),
-    )  # fmt: skip
+    return core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))
 
 
 def _inverse_cell_inertia(state: State) -> np.ndarray:
@@ -74,7 +71,7 @@ def stable_time_step(state: State, law: Law) -> float:
     check_materials(state, law)
     state = with_neighbor_list(state, law)
     here = bodies(state)
-    largest = _largest_squared_frequency(state, law, here, _inverse_cell_inertia(state))
+    largest = _largest_squared_frequency(state, law, here)
     largest += _load_spring_bound(state, here) + rolling_bound(state, law, here, inverse_inertia_of(state))
     return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
 
