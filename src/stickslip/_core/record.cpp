@@ -124,7 +124,8 @@ bool has_friction(const Law &law) {
 // Adds the contacts between bodies that are not loose to the number of each body, or of its rigid group.
 void count_contacts(const Sample &s, const int64_t *unit, const bool *loose, int64_t *number) {
   for (int64_t c = 0; c < s.rows(); ++c) {
-    const int64_t i = unit ? unit[s.contacts.i[c]] : s.contacts.i[c], j = unit ? unit[s.contacts.j[c]] : s.contacts.j[c];
+    int64_t i = s.contacts.i[c], j = s.contacts.j[c];
+    if (unit) i = unit[i], j = unit[j];
     if (!s.closed(c) || i == j || loose[i] || loose[j]) continue;
     ++number[i];
     ++number[j];
