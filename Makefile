@@ -5,11 +5,15 @@ STAMP := .venv/.installed
 DOCS := .venv/.docs-installed
 CORE := .venv/.core-built
 BUILD := src/stickslip/_core/build.py
+define COMPILER
+@$(BIN)/python $(BUILD) --find >/dev/null 2>&1 || { echo "no C++ compiler works here: installing one from the package index (100 MB)"; \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-compiler.lock || \
+	  $(BIN)/python $(BUILD) --find; }
+endef
 
 .PHONY: demo test coverage quick slow lint bench docs release wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
-	@nice $(BIN)/stickslip warm stability >/dev/null 2>&1 &
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
@@ -43,7 +47,8 @@ docs: $(DOCS)  ## build the documentation into docs/_build/html and run the tuto
 release: $(STAMP)  ## build the wheel and the sdist into dist/ and check them; uploads nothing
 	$(BIN)/python release/release.py $(if $(REPOSITORY),--repository $(REPOSITORY))
 
-wheel: $(CORE)  ## build the wheel for this platform into dist/, and load its compiled core in a new environment
+wheel: $(RUN)  ## build the wheel for this platform into dist/, and load its compiled core in a new environment
+	$(COMPILER)
 	rm -rf dist/*.whl .venv/wheel
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation -w dist .
 	$(BIN)/python -m venv .venv/wheel
@@ -64,13 +69,12 @@ $(RUN): requirements-run.lock pyproject.toml
 	@echo "installing into .venv (about half a minute, once)"
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-run.lock
-	@$(BIN)/python $(BUILD) --find >/dev/null 2>&1 || { echo "no C++ compiler works here: installing one from the package index (100 MB)"; \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-compiler.lock || \
-	  $(BIN)/python $(BUILD) --find; }
+	$(COMPILER)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
 $(CORE): $(RUN) $(BUILD) $(wildcard src/stickslip/_core/*.cpp src/stickslip/_core/*.h)
+	$(COMPILER)
 	$(BIN)/python $(BUILD)
 	@touch $@
 

@@ -4,8 +4,10 @@ This module is below `core` and imports only the standard library, so that every
 dependency is reported before anything heavy is loaded.
 """
 
+import os
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 
 # libraries that each extra of pyproject.toml installs, by import name; a test compares the two
@@ -38,6 +40,13 @@ LICENCES = {
     "mp4": "its ffmpeg is licensed under the GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",
 }
+
+
+def cache_folder() -> Path:
+    """Folder for what this package remembers between runs of a user; it is created."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 class MissingExtraError(ImportError, ValueError):

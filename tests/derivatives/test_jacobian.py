@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from stickslip.core.contacts.forces import bodies, forces
-from stickslip.core.contacts.geometry import normal_and_overlap, pair_vector, shifts
+from stickslip.core.contacts.geometry import shifts
+from stickslip.core.contacts.neighbors import normal_and_overlap, pair_vector
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.mechanics import FREE, HELD
+from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.state import SLIDE, STICK
 from stickslip.solve.freedom import assembled, displaced, freedom, residual_vector

@@ -40,3 +40,6 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<uint32_t> code;      // rows of `load` in the order of summation
   int64_t tiles;              // T
 };
+
+// Writes part of the blocks back to the list
+void commit_part(const Blocks &blocks, const Contacts &list, int64_t part, int64_t parts);

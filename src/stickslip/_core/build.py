@@ -45,7 +45,7 @@ LEVELS = tuple(_MARCH)  # lowest first
 FLAGS = [
     "-std=c++17", "-O3", "-fPIC", "-fvisibility=hidden", "-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics",
     "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off",
-    "-Wall", "-Wextra", "-Wno-psabi", "-Werror=return-type",
+    "-Wall", "-Wextra", "-Wno-psabi", "-Wno-bitwise-instead-of-logical", "-Werror=return-type",
 ]  # fmt: skip
 _SANITIZE = ["-O1", "-g", "-fno-omit-frame-pointer", "-fno-sanitize-recover=all"]
 _PROBE = '#include <math.h>\nextern "C" double probe(double x) { return exp(x); }\n'
@@ -77,7 +77,7 @@ class Compiler(NamedTuple):
             return [*self.command, *_apple(), *FLAGS, *_MARCH[level]]
         march = [re.sub("^-march=x86-64-?", "-mcpu=x86_64_", flag).rstrip("_") for flag in _MARCH[level]]
         # without a target it compiles for the processor at hand
-        return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, "-fno-sanitize=undefined"]
+        return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, "-fno-sanitize=undefined", "-g0"]
 
     def link(self, sanitize: str = "") -> list[str]:
         """Return the command and flags that link objects into a library, without those that change floating point."""
@@ -86,7 +86,7 @@ class Compiler(NamedTuple):
             return [*self.command, *_apple(), "-shared", "-pthread", *strict]
         if sys.platform == "linux":  # `cc` compiles a runtime library first, for 17 s; Python has loaded libc and libm
             return [*self.command, "ld.lld", "-shared"]
-        return [*self.command, "cc", "-target", _zig_target(), "-shared"]
+        return [*self.command, "cc", "-target", _zig_target(), "-shared", "-pthread"]
 
 
 def _apple() -> list[str]:
@@ -246,7 +246,7 @@ def _compile_and_link(compiler: Compiler, folder: Path, out: Path, made: dict[st
         key = hashlib.sha256(shared + text + "\0".join(words).encode()).hexdigest()[:16]
         target = objects / f"{source.stem}-{level}-{key}.o"
         if not target.exists():
-            _make(target, [*words, "-c", source], verbose)
+            _make(target, [*words, "-c", source], objects, verbose)
         return target
 
     jobs = [(source, level) for source in sources for level in reversed(LEVELS)]
@@ -255,7 +255,7 @@ def _compile_and_link(compiler: Compiler, folder: Path, out: Path, made: dict[st
         for level in LEVELS:
             own = [target for target, job in zip(made_objects, jobs, strict=True) if job[1] == level]
             words = [*compiler.link(made["sanitize"]), *extra, *sorted(own)]
-            _make(library_path(level, out), words, verbose)
+            _make(library_path(level, out), words, objects, verbose)
     for path in set(objects.glob("*.o")) - set(made_objects):
         path.unlink(missing_ok=True)
 
@@ -264,9 +264,9 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _make(target: Path, words: list, verbose: bool) -> None:
-    """Run a compiler or linker; a target that exists is complete."""
-    part = target.with_name(f".{os.getpid()}-{target.name}")
+def _make(target: Path, words: list, scratch: Path, verbose: bool) -> None:
+    """Run a compiler or linker in a way that a target that exists is complete."""
+    part = scratch / f".{os.getpid()}-{target.name}"
     words = [*words, "-o", part]
     if verbose:
         print(shlex.join(map(str, words)))

@@ -152,6 +152,27 @@ struct Law {
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
 };
 
+// ---- neighbours
+
+struct Grid {  // of the cell, for the pair search; the unit matrix if nothing is periodic
+  double *vectors;    // (3, 3)
+  double *inverse;    // (3, 3)
+  double *height;     // (3,) distance between opposite faces
+  uint8_t *periodic;  // (3,)
+};
+
+struct Pairs;  // keys of all pairs within range
+
+// Pairs closer than `skin`; x are the positions of all bodies, walls last. Null if there is no memory
+API Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
+                      int64_t walls, double skin);
+API int64_t count_pairs(const Pairs *pairs);  // −1 if a pair is more boxes apart than a key can hold
+// Fills a list, whose memory is zero, and copies the memory of pairs that are also in the old list
+API void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list);
+API void free_pairs(Pairs *pairs);
+// Largest displacement of a body; infinite if a position is not a number
+API double largest_displacement(const double *x, const double *origin, int64_t bodies);
+
 // ---- motion of the cell, and springs
 
 // rows of Flow.matrix, see `core/flow.py`
@@ -297,6 +318,161 @@ struct LawValues {
 };
 
 API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
+
+// ---- linearisation, time step and quench. `shift` (C, 3): periodic shifts of all pairs
+
+// See `contacts.jacobian` for the members
+struct Linearisation {
+  double *normal;
+  double *inverse;
+  double *before;
+  double *way;
+  double *turn;
+  double *slip;
+  double *closed;
+  double *remembers;
+  double *slides;
+  double *weighted;
+  double *force_n;
+  double *slope_n;
+  double *secant;
+  double *along;
+  double *by_overlap;
+  double *by_force;
+  double *damping_n;
+  double *damping_t;
+  double *stiffness_t;
+  double *slope_t;
+  double *limit;
+  double *mu;
+  double *fade;
+  double *fading;
+};
+
+// See `contacts.rolling`
+struct MomentLinearisation {
+  double *before;
+  double *way;
+  double *secant;
+  double *along;
+  double *by_overlap;
+  double *by_force;
+  double *reach;
+  double *reach_by_overlap;
+  double *reach_by_force;
+  double *weighted;
+};
+
+// linearisation of all contacts, at rest
+API void linearise(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                   int64_t memory, const Linearisation *out);
+// linearisation of the rolling moments of all contacts
+API void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *shift, int64_t memory, const MomentLinearisation *out);
+// largest sum of 2 k_r/I over the contacts of a body; `total` (B,) zeros
+API double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                         const double *shift, const double *inverse_inertia, double *total);
+// add Σ f ⊗ r over all touching pairs of grains whose memory is committed to `out` (3, 3)
+API void add_virial(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                    double *out);
+// energy of all normal springs
+API double elastic_energy(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                          const double *shift);
+// upper bound on ω²; `cell` (3, 3): 1/(M ℓ²) of its free components; `total` (B, 2) zeros
+API double frequency_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *shift, const double *inverse_inertia, const double *cell, double *total);
+// largest ω² by power iteration from x (B, 6); scratch: `y` (B, 6), `springs` (C, 6)
+API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                                     const double *shift, const double *inverse_inertia, const double *cell,
+                                     int64_t rounds, double *x, double *y, double *springs);
+// steps of FIRE until the forces balance or a coordinate has changed by `reach`; returns their number. `velocity` (B, 3)
+// and `pace` (5,) are continued from the last call; scratch: `force` (B, 3), `stiffness` (B,)
+API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                    double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
+                    int64_t steps);
+// see `solve.leapfrog`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16)
+API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
+                  const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
+                  float *record);
+
+// ---- rate-and-state friction
+
+// A surface and the spring that pulls it, see `friction.slider`; stiffness and damping are over the normal stress
+struct Slider {
+  double a;
+  double b;
+  double b2;  // of a second state
+  double mu0;
+  double cut;  // V0 over the cut-off velocities of the direct effect and of the evolution effect
+  double cut2;
+  double dc;
+  double dc2;
+  double v0;
+  double alpha;
+  double stiffness;
+  double damping;
+  int64_t form;       // see `friction.laws`
+  int64_t evolution;  // see `friction.laws`
+};
+
+// Legs of constant velocity of the load point, and of constant normal stress
+struct Legs {
+  double *duration;
+  double *velocity;
+  double *normal;
+  int64_t len_duration;
+};
+
+struct Fault {
+  int64_t form;
+  int64_t evolution;
+  double mu0;
+  double cut;
+  double cut2;
+  double v0;
+  double damping;
+  double plate_rate;
+  double cell;
+  double *cells;  // (7, N) a, b, D_c, normal stress, initial stress, b2, D_c2
+  int64_t number;
+  int64_t states;
+  double *weights;  // (K, K) of the stages of a step in each later one, and in the step
+  double *five;     // (K + 1,) weights of the stages in errors of order 5 and 3
+  double *three;
+  int64_t len_weights;
+};
+
+// A step of a fault of S states
+struct FaultStep {
+  double *y;       // (1 + S, N) unknowns at its start
+  double *trial;   // (1 + S, N) unknowns of the present stage
+  double *w;       // (N,) ln(V/V0) of the stage before, replaced by that of the present one
+  double *stages;  // (K + 1, 1 + S, N) rates of the unknowns
+  double *powers;  // (K + 1, 3) of loading, friction and radiation
+  double length;
+};
+
+// Friction (N,), its slopes (N, 3) and curvatures (N, 6) from w, s and s2 (N, 3); results may be null
+API void friction_of_rows(int64_t form, int64_t count, const double *logs, const double *surfaces, int64_t many,
+                          double *mu, double *slopes, double *curvatures);
+// s at the ends of pieces of constant slip velocity
+API void state_history(int64_t evolution, double s, int64_t count, const double *duration, const double *velocity,
+                       double v0, double dc, double *out);
+// Time derivatives of w, s and s2 (3,), and their Jacobian (3, 3)
+API void slider_rates(const Slider *slider, const double *logs, double velocity, double normal, double *out,
+                      double *jacobian);
+// w, s and s2 at ascending times (N, 3); returns a code, see `friction.slider`
+API int64_t slider_history(const Slider *slider, const Legs *legs, const double *start, const double *times,
+                           int64_t count, double tolerance, double *out, double *reached);
+// Rates of the unknowns and powers; false if a velocity cannot be found
+API uint8_t fault_rates(const Fault *fault, const double *transferred, const double *y, double *w, double *out,
+                        double *power);
+// Unknowns of a stage from the rates of the stages before
+API void fault_trial(const Fault *fault, const FaultStep *step, int64_t stage);
+// Rates of a stage, and unknowns of the next one; false if a velocity cannot be found
+API uint8_t fault_stage(const Fault *fault, const FaultStep *step, int64_t stage, const double *transferred);
+// Root mean square of the estimated errors of u/D_c and of each s in a step
+API double fault_error(const Fault *fault, const FaultStep *step);
 
 // ---- the library itself
 

@@ -1,5 +1,6 @@
 // Geometry of one contact in the list.
 #pragma once
+#include "blocks.h"
 #include "mechanics.h"
 
 struct Pair {
@@ -15,6 +16,8 @@ struct Pair {
 inline Vec<double> vector_at(int dim, const double *rows, int64_t a) {
   return {rows[3 * a], rows[3 * a + 1], dim == 3 ? rows[3 * a + 2] : 0.0};
 }
+
+inline void store(double *row, Vec<double> v) { row[0] = v.x, row[1] = v.y, row[2] = v.z; }
 
 inline double effective_radius(const Bodies &bodies, int64_t i, int64_t j, bool wall) {
   double a = bodies.radius[i], b = bodies.radius[j];

@@ -201,11 +201,17 @@ def _refuse(name: str, value: np.ndarray, field: Field, low, high) -> None:
     raise ValueError(f"{name}{place} is {shown}: it must be {words}")
 
 
+def pack_keys(i, j, image) -> np.ndarray:
+    """Pack every (i, j, image) into one integer with the same order."""
+    key = i.astype(np.int64) << BODY_BITS | j
+    for m in range(3):
+        key = key << IMAGE_BITS | image[:, m] + np.int64(1 << IMAGE_BITS - 1)
+    return key
+
+
 def _check_keys(contacts) -> None:
     """Raise ValueError with a one-sentence message if pairs are not sorted by their keys."""
     count = int(contacts.count[0])
-    key = contacts.i[:count].astype(np.int64) << BODY_BITS | contacts.j[:count]
-    for image in contacts.image[:count].T:
-        key = key << IMAGE_BITS | image + np.int64(1 << IMAGE_BITS - 1)
+    key = pack_keys(contacts.i[:count], contacts.j[:count], contacts.image[:count])
     if not np.array_equal(key, contacts.key[:count]) or (key[1:] <= key[:-1]).any():
         raise ValueError("contacts are not sorted, or their keys do not match them: use the contacts of this state")

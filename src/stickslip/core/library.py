@@ -18,8 +18,8 @@ _SCALARS: dict[str, Any] = {
     "void": None,
 }  # fmt: skip
 _ARRAYS = {
-    "double": np.float64, "int64_t": np.int64, "int32_t": np.int32, "int16_t": np.int16, "int8_t": np.int8,
-    "uint32_t": np.uint32, "uint8_t": np.bool_,
+    "double": np.float64, "float": np.float32, "int64_t": np.int64, "int32_t": np.int32, "int16_t": np.int16,
+    "int8_t": np.int8, "uint32_t": np.uint32, "uint8_t": np.bool_,
 }  # fmt: skip
 _DTYPES = {name: np.dtype(dtype) for name, dtype in _ARRAYS.items()}
 _CONSTANTS, _CONSTANT = re.compile(r"constexpr int\w+ ([^;]*);"), re.compile(r"(\w+) = (-?\d+)")

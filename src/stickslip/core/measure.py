@@ -10,11 +10,13 @@ import numpy as np
 
 from .arguments import Requirement, checked, require_positive, require_shape
 from .contacts.forces import bodies, check_materials
+from .contacts.geometry import shifts
 from .contacts.jacobian import linearise
-from .contacts.mechanics import HELD
+from .contacts.memory import HELD
 from .contacts.neighbors import body_radii, check_list
 from .laws.builtin import MU, Law
-from .laws.values import evaluate
+from .laws.compiled import law_struct
+from .library import core
 from .readable import pluralize
 from .state import OPEN, State, grain_volumes, groups, volume
 
@@ -250,10 +252,5 @@ def coordination(state: Committed, least: int = 2) -> float:
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
     check_materials(state, law)
-    count, n, here = int(state.contacts.count[0]), len(state.grains.radius), bodies(state)
-    i, j = state.contacts.i[:count], state.contacts.j[:count]
-    ri, rj, overlap = here.radius[i], here.radius[j], overlaps(state)
-    r_eff = np.where(j < n, ri * rj / (ri + rj), ri)
-    pairs = {"overlap": overlap, "r_eff": r_eff, "a": here.material[i], "b": here.material[j]}
-    acts = overlap > -evaluate(law, "range", **pairs)
-    return float(evaluate(law, "energy", **{name: values[acts] for name, values in pairs.items()}).sum())
+    struct, shift = law_struct(law, members=("energy", "range")), shifts(state.contacts, state.cell.vectors)
+    return core.elastic_energy(struct, state.cell.dim, bodies(state), state.contacts, shift)

@@ -8,8 +8,9 @@ import numpy as np
 from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.mechanics import FREE, HELD
-from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
+from ..core.contacts.memory import FREE, HELD
+from ..core.contacts.neighbors import grid_of, with_neighbor_list
+from ..core.fields import pack_keys
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
 from ..core.laws.kinds import Kind
 from ..core.measure import branch_vectors, overlaps
@@ -280,7 +281,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     flip = (i > j) | ((i == j) & (lead < 0))
     i, j = np.where(flip, j, i), np.where(flip, i, j)
     image, slip = np.where(flip[:, None], -image, image), np.where(flip[:, None], -slip, slip)
-    key = np.array([pack_key(*ends, *box) for *ends, box in zip(i, j, image, strict=True)], np.int64)
+    key = pack_keys(i, j, image)
     order = np.argsort(key, kind="stable")
     alone = np.flatnonzero((i == j) & ~image.any(axis=1))
     if len(alone):

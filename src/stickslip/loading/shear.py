@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..core.arguments import checked
-from ..core.contacts.neighbors import pack_key
 from ..core.dynamics.cell_motion import strained
+from ..core.fields import pack_keys
 from ..core.state import PER_PAIR, Contacts, State
 
 
@@ -74,7 +74,7 @@ def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
     mirrored = (contacts.i == contacts.j) & (lead < 0)  # a grain and its own image: such pairs are listed once
     for a in (image, slip, pair):
         a[mirrored] *= -1
-    key[:count] = [pack_key(contacts.i[c], contacts.j[c], *image[c]) for c in range(count)]
+    key[:count] = pack_keys(contacts.i[:count], contacts.j[:count], image[:count])
     order = np.concatenate([np.argsort(key[:count]), np.arange(count, len(key))])
     rows = contacts._replace(image=image, key=key, slip=slip, pair=pair)
     parts = {name: getattr(rows, name) for name in PER_PAIR}

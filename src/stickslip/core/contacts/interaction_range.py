@@ -29,15 +29,3 @@ def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
     if not rolls or contacts.rolling is not None:
         return contacts
     return contacts._replace(rolling=np.zeros((len(contacts.i), WIDTH)))
-
-
-def copy_rolling_memory(old: Contacts, new: Contacts) -> Contacts:
-    """New list with the rolling memory of pairs that are also in an old list, if that list has such a memory."""
-    if old.rolling is None:
-        return new
-    here, there = int(old.count[0]), max(int(new.count[0]), 0)
-    rolling = np.zeros((len(new.i), WIDTH))
-    row = np.searchsorted(new.key[:there], old.key[:here])
-    same = np.append(new.key[:there], -1)[row] == old.key[:here]
-    rolling[row[same]] = old.rolling[:here][same]
-    return new._replace(rolling=rolling)

@@ -8,6 +8,7 @@ from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..state import Control, State, groups
 
+
 class GroupMembers(NamedTuple):
     """Members of all rigid groups, group after group."""
 

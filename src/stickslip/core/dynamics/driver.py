@@ -13,8 +13,9 @@ import numpy as np
 
 from ..contacts.forces import Bodies, forces
 from ..contacts.interaction_range import with_rolling_memory
-from ..contacts.mechanics import FROZEN
-from ..contacts.neighbors import TOO_FAR, grid_of, pack_keys, rebuild_list, select_rows
+from ..contacts.memory import FROZEN
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
+from ..fields import pack_keys
 from ..flow import PULL, RATE, SINCE, VECTORS
 from ..laws.builtin import Law
 from ..laws.compiled import law_struct
@@ -205,15 +206,11 @@ class _Run:
         if self.deforming or self.contacts.skin != skin:
             # the validity of a list is checked by displacements of grains, not by the deformation of the cell
             self.set_contacts(_without_open_pairs(self.contacts))
-            self.set_contacts(
-                _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law)
-            )
+            self.set_contacts(_rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law))
         contacts, before = self.contacts, self.state.contacts
-        key = before.key if contacts.i is before.i else pack_keys(contacts)
+        key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
-        core.store_reference(
-            contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll
-        )
+        core.store_reference(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
         return state_after(self.state, here, contacts, time)._replace(instant=instant)
 
     def _time(self) -> float:

@@ -61,7 +61,7 @@ def gather_springs(state: State, moving: MovingBodies) -> Springs | None:
 
 
 def _aligned(rows: int, width: int) -> np.ndarray:
-    """Uninitialised array (rows, width) aligned to cache lines; access to a vector that spans two costs twice as much."""
+    """Uninitialised array (rows, width) aligned to cache lines: a vector that spans two lines takes twice as long."""
     flat = np.empty(rows * width + _LINE)
     first = -(flat.ctypes.data // 8) % _LINE
     return flat[first : first + rows * width].reshape(rows, width)

@@ -24,7 +24,7 @@ NO_TENSION = 4  # added to the damping model if dashpots must not make a contact
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
-STEP = 1e-60  # step of the complex derivative: its square vanishes in double precision
+STEP = 2.0**-200  # step of complex derivatives: its square vanishes, and dividing by a power of two is exact
 
 
 @readable(head=lambda law: _describe(law), rows=lambda law: _rows(law))

@@ -5,8 +5,10 @@ is compiled by Numba when it is first needed.
 """
 
 import linecache
+import os
 import re
 import types
+import warnings
 from functools import cache, lru_cache, partial
 
 import numpy as np
@@ -16,6 +18,7 @@ from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap"
+TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
 MEMBERS = {  # C functions of a user's law, and the function of the law that each needs
     "force": "normal_force",
     "cap": "cap",
@@ -78,9 +81,11 @@ def block_function(kind: Kind, name: str):
     own, scope = USER_LAWS[kind], dict(numba_functions(kind))
     exec(compile(_block_text(own, name), "<contact law>", "exec"), scope)
     try:
-        return cfunc(void(CPointer(float64), int64, *5 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
+        with warnings.catch_warnings(action="ignore"):
+            return cfunc(void(CPointer(float64), int64, *5 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
-        place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem))
+        files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
+        place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
         raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {words}; {HELP}") from None
 
 
@@ -112,16 +117,16 @@ def _compiled(function, made: dict, njit):
     return made[function]
 
 
-def _summarize_numba_error(message: str) -> str:
-    """Innermost location that Numba reports, and its message."""
+def _summarize_numba_error(message: str, files: set[str]) -> str:
+    """Innermost line in the files of a law that Numba reports, and its message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
-    places = re.findall(r'File "([^"]+)", line (\d+)', message) or re.findall(r"Raised from (.+) \((\d+)\)", message)
-    said = next(
-        (s for s in lines if re.match(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)", s)), lines[0]
-    )
-    line = linecache.getline(places[-1][0], int(places[-1][1])).strip() if places else ""
-    shown = f"line {places[-1][1]}: {line!r} " if line else ""
-    return f"{shown}({said.partition(' Raised from ')[0][:200]})"
+    starts = re.compile(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)")
+    said = next(filter(starts.match, lines), lines[0]).partition(" Raised from ")[0][:200]
+    for quoted, plain, number in re.findall(r'(?:File "([^"]+)", line |(?:at|from) (\S+) \()(\d+)', message):
+        path = os.path.abspath(quoted or plain)
+        if path in files and (line := linecache.getline(path, int(number)).strip()):
+            return f"line {number}: {line!r} ({said})"
+    return f"({said})"
 
 
 def _block_text(own: UserLaw, name: str) -> str:

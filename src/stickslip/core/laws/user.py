@@ -1,9 +1,8 @@
-"""User-defined contact laws: plain Python functions of scalars, compiled into the kernels like the built-in laws.
+"""User-defined contact laws: plain Python functions of scalars, compiled when a law is first used.
 
 The arguments of a user's function are `overlap`, `r_eff`, whatever else its role offers (see `ROLES`), and parameters
 of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. The values of these names are
-part of the digest that identifies compiled kernels on disk, so that a law in which any of them has changed is a
-different law.
+part of the digest that identifies a law, so that a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
 versions that accept complex numbers and branch on the real part.
@@ -166,9 +165,9 @@ def custom(
     """Contact law from user-defined functions: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
     Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
-    the law; caps may also take `normal_force`. Functions are compiled into the kernels. Their derivatives are taken by
-    complex-step differentiation, so they must branch on the real part: `if overlap.real < 0.0`. A law is validated
-    when it is created.
+    the law; caps may also take `normal_force`. Derivatives are taken by complex-step differentiation, so functions must
+    branch on the real part: `if overlap.real < 0.0`. A law is validated when it is created, and compiled when it is
+    first used.
 
     Parameters
     ----------
@@ -192,7 +191,7 @@ def custom(
     ------
     ValueError
         with a one-sentence message, if a function has a wrong signature, is not finite or deterministic, does not take
-        complex numbers, or cannot be compiled. A LawWarning reports a force that jumps at the end of the range.
+        complex numbers. A LawWarning reports a force that jumps at the end of the range.
 
     Source
     ------

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
-from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import MU, Law, rescales
 from ...core.measure import branch_vectors, touching
 from ...core.state import SLIDE, STICK, State, empty_contacts

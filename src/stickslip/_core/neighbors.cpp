@@ -1,0 +1,538 @@
+// Neighbour search: the keys of all pairs within range, and the list with the memory of the former one.
+//
+// Grains of similar radius share a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared
+// cells and boxes narrower than the range of a grain therefore need no special case: an image is simply a bin that lies
+// some number of boxes away. Each grain searches the bins of its own size and those of all smaller sizes, so that a
+// large grain among small ones neither widens their bins nor is looked for by each of them.
+#include "core.h"
+#include "memory.h"
+#include <math.h>
+#ifdef __AVX512F__
+#include <immintrin.h>
+#endif
+
+namespace {
+
+constexpr int64_t BODY_BITS = 21, IMAGE_BITS = 7, IMAGE_OFFSET = 1 << (IMAGE_BITS - 1);  // see `core.fields`
+constexpr int64_t OPEN = 0;
+constexpr int64_t PAD = 8;  // entries that may be read beyond the last one
+constexpr int64_t MOST_SIZES = 16;
+constexpr double SPREAD = 2.0;  // largest ratio of radii within a size
+constexpr double FEW = 0.5;     // a size with fewer grains, relative to the next larger one, is merged with that
+constexpr int64_t BINS_PER_REACH[] = {1, 3, 1};  // columns along the second axis have shorter bins
+constexpr double MOST_BOXES = 1 << 15;  // along one axis within the range of a grain
+
+inline int64_t pack_key(int64_t i, int64_t j, int64_t a, int64_t b, int64_t c) {
+  const int64_t bodies = i << BODY_BITS | j, images = (a + IMAGE_OFFSET) << IMAGE_BITS | (b + IMAGE_OFFSET);
+  return bodies << 3 * IMAGE_BITS | images << IMAGE_BITS | (c + IMAGE_OFFSET);
+}
+
+inline bool is_far(int64_t image) { return image >= IMAGE_OFFSET || image <= -IMAGE_OFFSET; }
+
+inline int64_t floor_divide(int64_t a, int64_t b) { return a / b - (a % b < 0); }
+
+template <class T>
+inline T smaller(T a, T b) {
+  return a < b ? a : b;
+}
+
+template <class T>
+inline T larger(T a, T b) {
+  return a < b ? b : a;
+}
+
+template <class T>
+inline T bounded(T value, T low, T high) {
+  return value < low ? low : smaller(value, high);
+}
+
+// Grains of similar radius, and their bins: columns along the second axis, because in two dimensions there is only one
+// bin along the third
+struct Size {
+  double most;          // largest radius
+  int64_t grains;
+  double low[3], high[3];  // range of fractional coordinates
+  double span[3];       // [length]
+  double scale[3];      // bins per fractional coordinate
+  int64_t number[3];    // bins along each axis
+  int64_t stride[3];
+  int64_t first;        // bin
+};
+
+struct Column {  // of bins near a grain
+  int64_t first;      // bin
+  int64_t across[2];  // boxes crossed along the first and third axis
+  double shift[3];
+};
+
+template <class T>
+struct Growing {  // array that keeps its contents as it grows
+  T *data = nullptr;
+  int64_t room = 0;
+  ~Growing() { free(data); }
+
+  bool reserve(int64_t need) {
+    if (need <= room) return true;
+    int64_t more = need + need / 2;
+    void *moved = realloc(data, more * sizeof(T));
+    if (!moved) return false;
+    data = static_cast<T *>(moved);
+    room = more;
+    return true;
+  }
+};
+
+class Search {
+ public:
+  Search(const Grid &grid, const double *x, const double *radius, const double *normal, int64_t bodies, int64_t walls,
+         double skin)
+      : grid(grid), x(x), radius(radius), normal(normal), n(bodies - walls), walls(walls), skin(skin) {}
+
+  bool run() {
+    if (!take_arrays()) return false;
+    wrap_positions();
+    assign_sizes();
+    if (!sort_into_bins()) return false;
+    for (int64_t k = 0; k < sizes && !too_far; ++k)
+      for (int64_t l = 0; l <= k && !too_far; ++l)
+        if (!search(size[k], size[l], k == l)) return false;
+    return true;
+  }
+
+  bool write_keys(int64_t *&key, int64_t *row) const;
+
+  bool too_far = false;
+
+ private:
+  bool take_arrays();
+  void wrap_positions();
+  void assign_sizes();
+  void lay_out_bins(Size &one) const;
+  bool sort_into_bins();
+  int64_t bin_along(const Size &one, double f, int64_t k) const {
+    return bounded(static_cast<int64_t>((f - one.low[k]) * one.scale[k]), int64_t{0}, one.number[k] - 1);
+  }
+  int64_t bins_around(const Size &one, double reach, int64_t k);
+  bool find_columns(const Size &to, const int64_t *home, const int64_t *around);
+  int64_t scan(int64_t from, int64_t to, const double *s, double near, int32_t least, int64_t code, int64_t hits) const;
+  bool search(const Size &from, const Size &to, bool own);
+  bool scan_columns(const Size &to, int64_t e, double near, int32_t least, int64_t home, int64_t around, int64_t &hits);
+  bool add_own(int64_t e, int64_t hits);
+  bool add_others(int64_t e, int64_t hits);
+
+  const Grid &grid;
+  const double *x, *radius, *normal;
+  const int64_t n, walls;
+  const double skin;
+  Scratch scratch;
+  // of grains
+  double *fraction;  // (N, 3) coordinates in box 0
+  int32_t *box;      // (N, 3)
+  uint8_t *size_of;
+  int32_t *place;  // bin
+  int64_t *first;  // key of a pair with a grain of the same size, or a wall
+  int32_t *many;   // keys from there on
+  int32_t *more;   // pairs with grains of other sizes
+  // of grains sorted into bins
+  int32_t *member;
+  double *at[3], *rim;      // position in box 0, and radius
+  double *fraction_at[3];
+  int32_t *box_at;          // (N, 3)
+  int32_t *start;           // (bins + 1,)
+  Size size[MOST_SIZES];
+  int64_t sizes = 0;
+  Growing<Column> column;  // near a grain
+  int64_t columns = 0;
+  Growing<int64_t> hit, key, other;  // pairs of one grain, of grains of the same size, and of other grains
+  int64_t keys = 0, others = 0;
+};
+
+bool Search::take_arrays() {
+  bool found = scratch.take(fraction, 3 * n) && scratch.take_zeros(box, 3 * n) && scratch.take(size_of, n) &&
+               scratch.take(place, n) && scratch.take(first, n) && scratch.take(many, n) &&
+               scratch.take_zeros(more, n) && scratch.take(member, n + PAD) && scratch.take(rim, n + PAD) &&
+               scratch.take(box_at, 3 * n) && hit.reserve(1024) && key.reserve(8 * n + walls);
+  for (int64_t k = 0; k < 3; ++k) found = found && scratch.take(at[k], n + PAD) && scratch.take(fraction_at[k], n);
+  return found;
+}
+
+// Fractional coordinates of grains in box 0, and the boxes in which they lie.
+void Search::wrap_positions() {
+  for (int64_t a = 0; a < n; ++a)
+    for (int64_t k = 0; k < 3; ++k) {
+      double f = x[3 * a] * grid.inverse[k] + x[3 * a + 1] * grid.inverse[3 + k] + x[3 * a + 2] * grid.inverse[6 + k];
+      if (!(fabs(f) < 1e9)) f = 0.0;  // NaN touches nothing, whatever its bin
+      if (grid.periodic[k]) {
+        const double whole = floor(f);
+        box[3 * a + k] = static_cast<int32_t>(whole);
+        f -= whole;
+      }
+      fraction[3 * a + k] = f;
+    }
+}
+
+// Sizes of grains, largest first: each begins with the largest radius that is left.
+void Search::assign_sizes() {
+  double most = 0.0;
+  for (int64_t a = 0; a < n; ++a) most = larger(most, radius[a]);
+  for (int64_t left = n; left > 0; ++sizes) {
+    Size &one = size[sizes];
+    const double least = sizes < MOST_SIZES - 1 ? most / SPREAD : 0.0;
+    one.most = most;
+    double next = 0.0;
+    int64_t grains = 0;
+    for (int64_t a = 0; a < n; ++a)
+      if (radius[a] <= most) {
+        const bool within = radius[a] > least;
+        size_of[a] = within ? sizes : size_of[a];
+        grains += within;
+        next = within ? next : larger(next, radius[a]);
+      }
+    one.grains = grains;
+    left -= grains;
+    most = next;
+    if (sizes > 0 && grains < FEW * size[sizes - 1].grains) {
+      for (int64_t a = 0; a < n; ++a) size_of[a] -= size_of[a] == sizes && radius[a] <= one.most;
+      size[--sizes].grains += grains;
+    }
+  }
+}
+
+// Bins along each axis. One that is as long as the range of a grain is enough where a column is crossed.
+void Search::lay_out_bins(Size &one) const {
+  const double reach = 2 * one.most + skin;
+  int64_t limit = 8 * one.grains + static_cast<int64_t>(ceil(cbrt(4.0 * one.grains))) + 1;
+  for (int64_t k = 0; k < 3; ++k) {
+    one.span[k] = (one.high[k] - one.low[k]) * grid.height[k];
+    one.number[k] = static_cast<int64_t>(bounded(one.span[k] / reach * BINS_PER_REACH[k], 1.0, 1e6));
+  }
+  for (;;) {
+    int64_t k = one.number[1] > one.number[0], all = one.number[0] * one.number[1] * one.number[2];
+    k = one.number[2] > one.number[k] ? 2 : k;
+    if (all <= limit) break;
+    one.number[k] = (one.number[k] + 1) / 2;
+  }
+  // else the extent may be 0 or tiny
+  for (int64_t k = 0; k < 3; ++k) one.scale[k] = one.number[k] > 1 ? one.number[k] / (one.high[k] - one.low[k]) : 0.0;
+  one.stride[0] = one.number[1];
+  one.stride[1] = 1;
+  one.stride[2] = one.number[0] * one.number[1];
+}
+
+bool Search::sort_into_bins() {
+  for (int64_t s = 0; s < sizes; ++s)
+    for (int64_t k = 0; k < 3; ++k) {
+      size[s].low[k] = grid.periodic[k] ? 0.0 : INFINITY;
+      size[s].high[k] = grid.periodic[k] ? 1.0 : -INFINITY;
+    }
+  for (int64_t a = 0; a < n; ++a)
+    for (int64_t k = 0; k < 3; ++k) {
+      Size &one = size[size_of[a]];
+      one.low[k] = smaller(one.low[k], fraction[3 * a + k]);
+      one.high[k] = larger(one.high[k], fraction[3 * a + k]);
+    }
+  int64_t bins = 0;
+  for (int64_t s = 0; s < sizes; ++s) {
+    lay_out_bins(size[s]);
+    size[s].first = bins;
+    bins += size[s].number[0] * size[s].number[1] * size[s].number[2];
+  }
+  // the start of each bin is counted two entries ahead and moves back as it is filled
+  if (!scratch.take_zeros(start, bins + 2)) return false;
+  for (int64_t a = 0; a < n; ++a) {
+    const Size &one = size[size_of[a]];
+    int64_t bin = one.first;
+    for (int64_t k = 0; k < 3; ++k) bin += bin_along(one, fraction[3 * a + k], k) * one.stride[k];
+    place[a] = static_cast<int32_t>(bin);
+    ++start[bin + 2];
+  }
+  for (int64_t b = 0; b < bins; ++b) start[b + 2] += start[b + 1];
+  for (int64_t a = 0; a < n; ++a) {
+    const int64_t e = start[place[a] + 1]++;
+    member[e] = static_cast<int32_t>(a);
+    rim[e] = radius[a];
+    for (int64_t m = 0; m < 3; ++m) {
+      double value = x[3 * a + m];
+      for (int64_t k = 0; k < 3; ++k) value -= box[3 * a + k] * grid.vectors[3 * k + m];
+      at[m][e] = value;
+      fraction_at[m][e] = fraction[3 * a + m];
+      box_at[3 * e + m] = box[3 * a + m];
+    }
+  }
+  for (int64_t e = n; e < n + PAD; ++e) member[e] = -1, rim[e] = at[0][e] = at[1][e] = at[2][e] = 0.0;
+  return true;
+}
+
+// Bins to search on either side.
+int64_t Search::bins_around(const Size &one, double reach, int64_t k) {
+  const bool periodic = grid.periodic[k];
+  if (!(one.span[k] > 0.0) || !(periodic || one.number[k] > 1)) return 0;
+  const double around = ceil(reach * one.number[k] / one.span[k]);
+  if (!periodic) return static_cast<int64_t>(bounded(around, 0.0, static_cast<double>(one.number[k])));
+  const double most = MOST_BOXES * one.number[k];
+  too_far |= !(around <= most);
+  return static_cast<int64_t>(bounded(around, 0.0, most));
+}
+
+// Columns of bins around a bin, the boxes crossed, and the shifts of positions. False if there is no memory.
+bool Search::find_columns(const Size &to, const int64_t *home, const int64_t *around) {
+  const double need = (2.0 * around[0] + 1) * (2.0 * around[2] + 1);
+  columns = 0;
+  too_far |= need >= 1 << 16;
+  if (too_far) return true;
+  if (!column.reserve(static_cast<int64_t>(need))) return false;
+  for (int64_t t = home[2] - around[2]; t <= home[2] + around[2]; ++t)
+    for (int64_t u = home[0] - around[0]; u <= home[0] + around[0]; ++u) {
+      const int64_t i = floor_divide(u, to.number[0]), k = floor_divide(t, to.number[2]);
+      if ((i != 0 && !grid.periodic[0]) || (k != 0 && !grid.periodic[2])) continue;
+      Column &one = column.data[columns++];
+      one.first = to.first + (u - i * to.number[0]) * to.stride[0] + (t - k * to.number[2]) * to.stride[2];
+      one.across[0] = i;
+      one.across[1] = k;
+      for (int64_t m = 0; m < 3; ++m) one.shift[m] = i * grid.vectors[m] + k * grid.vectors[6 + m];
+    }
+  return true;
+}
+
+// Writes the entries within range of a point to `hit`, and returns the end of the hits. All are written and few are
+// counted, which is cheaper than a branch that cannot be predicted.
+inline int64_t Search::scan(int64_t from, int64_t to, const double *s, double near, int32_t least, int64_t code,
+                            int64_t hits) const {
+  int64_t *out = hit.data;
+  const double *px = at[0], *py = at[1], *pz = at[2], *pr = rim;
+#ifdef __AVX512F__
+  const __m512d sx = _mm512_set1_pd(s[0]), sy = _mm512_set1_pd(s[1]), sz = _mm512_set1_pd(s[2]);
+  const __m512d nr = _mm512_set1_pd(near);
+  const __m256i low = _mm256_set1_epi32(least);
+  __m512i id = _mm512_add_epi64(_mm512_set1_epi64(code + from), _mm512_set_epi64(7, 6, 5, 4, 3, 2, 1, 0));
+  for (int64_t f = from; f < to; f += 8) {
+    const __m512d dx = _mm512_sub_pd(sx, _mm512_loadu_pd(px + f)), dy = _mm512_sub_pd(sy, _mm512_loadu_pd(py + f));
+    const __m512d dz = _mm512_sub_pd(sz, _mm512_loadu_pd(pz + f)), reach = _mm512_add_pd(nr, _mm512_loadu_pd(pr + f));
+    const __m512d square = _mm512_add_pd(_mm512_add_pd(_mm512_mul_pd(dx, dx), _mm512_mul_pd(dy, dy)), _mm512_mul_pd(dz, dz));
+    __mmask8 close = to - f >= 8 ? 255 : (1 << (to - f)) - 1;
+    close = _mm512_mask_cmp_pd_mask(close, square, _mm512_mul_pd(reach, reach), _CMP_LT_OQ);
+    close = _mm256_mask_cmp_epi32_mask(close, _mm256_loadu_si256((const __m256i *)(member + f)), low, _MM_CMPINT_NLT);
+    _mm512_storeu_si512(out + hits, _mm512_maskz_compress_epi64(close, id));
+    hits += __builtin_popcount(close);
+    id = _mm512_add_epi64(id, _mm512_set1_epi64(8));
+  }
+#else
+  for (int64_t f = from; f < to; ++f) {
+    const double dx = s[0] - px[f], dy = s[1] - py[f], dz = s[2] - pz[f], reach = near + pr[f];
+    out[hits] = code + f;
+    hits += (dx * dx + dy * dy + dz * dz < reach * reach) & (member[f] >= least);
+  }
+#endif
+  return hits;
+}
+
+// Pairs of an entry with those in a part of each column. False if there is no memory.
+bool Search::scan_columns(const Size &to, int64_t e, double near, int32_t least, int64_t home, int64_t around,
+                          int64_t &hits) {
+  int64_t from_bin = home - around, to_bin = home + around;
+  int64_t from_box = floor_divide(from_bin, to.number[1]), to_box = floor_divide(to_bin, to.number[1]);
+  if (!grid.periodic[1]) from_box = to_box = 0;
+  for (int64_t over = from_box; over <= to_box; ++over) {
+    const int64_t low = larger(from_bin - over * to.number[1], int64_t{0});
+    const int64_t high = smaller(to_bin - over * to.number[1], to.number[1] - 1) + 1;
+    for (int64_t c = 0; c < columns; ++c) {
+      const Column &one = column.data[c];
+      const int64_t from = start[one.first + low], end = start[one.first + high];
+      if (from == end) continue;
+      if (!hit.reserve(hits + end - from + PAD)) return false;
+      double s[3];
+      for (int64_t m = 0; m < 3; ++m) s[m] = at[m][e] - one.shift[m] - over * grid.vectors[3 + m];
+      hits = scan(from, end, s, near, least, over << 48 | c << 32, hits);
+    }
+  }
+  return true;
+}
+
+// Pairs of a grain with others of the same size and with walls. False if there is no memory.
+bool Search::add_own(int64_t e, int64_t hits) {
+  const int64_t a = member[e], own = pack_key(a, a, 0, 0, 0);
+  if (!key.reserve(keys + hits + walls)) return false;
+  first[a] = keys;
+  for (int64_t h = 0; h < hits; ++h) {
+    const int64_t f = hit.data[h] & 0xffffffff, over = hit.data[h] >> 48;
+    const Column &one = column.data[hit.data[h] >> 32 & 0xffff];
+    const int64_t i = box_at[3 * f] - box_at[3 * e] - one.across[0], j = box_at[3 * f + 1] - box_at[3 * e + 1] - over;
+    const int64_t k = box_at[3 * f + 2] - box_at[3 * e + 2] - one.across[1];
+    too_far |= is_far(i) | is_far(j) | is_far(k);
+    key.data[keys] = pack_key(a, member[f], i, j, k);
+    keys += key.data[keys] > own;
+  }
+  for (int64_t b = 0; b < walls; ++b) {
+    double gap = -radius[a] - skin;
+    for (int64_t k = 0; k < 3; ++k) gap += (x[3 * a + k] - x[3 * (n + b) + k]) * normal[3 * b + k];
+    key.data[keys] = pack_key(a, n + b, 0, 0, 0);
+    keys += gap < 0.0;
+  }
+  many[a] = static_cast<int32_t>(keys - first[a]);
+  return true;
+}
+
+// Pairs of a grain with smaller ones. False if there is no memory.
+bool Search::add_others(int64_t e, int64_t hits) {
+  const int64_t a = member[e];
+  if (!other.reserve(others + hits)) return false;
+  for (int64_t h = 0; h < hits; ++h) {
+    const int64_t f = hit.data[h] & 0xffffffff, over = hit.data[h] >> 48, b = member[f], sign = a < b ? 1 : -1;
+    const Column &one = column.data[hit.data[h] >> 32 & 0xffff];
+    const int64_t i = box_at[3 * f] - box_at[3 * e] - one.across[0], j = box_at[3 * f + 1] - box_at[3 * e + 1] - over;
+    const int64_t k = box_at[3 * f + 2] - box_at[3 * e + 2] - one.across[1];
+    too_far |= is_far(i) | is_far(j) | is_far(k);
+    other.data[others++] = pack_key(smaller(a, b), larger(a, b), sign * i, sign * j, sign * k);
+    ++more[smaller(a, b)];
+  }
+  return true;
+}
+
+// Pairs of all grains of a size with those of the same or of a smaller one. False if there is no memory.
+bool Search::search(const Size &from, const Size &to, bool own) {
+  const int64_t entry = start[from.first];
+  int64_t known[4] = {-1, -1, -1, -1}, around[3], home[3], widest[3];
+  for (int64_t k = 0; k < 3; ++k) widest[k] = bins_around(to, from.most + to.most + skin, k);
+  for (int64_t e = entry; e < entry + from.grains && !too_far; ++e) {
+    const double near = rim[e] + skin;
+    for (int64_t k = 0; k < 3; ++k) {
+      home[k] = bin_along(to, fraction_at[k][e], k);
+      // columns around grains of the same size are the same for all grains of a column
+      around[k] = own && k != 1 ? widest[k] : bins_around(to, near + to.most, k);
+    }
+    if (home[0] != known[0] || home[2] != known[1] || around[0] != known[2] || around[2] != known[3]) {
+      if (!find_columns(to, home, around)) return false;
+      known[0] = home[0], known[1] = home[2], known[2] = around[0], known[3] = around[2];
+    }
+    int64_t hits = 0;
+    if (!scan_columns(to, e, near, own ? member[e] : -1, home[1], around[1], hits)) return false;
+    if (!(own ? add_own(e, hits) : add_others(e, hits))) return false;
+  }
+  return true;
+}
+
+int order(const void *a, const void *b) {
+  const int64_t x = *static_cast<const int64_t *>(a), y = *static_cast<const int64_t *>(b);
+  return (x > y) - (x < y);
+}
+
+// Sorts keys, which are few except for grains much larger than their neighbours.
+void sort(int64_t *key, int64_t count) {
+  if (count > 64) return qsort(key, count, sizeof(int64_t), order);
+  for (int64_t c = 1; c < count; ++c) {
+    const int64_t one = key[c];
+    int64_t d = c;
+    for (; d > 0 && key[d - 1] > one; --d) key[d] = key[d - 1];
+    key[d] = one;
+  }
+}
+
+// Writes all keys in order, and the first row of each grain. False if there is no memory.
+bool Search::write_keys(int64_t *&out, int64_t *row) const {
+  row[0] = 0;
+  for (int64_t a = 0; a < n; ++a) row[a + 1] = row[a] + many[a] + more[a];
+  out = static_cast<int64_t *>(malloc((row[n] + 1) * sizeof(int64_t)));
+  if (!out) return false;
+  for (int64_t a = 0; a < n; ++a) memcpy(out + row[a] + more[a], key.data + first[a], many[a] * sizeof(int64_t));
+  for (int64_t c = 0; c < others; ++c) out[row[other.data[c] >> (BODY_BITS + 3 * IMAGE_BITS)] + --more[other.data[c] >> (BODY_BITS + 3 * IMAGE_BITS)]] = other.data[c];
+  for (int64_t a = 0; a < n; ++a) sort(out + row[a], row[a + 1] - row[a]);
+  return true;
+}
+
+}  // namespace
+
+struct Pairs {
+  int64_t *key;
+  int64_t *row;  // (N + 1,) first row of each grain
+  int64_t grains;
+  bool too_far;
+};
+
+Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
+                  int64_t walls, double skin) {
+  Search search(*grid, x, radius, normal, bodies, walls, skin);
+  const int64_t n = bodies - walls;
+  Pairs *pairs = static_cast<Pairs *>(calloc(1, sizeof(Pairs)));
+  if (!pairs) return nullptr;
+  pairs->grains = n;
+  pairs->row = static_cast<int64_t *>(malloc((n + 1) * sizeof(int64_t)));
+  if (pairs->row && search.run()) {
+    pairs->too_far = search.too_far;
+    if (search.too_far || search.write_keys(pairs->key, pairs->row)) return pairs;
+  }
+  free_pairs(pairs);
+  return nullptr;
+}
+
+int64_t count_pairs(const Pairs *pairs) { return pairs->too_far ? -1 : pairs->row[pairs->grains]; }
+
+void free_pairs(Pairs *pairs) {
+  free(pairs->key);
+  free(pairs->row);
+  free(pairs);
+}
+
+namespace {
+
+// Row of a key in a list, or −1.
+int64_t find_row(const Pairs &pairs, int64_t grain, int64_t key) {
+  if (grain >= pairs.grains) return -1;
+  int64_t low = pairs.row[grain], high = pairs.row[grain + 1];
+  while (low < high) {
+    const int64_t middle = (low + high) / 2;
+    if (pairs.key[middle] < key)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low < pairs.row[grain + 1] && pairs.key[low] == key ? low : -1;
+}
+
+void copy(double *to, int64_t row, const double *from, int64_t old_row, int64_t width) {
+  memcpy(to + row * width, from + old_row * width, width * sizeof(double));
+}
+
+// Copies the memory of every closed contact that is in both lists, and rolling memory also of open ones.
+void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list) {
+  const bool anchors = old.len_pair > 0 && list.len_pair > 0, rolls = old.rolling && list.rolling;
+  for (int64_t c = 0; c < old.count[0]; ++c) {
+    if (old.mode[c] == OPEN && !rolls) continue;
+    const int16_t *image = old.image + 3 * c;
+    const int64_t row = find_row(pairs, old.i[c], pack_key(old.i[c], old.j[c], image[0], image[1], image[2]));
+    if (row < 0) continue;
+    if (rolls) copy(list.rolling, row, old.rolling, c, 7);
+    if (old.mode[c] == OPEN) continue;
+    list.mode[row] = old.mode[c];
+    list.reached[row] = old.reached[c];
+    copy(list.slip, row, old.slip, c, 3);
+    if (!anchors) continue;
+    copy(list.pair, row, old.pair, c, 3);
+    copy(list.roll, row, old.roll, c, 3);
+  }
+}
+
+}  // namespace
+
+void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list) {
+  constexpr int64_t LOW = (1 << IMAGE_BITS) - 1, BODY = (1 << BODY_BITS) - 1;
+  const int64_t count = pairs->row[pairs->grains];
+  if (list->len_key > 0) memcpy(list->key, pairs->key, count * sizeof(int64_t));
+  for (int64_t c = 0; c < count; ++c) {
+    const int64_t key = pairs->key[c];
+    list->i[c] = static_cast<int32_t>(key >> (BODY_BITS + 3 * IMAGE_BITS));
+    list->j[c] = static_cast<int32_t>(key >> 3 * IMAGE_BITS & BODY);
+    for (int64_t m = 0; m < 3; ++m)
+      list->image[3 * c + m] = static_cast<int16_t>((key >> (2 - m) * IMAGE_BITS & LOW) - IMAGE_OFFSET);
+  }
+  copy_memory(*pairs, *old, *list);
+}
+
+double largest_displacement(const double *x, const double *origin, int64_t bodies) {
+  double most = 0.0;
+  for (int64_t a = 0; a < bodies; ++a) {
+    const double dx = x[3 * a] - origin[3 * a], dy = x[3 * a + 1] - origin[3 * a + 1];
+    const double dz = x[3 * a + 2] - origin[3 * a + 2], square = dx * dx + dy * dy + dz * dz;
+    if (!(square <= most)) most = square < INFINITY ? square : INFINITY;
+  }
+  return sqrt(most);
+}
