@@ -86,7 +86,7 @@ static double rolling_stiffness(const Law &law, const Pair &pair) {
   return pair.touches ? call(law.rolling, pair.q, pair.r_eff, pair.overlap, 0.0).first : 0.0;
 }
 
-// Add what a mobile or an imposed motion d of body a does with the loads f on its components from `first`.
+// Work of the loads f in a motion d of body a: of its free components from `first`, or of those that are not.
 static double work(const LedgerStep &step, bool free, int64_t a, int first, Vec<double> f, Vec<double> d) {
   return dot(f, only(step.free + 6 * a + first, free, d));
 }
@@ -146,7 +146,8 @@ static double imposed_work(const LedgerStep &step, int64_t c, const End &old, co
   int64_t i = step.after->i[c], j = step.after->j[c];
   Vec<double> force = now.force + old.force, turn = now.turn + old.turn;
   double sum = dot(now.force, transform(step.strain, now.pair.r)) + dot(old.force, transform(step.strain, old.pair.r));
-  sum += work(step, false, i, 0, force, vector_at(3, step.way, i)) - work(step, false, j, 0, force, vector_at(3, step.way, j));
+  sum += work(step, false, i, 0, force, vector_at(3, step.way, i));
+  sum -= work(step, false, j, 0, force, vector_at(3, step.way, j));
   sum += work(step, false, i, 3, turn, step.now->radius[i] * rotation(step, i));
   sum += work(step, false, j, 3, turn, step.now->radius[j] * rotation(step, j));
   return 0.5 * sum;

@@ -1,8 +1,8 @@
 #include "record.h"
 
 #include "blocks.h"
-#include "elastic.h"
 #include "memory.h"
+#include "pairs.h"
 
 namespace {
 
@@ -26,9 +26,9 @@ struct Sample {
   int64_t rows() const { return contacts.count[0]; }
 };
 
-void add_outer(double *out, Vec<double> a, Vec<double> b, double factor) {
-  const double left[3] = {a.x, a.y, a.z}, right[3] = {b.x, b.y, b.z};
-  for (int k = 0; k < 9; ++k) out[k] += factor * left[k / 3] * right[k % 3];
+void add_square(double *out, double factor, Vec<double> a) {  // factor a ⊗ a
+  const double entry[3] = {a.x, a.y, a.z};
+  for (int k = 0; k < 9; ++k) out[k] += factor * entry[k / 3] * entry[k % 3];
 }
 
 void displacement(const Sample &s, double *out) {
@@ -49,20 +49,14 @@ void center(const Sample &s, double *out) {
   for (int64_t k = 0; k < 3 * s.grains; ++k) out[k % 3] += s.bodies.position[k] / double(s.grains);
 }
 
-void virial(const Sample &s, double *out) {
-  for (int64_t c = 0; c < s.rows(); ++c)
-    if (s.closed(c) && s.contacts.j[c] < s.grains) {
-      const ElasticPair pair = elastic_pair(s.law, s.dim, s.bodies, s.contacts, s.shift, c);
-      add_outer(out, pair.force, pair.r, 1.0);
-    }
-}
+void virial(const Sample &s, double *out) { add_virial(&s.law, s.dim, &s.bodies, &s.contacts, s.shift, out); }
 
 void fabric(const Sample &s, double *out) {
   int64_t closed = 0;
   for (int64_t c = 0; c < s.rows(); ++c)
     if (s.closed(c)) {
       const Vec<double> n = pair_at(s.law, s.dim, s.bodies, s.contacts, s.shift, c).n;
-      add_outer(out, n, n, 1.0);
+      add_square(out, 1.0, n);
       ++closed;
     }
   for (int k = 0; k < 9; ++k) out[k] /= closed ? double(closed) : 1.0;
@@ -71,7 +65,7 @@ void fabric(const Sample &s, double *out) {
 void momentum_flux(const Sample &s, double *out) {
   for (int64_t a = 0; a < s.grains; ++a) {
     const Vec<double> v = vector_at(3, s.bodies.velocity, a);
-    add_outer(out, v, v, s.writing.mass[a]);
+    add_square(out, s.writing.mass[a], v);
   }
 }
 
@@ -124,7 +118,8 @@ bool has_friction(const Law &law) {
 // Adds the contacts between bodies that are not loose to the number of each body, or of its rigid group.
 void count_contacts(const Sample &s, const int64_t *unit, const bool *loose, int64_t *number) {
   for (int64_t c = 0; c < s.rows(); ++c) {
-    const int64_t i = unit ? unit[s.contacts.i[c]] : s.contacts.i[c], j = unit ? unit[s.contacts.j[c]] : s.contacts.j[c];
+    int64_t i = s.contacts.i[c], j = s.contacts.j[c];
+    if (unit) i = unit[i], j = unit[j];
     if (!s.closed(c) || i == j || loose[i] || loose[j]) continue;
     ++number[i];
     ++number[j];
@@ -163,7 +158,8 @@ bool sample(const Law &law, int64_t dim, int64_t k, const Bodies &bodies, const 
       !scratch.take(number, bodies.len_radius))
     return false;
   find_shifts(contacts.image, contacts.count[0], vectors, shift);
-  Sample s = {law, int(dim), bodies, contacts, shift, vectors, writing, time, bodies.len_radius - bodies.len_normal, {}};
+  const int64_t grains = bodies.len_radius - bodies.len_normal;
+  Sample s = {law, int(dim), bodies, contacts, shift, vectors, writing, time, grains, {}};
   s.rattlers = count_rattlers(s, loose, number);
   double *row = writing.series + columns() * k, *track = writing.tracks + 6 * writing.len_probes * k;
   memset(row, 0, columns() * sizeof *row);
