@@ -17,10 +17,10 @@ constexpr int64_t BODY_BITS = 21, IMAGE_BITS = 7, IMAGE_OFFSET = 1 << (IMAGE_BIT
 constexpr int64_t OPEN = 0;
 constexpr int64_t PAD = 8;  // entries that may be read beyond the last one
 constexpr int64_t MOST_SIZES = 16;
-constexpr double SPREAD = 2.0;  // largest ratio of radii within a size
+constexpr double SPREAD = 3.0;  // largest ratio of radii within a size
 constexpr double FEW = 0.5;     // a size with fewer grains, relative to the next larger one, is merged with that
 constexpr int64_t BINS_PER_REACH[] = {1, 3, 1};  // columns along the second axis have shorter bins
-constexpr double MOST_BOXES = 1 << 15;  // along one axis within the range of a grain
+constexpr int64_t MOST_BOXES = 1 << 15;  // along one axis within the range of a grain
 
 inline int64_t pack_key(int64_t i, int64_t j, int64_t a, int64_t b, int64_t c) {
   const int64_t bodies = i << BODY_BITS | j, images = (a + IMAGE_OFFSET) << IMAGE_BITS | (b + IMAGE_OFFSET);
@@ -29,7 +29,9 @@ inline int64_t pack_key(int64_t i, int64_t j, int64_t a, int64_t b, int64_t c) {
 
 inline bool is_far(int64_t image) { return image >= IMAGE_OFFSET || image <= -IMAGE_OFFSET; }
 
-inline int64_t floor_divide(int64_t a, int64_t b) { return a / b - (a % b < 0); }
+inline int64_t floor_divide(int64_t a, int64_t b) { return a >= 0 && a < b ? 0 : a / b - (a % b < 0); }
+
+inline int64_t floor_to_int(double a) { return static_cast<int64_t>(floor(a)); }
 
 template <class T>
 inline T smaller(T a, T b) {
@@ -52,7 +54,7 @@ struct Size {
   double most;          // largest radius
   int64_t grains;
   double low[3], high[3];  // range of fractional coordinates
-  double span[3];       // [length]
+  double dense[3];      // bins per length; zero if all grains are in one bin, and in no other box
   double scale[3];      // bins per fractional coordinate
   int64_t number[3];    // bins along each axis
   int64_t stride[3];
@@ -63,6 +65,22 @@ struct Column {  // of bins near a grain
   int64_t first;      // bin
   int64_t across[2];  // boxes crossed along the first and third axis
   double shift[3];
+};
+
+struct Range {  // of entries
+  int64_t from, to;
+};
+
+struct Window {  // of bins near a grain; beyond those of the box are those of its images
+  int64_t low[3], high[3];
+  int64_t home[3];  // bin of the grain
+
+  bool has_same_columns(const Window &other) const {
+    bool same = true;
+    for (int64_t k = 0; k < 3; k += 2)
+      same &= low[k] == other.low[k] && high[k] == other.high[k] && home[k] == other.home[k];
+    return same;
+  }
 };
 
 template <class T>
@@ -88,18 +106,8 @@ class Search {
          double skin)
       : grid(grid), x(x), radius(radius), normal(normal), n(bodies - walls), walls(walls), skin(skin) {}
 
-  bool run() {
-    if (!take_arrays()) return false;
-    wrap_positions();
-    assign_sizes();
-    if (!sort_into_bins()) return false;
-    for (int64_t k = 0; k < sizes && !too_far; ++k)
-      for (int64_t l = 0; l <= k && !too_far; ++l)
-        if (!search(size[k], size[l], k == l)) return false;
-    return true;
-  }
-
-  bool write_keys(int64_t *&key, int64_t *row) const;
+  bool run();  // false if there is no memory
+  bool write_keys(int64_t *&key, int64_t *row);  // sorted, and the first row of each grain
 
   bool too_far = false;
 
@@ -109,16 +117,15 @@ class Search {
   void assign_sizes();
   void lay_out_bins(Size &one) const;
   bool sort_into_bins();
-  int64_t bin_along(const Size &one, double f, int64_t k) const {
-    return bounded(static_cast<int64_t>((f - one.low[k]) * one.scale[k]), int64_t{0}, one.number[k] - 1);
-  }
-  int64_t bins_around(const Size &one, double reach, int64_t k);
-  bool find_columns(const Size &to, const int64_t *home, const int64_t *around);
-  int64_t scan(int64_t from, int64_t to, const double *s, double near, int32_t least, int64_t code, int64_t hits) const;
+  int64_t bin_along(const Size &one, double f, int64_t k) const;
+  void find_window(const Size &to, int64_t e, const int64_t *wide, Window &out);
+  double cost(const Size &from, const Size &to) const;
+  bool find_columns(const Size &to, const Window &window, bool own);
+  int64_t scan(Range range, const double *s, double near, int64_t code, int64_t hits) const;
+  bool scan_columns(const Size &to, int64_t e, const Window &window, bool own, int64_t &hits);
   bool search(const Size &from, const Size &to, bool own);
-  bool scan_columns(const Size &to, int64_t e, double near, int32_t least, int64_t home, int64_t around, int64_t &hits);
-  bool add_own(int64_t e, int64_t hits);
-  bool add_others(int64_t e, int64_t hits);
+  bool add_pairs(int64_t e, int64_t hits);
+  bool add_walls();
 
   const Grid &grid;
   const double *x, *radius, *normal;
@@ -130,28 +137,38 @@ class Search {
   int32_t *box;      // (N, 3)
   uint8_t *size_of;
   int32_t *place;  // bin
-  int64_t *first;  // key of a pair with a grain of the same size, or a wall
-  int32_t *many;   // keys from there on
-  int32_t *more;   // pairs with grains of other sizes
+  int64_t *many;   // pairs in which a grain is the first
   // of grains sorted into bins
   int32_t *member;
-  double *at[3], *rim;      // position in box 0, and radius
+  double *at[3], *rim;  // position in box 0, and radius
   double *fraction_at[3];
-  int32_t *box_at;          // (N, 3)
-  int32_t *start;           // (bins + 1,)
+  int32_t *box_at;  // (N, 3)
+  int32_t *start;   // (bins + 1,)
   Size size[MOST_SIZES];
-  int64_t sizes = 0;
+  int64_t sizes = 0, columns = 0, keys = 0;
   Growing<Column> column;  // near a grain
-  int64_t columns = 0;
-  Growing<int64_t> hit, key, other;  // pairs of one grain, of grains of the same size, and of other grains
-  int64_t keys = 0, others = 0;
+  Growing<Range> range;    // in each of these
+  Growing<int64_t> hit;    // entries near a grain
+  Growing<int64_t> key;    // of all pairs
 };
+
+bool Search::run() {
+  if (!take_arrays()) return false;
+  wrap_positions();
+  assign_sizes();
+  if (!sort_into_bins()) return false;
+  for (int64_t k = 0; k < sizes; ++k)
+    for (int64_t l = 0; l <= k && !too_far; ++l) {
+      const bool swap = cost(size[l], size[k]) < cost(size[k], size[l]);
+      if (!search(size[swap ? l : k], size[swap ? k : l], k == l)) return false;
+    }
+  return add_walls();
+}
 
 bool Search::take_arrays() {
   bool found = scratch.take(fraction, 3 * n) && scratch.take_zeros(box, 3 * n) && scratch.take(size_of, n) &&
-               scratch.take(place, n) && scratch.take(first, n) && scratch.take(many, n) &&
-               scratch.take_zeros(more, n) && scratch.take(member, n + PAD) && scratch.take(rim, n + PAD) &&
-               scratch.take(box_at, 3 * n) && hit.reserve(1024) && key.reserve(8 * n + walls);
+               scratch.take(place, n) && scratch.take_zeros(many, n) && scratch.take(member, n) &&
+               scratch.take(rim, n + PAD) && scratch.take(box_at, 3 * n) && key.reserve(6 * n);
   for (int64_t k = 0; k < 3; ++k) found = found && scratch.take(at[k], n + PAD) && scratch.take(fraction_at[k], n);
   return found;
 }
@@ -201,10 +218,11 @@ void Search::assign_sizes() {
 // Bins along each axis. One that is as long as the range of a grain is enough where a column is crossed.
 void Search::lay_out_bins(Size &one) const {
   const double reach = 2 * one.most + skin;
+  double span[3];
   int64_t limit = 8 * one.grains + static_cast<int64_t>(ceil(cbrt(4.0 * one.grains))) + 1;
   for (int64_t k = 0; k < 3; ++k) {
-    one.span[k] = (one.high[k] - one.low[k]) * grid.height[k];
-    one.number[k] = static_cast<int64_t>(bounded(one.span[k] / reach * BINS_PER_REACH[k], 1.0, 1e6));
+    span[k] = (one.high[k] - one.low[k]) * grid.height[k];
+    one.number[k] = static_cast<int64_t>(bounded(span[k] / reach * BINS_PER_REACH[k], 1.0, 1e6));
   }
   for (;;) {
     int64_t k = one.number[1] > one.number[0], all = one.number[0] * one.number[1] * one.number[2];
@@ -212,11 +230,18 @@ void Search::lay_out_bins(Size &one) const {
     if (all <= limit) break;
     one.number[k] = (one.number[k] + 1) / 2;
   }
-  // else the extent may be 0 or tiny
-  for (int64_t k = 0; k < 3; ++k) one.scale[k] = one.number[k] > 1 ? one.number[k] / (one.high[k] - one.low[k]) : 0.0;
+  for (int64_t k = 0; k < 3; ++k) {
+    const bool divided = span[k] > 0.0 && (grid.periodic[k] || one.number[k] > 1);  // else it may be 0 or tiny
+    one.scale[k] = divided ? one.number[k] / (one.high[k] - one.low[k]) : 0.0;
+    one.dense[k] = divided ? one.number[k] / span[k] : 0.0;
+  }
   one.stride[0] = one.number[1];
   one.stride[1] = 1;
   one.stride[2] = one.number[0] * one.number[1];
+}
+
+inline int64_t Search::bin_along(const Size &one, double f, int64_t k) const {
+  return bounded(static_cast<int64_t>((f - one.low[k]) * one.scale[k]), int64_t{0}, one.number[k] - 1);
 }
 
 bool Search::sort_into_bins() {
@@ -259,32 +284,42 @@ bool Search::sort_into_bins() {
       box_at[3 * e + m] = box[3 * a + m];
     }
   }
-  for (int64_t e = n; e < n + PAD; ++e) member[e] = -1, rim[e] = at[0][e] = at[1][e] = at[2][e] = 0.0;
+  for (int64_t e = n; e < n + PAD; ++e) rim[e] = at[0][e] = at[1][e] = at[2][e] = 0.0;
   return true;
 }
 
-// Bins to search on either side.
-int64_t Search::bins_around(const Size &one, double reach, int64_t k) {
-  const bool periodic = grid.periodic[k];
-  if (!(one.span[k] > 0.0) || !(periodic || one.number[k] > 1)) return 0;
-  const double around = ceil(reach * one.number[k] / one.span[k]);
-  if (!periodic) return static_cast<int64_t>(bounded(around, 0.0, static_cast<double>(one.number[k])));
-  const double most = MOST_BOXES * one.number[k];
-  too_far |= !(around <= most);
-  return static_cast<int64_t>(bounded(around, 0.0, most));
+// Bins within range of an entry. Its columns are those within range of any grain of its column if `wide` says how many.
+inline void Search::find_window(const Size &to, int64_t e, const int64_t *wide, Window &out) {
+  for (int64_t k = 0; k < 3; ++k) {
+    const int64_t most = grid.periodic[k] ? MOST_BOXES * to.number[k] : 0, home = bin_along(to, fraction_at[k][e], k);
+    double middle = (fraction_at[k][e] - to.low[k]) * to.scale[k];
+    double half = (rim[e] + to.most + skin) * to.dense[k] + 1e-6;  // more than the error of coordinates
+    if (wide && k != 1) middle = home, half = wide[k];
+    too_far |= most && !(half < most);
+    out.low[k] = floor_to_int(bounded(middle - half, -1.0 * most, to.number[k] - 1.0));
+    out.high[k] = floor_to_int(bounded(middle + half, 0.0, to.number[k] - 1.0 + most));
+    out.home[k] = wide ? home : 0;
+  }
 }
 
-// Columns of bins around a bin, the boxes crossed, and the shifts of positions. False if there is no memory.
-bool Search::find_columns(const Size &to, const int64_t *home, const int64_t *around) {
-  const double need = (2.0 * around[0] + 1) * (2.0 * around[2] + 1);
+// Number of columns to be searched for pairs of a size with another one.
+double Search::cost(const Size &from, const Size &to) const {
+  double found = static_cast<double>(from.grains);
+  for (int64_t k = 0; k < 3; k += 2) found *= 2.0 * (from.most + to.most + skin) * to.dense[k] + 1.0;
+  return found;
+}
+
+// Columns of bins in a window, the boxes crossed, and the shifts of positions. With `own`, only that of the grain,
+// as the first one, and those after it, so that each pair of columns is found once.
+bool Search::find_columns(const Size &to, const Window &window, bool own) {
+  const double need = (window.high[0] - window.low[0] + 1.0) * (window.high[2] - window.low[2] + 1.0);
   columns = 0;
   too_far |= need >= 1 << 16;
   if (too_far) return true;
-  if (!column.reserve(static_cast<int64_t>(need))) return false;
-  for (int64_t t = home[2] - around[2]; t <= home[2] + around[2]; ++t)
-    for (int64_t u = home[0] - around[0]; u <= home[0] + around[0]; ++u) {
+  if (!column.reserve(static_cast<int64_t>(need)) || !range.reserve(static_cast<int64_t>(need))) return false;
+  for (int64_t t = own ? window.home[2] : window.low[2]; t <= window.high[2]; ++t)
+    for (int64_t u = own && t == window.home[2] ? window.home[0] : window.low[0]; u <= window.high[0]; ++u) {
       const int64_t i = floor_divide(u, to.number[0]), k = floor_divide(t, to.number[2]);
-      if ((i != 0 && !grid.periodic[0]) || (k != 0 && !grid.periodic[2])) continue;
       Column &one = column.data[columns++];
       one.first = to.first + (u - i * to.number[0]) * to.stride[0] + (t - k * to.number[2]) * to.stride[2];
       one.across[0] = i;
@@ -294,119 +329,104 @@ bool Search::find_columns(const Size &to, const int64_t *home, const int64_t *ar
   return true;
 }
 
-// Writes the entries within range of a point to `hit`, and returns the end of the hits. All are written and few are
-// counted, which is cheaper than a branch that cannot be predicted.
-inline int64_t Search::scan(int64_t from, int64_t to, const double *s, double near, int32_t least, int64_t code,
-                            int64_t hits) const {
+// Writes the entries of a range that are near a point to `hit`, and returns the end of the hits. All are written and
+// few are counted, which is cheaper than a branch that cannot be predicted.
+inline int64_t Search::scan(Range range, const double *s, double near, int64_t code, int64_t hits) const {
   int64_t *out = hit.data;
   const double *px = at[0], *py = at[1], *pz = at[2], *pr = rim;
 #ifdef __AVX512F__
   const __m512d sx = _mm512_set1_pd(s[0]), sy = _mm512_set1_pd(s[1]), sz = _mm512_set1_pd(s[2]);
-  const __m512d nr = _mm512_set1_pd(near);
-  const __m256i low = _mm256_set1_epi32(least);
-  __m512i id = _mm512_add_epi64(_mm512_set1_epi64(code + from), _mm512_set_epi64(7, 6, 5, 4, 3, 2, 1, 0));
-  for (int64_t f = from; f < to; f += 8) {
-    const __m512d dx = _mm512_sub_pd(sx, _mm512_loadu_pd(px + f)), dy = _mm512_sub_pd(sy, _mm512_loadu_pd(py + f));
-    const __m512d dz = _mm512_sub_pd(sz, _mm512_loadu_pd(pz + f)), reach = _mm512_add_pd(nr, _mm512_loadu_pd(pr + f));
-    const __m512d square = _mm512_add_pd(_mm512_add_pd(_mm512_mul_pd(dx, dx), _mm512_mul_pd(dy, dy)), _mm512_mul_pd(dz, dz));
-    __mmask8 close = to - f >= 8 ? 255 : (1 << (to - f)) - 1;
-    close = _mm512_mask_cmp_pd_mask(close, square, _mm512_mul_pd(reach, reach), _CMP_LT_OQ);
-    close = _mm256_mask_cmp_epi32_mask(close, _mm256_loadu_si256((const __m256i *)(member + f)), low, _MM_CMPINT_NLT);
-    _mm512_storeu_si512(out + hits, _mm512_maskz_compress_epi64(close, id));
+  const __m512d all = _mm512_set1_pd(near);
+  const __m512i step = _mm512_set_epi64(7, 6, 5, 4, 3, 2, 1, 0);
+  for (int64_t f = range.from; f < range.to; f += 8) {
+    const __m512d dx = sx - _mm512_loadu_pd(px + f), dy = sy - _mm512_loadu_pd(py + f);
+    const __m512d dz = sz - _mm512_loadu_pd(pz + f), reach = all + _mm512_loadu_pd(pr + f);
+    const __mmask8 within = _bzhi_u32(255, smaller(range.to - f, int64_t{8}));
+    const __mmask8 close = _mm512_mask_cmp_pd_mask(within, dx * dx + dy * dy + dz * dz, reach * reach, _CMP_LT_OQ);
+    _mm512_storeu_si512(out + hits, _mm512_maskz_compress_epi64(close, _mm512_set1_epi64(code + f) + step));
     hits += __builtin_popcount(close);
-    id = _mm512_add_epi64(id, _mm512_set1_epi64(8));
   }
 #else
-  for (int64_t f = from; f < to; ++f) {
+  for (int64_t f = range.from; f < range.to; ++f) {
     const double dx = s[0] - px[f], dy = s[1] - py[f], dz = s[2] - pz[f], reach = near + pr[f];
     out[hits] = code + f;
-    hits += (dx * dx + dy * dy + dz * dz < reach * reach) & (member[f] >= least);
+    hits += dx * dx + dy * dy + dz * dz < reach * reach;
   }
 #endif
   return hits;
 }
 
-// Pairs of an entry with those in a part of each column. False if there is no memory.
-bool Search::scan_columns(const Size &to, int64_t e, double near, int32_t least, int64_t home, int64_t around,
-                          int64_t &hits) {
-  int64_t from_bin = home - around, to_bin = home + around;
-  int64_t from_box = floor_divide(from_bin, to.number[1]), to_box = floor_divide(to_bin, to.number[1]);
-  if (!grid.periodic[1]) from_box = to_box = 0;
-  for (int64_t over = from_box; over <= to_box; ++over) {
-    const int64_t low = larger(from_bin - over * to.number[1], int64_t{0});
-    const int64_t high = smaller(to_bin - over * to.number[1], to.number[1] - 1) + 1;
+// Entries near one, in the part of each column that is in the window. False if there is no memory.
+inline bool Search::scan_columns(const Size &to, int64_t e, const Window &window, bool own, int64_t &hits) {
+  const int64_t last_box = floor_divide(window.high[1], to.number[1]);
+  hits = 0;
+  for (int64_t over = floor_divide(window.low[1], to.number[1]); over <= last_box; ++over) {
+    const int64_t low = larger(window.low[1] - over * to.number[1], int64_t{0});
+    const int64_t high = smaller(window.high[1] - over * to.number[1], to.number[1] - 1) + 1;
+    int64_t need = hits + PAD;
     for (int64_t c = 0; c < columns; ++c) {
-      const Column &one = column.data[c];
-      const int64_t from = start[one.first + low], end = start[one.first + high];
-      if (from == end) continue;
-      if (!hit.reserve(hits + end - from + PAD)) return false;
-      double s[3];
-      for (int64_t m = 0; m < 3; ++m) s[m] = at[m][e] - one.shift[m] - over * grid.vectors[3 + m];
-      hits = scan(from, end, s, near, least, over << 48 | c << 32, hits);
+      range.data[c] = {start[column.data[c].first + low], start[column.data[c].first + high]};
+      need += range.data[c].to - range.data[c].from;
+    }
+    if (own && over <= 0) range.data[0].from = over < 0 ? range.data[0].to : e + 1;
+    if (!hit.reserve(need)) return false;
+    double s[3], p[3];
+    for (int64_t m = 0; m < 3; ++m) s[m] = at[m][e] - over * grid.vectors[3 + m];
+    for (int64_t c = 0; c < columns; ++c) {
+      for (int64_t m = 0; m < 3; ++m) p[m] = s[m] - column.data[c].shift[m];
+      hits = scan(range.data[c], p, rim[e] + skin, over << 48 | c << 32, hits);
     }
   }
   return true;
 }
 
-// Pairs of a grain with others of the same size and with walls. False if there is no memory.
-bool Search::add_own(int64_t e, int64_t hits) {
-  const int64_t a = member[e], own = pack_key(a, a, 0, 0, 0);
-  if (!key.reserve(keys + hits + walls)) return false;
-  first[a] = keys;
-  for (int64_t h = 0; h < hits; ++h) {
-    const int64_t f = hit.data[h] & 0xffffffff, over = hit.data[h] >> 48;
-    const Column &one = column.data[hit.data[h] >> 32 & 0xffff];
-    const int64_t i = box_at[3 * f] - box_at[3 * e] - one.across[0], j = box_at[3 * f + 1] - box_at[3 * e + 1] - over;
-    const int64_t k = box_at[3 * f + 2] - box_at[3 * e + 2] - one.across[1];
-    too_far |= is_far(i) | is_far(j) | is_far(k);
-    key.data[keys] = pack_key(a, member[f], i, j, k);
-    keys += key.data[keys] > own;
-  }
-  for (int64_t b = 0; b < walls; ++b) {
-    double gap = -radius[a] - skin;
-    for (int64_t k = 0; k < 3; ++k) gap += (x[3 * a + k] - x[3 * (n + b) + k]) * normal[3 * b + k];
-    key.data[keys] = pack_key(a, n + b, 0, 0, 0);
-    keys += gap < 0.0;
-  }
-  many[a] = static_cast<int32_t>(keys - first[a]);
-  return true;
-}
-
-// Pairs of a grain with smaller ones. False if there is no memory.
-bool Search::add_others(int64_t e, int64_t hits) {
+// Pairs of an entry with those that were hit. False if there is no memory.
+inline bool Search::add_pairs(int64_t e, int64_t hits) {
+  if (!key.reserve(keys + hits)) return false;
   const int64_t a = member[e];
-  if (!other.reserve(others + hits)) return false;
   for (int64_t h = 0; h < hits; ++h) {
-    const int64_t f = hit.data[h] & 0xffffffff, over = hit.data[h] >> 48, b = member[f], sign = a < b ? 1 : -1;
+    const int64_t f = hit.data[h] & 0xffffffff, over = hit.data[h] >> 48, b = member[f];
     const Column &one = column.data[hit.data[h] >> 32 & 0xffff];
     const int64_t i = box_at[3 * f] - box_at[3 * e] - one.across[0], j = box_at[3 * f + 1] - box_at[3 * e + 1] - over;
     const int64_t k = box_at[3 * f + 2] - box_at[3 * e + 2] - one.across[1];
     too_far |= is_far(i) | is_far(j) | is_far(k);
-    other.data[others++] = pack_key(smaller(a, b), larger(a, b), sign * i, sign * j, sign * k);
-    ++more[smaller(a, b)];
+    const int64_t forward = pack_key(a, b, i, j, k), backward = pack_key(b, a, -i, -j, -k);
+    // a grain and its own image: that which comes first among the images
+    key.data[keys++] = a < b || (a == b && forward > backward) ? forward : backward;
+    ++many[smaller(a, b)];
   }
   return true;
 }
 
-// Pairs of all grains of a size with those of the same or of a smaller one. False if there is no memory.
+// Pairs of all grains with walls. False if there is no memory.
+bool Search::add_walls() {
+  for (int64_t a = 0; a < n && walls > 0; ++a) {
+    if (!key.reserve(keys + walls)) return false;
+    for (int64_t b = 0; b < walls; ++b) {
+      double gap = -radius[a] - skin;
+      for (int64_t k = 0; k < 3; ++k) gap += (x[3 * a + k] - x[3 * (n + b) + k]) * normal[3 * b + k];
+      key.data[keys] = pack_key(a, n + b, 0, 0, 0);
+      keys += gap < 0.0;
+      many[a] += gap < 0.0;
+    }
+  }
+  return true;
+}
+
+// Pairs of all grains of a size with those of another or of the same size. False if there is no memory.
 bool Search::search(const Size &from, const Size &to, bool own) {
   const int64_t entry = start[from.first];
-  int64_t known[4] = {-1, -1, -1, -1}, around[3], home[3], widest[3];
-  for (int64_t k = 0; k < 3; ++k) widest[k] = bins_around(to, from.most + to.most + skin, k);
+  int64_t wide[3], hits;
+  Window window, known = {};
+  columns = 0;
+  for (int64_t k = 0; k < 3; ++k) wide[k] = floor_to_int(bounded(ceil((2 * to.most + skin) * to.dense[k]), 0.0, 1e9));
   for (int64_t e = entry; e < entry + from.grains && !too_far; ++e) {
-    const double near = rim[e] + skin;
-    for (int64_t k = 0; k < 3; ++k) {
-      home[k] = bin_along(to, fraction_at[k][e], k);
-      // columns around grains of the same size are the same for all grains of a column
-      around[k] = own && k != 1 ? widest[k] : bins_around(to, near + to.most, k);
+    find_window(to, e, own ? wide : nullptr, window);
+    if (!columns || !window.has_same_columns(known)) {
+      if (!find_columns(to, window, own)) return false;
+      known = window;
     }
-    if (home[0] != known[0] || home[2] != known[1] || around[0] != known[2] || around[2] != known[3]) {
-      if (!find_columns(to, home, around)) return false;
-      known[0] = home[0], known[1] = home[2], known[2] = around[0], known[3] = around[2];
-    }
-    int64_t hits = 0;
-    if (!scan_columns(to, e, near, own ? member[e] : -1, home[1], around[1], hits)) return false;
-    if (!(own ? add_own(e, hits) : add_others(e, hits))) return false;
+    if (!scan_columns(to, e, window, own, hits) || !add_pairs(e, hits)) return false;
   }
   return true;
 }
@@ -427,14 +447,15 @@ void sort(int64_t *key, int64_t count) {
   }
 }
 
-// Writes all keys in order, and the first row of each grain. False if there is no memory.
-bool Search::write_keys(int64_t *&out, int64_t *row) const {
+bool Search::write_keys(int64_t *&out, int64_t *row) {
   row[0] = 0;
-  for (int64_t a = 0; a < n; ++a) row[a + 1] = row[a] + many[a] + more[a];
-  out = static_cast<int64_t *>(malloc((row[n] + 1) * sizeof(int64_t)));
+  for (int64_t a = 0; a < n; ++a) row[a + 1] = row[a] + many[a];
+  out = static_cast<int64_t *>(malloc((keys + 1) * sizeof(int64_t)));
   if (!out) return false;
-  for (int64_t a = 0; a < n; ++a) memcpy(out + row[a] + more[a], key.data + first[a], many[a] * sizeof(int64_t));
-  for (int64_t c = 0; c < others; ++c) out[row[other.data[c] >> (BODY_BITS + 3 * IMAGE_BITS)] + --more[other.data[c] >> (BODY_BITS + 3 * IMAGE_BITS)]] = other.data[c];
+  for (int64_t c = 0; c < keys; ++c) {
+    const int64_t a = key.data[c] >> (BODY_BITS + 3 * IMAGE_BITS);
+    out[row[a] + --many[a]] = key.data[c];
+  }
   for (int64_t a = 0; a < n; ++a) sort(out + row[a], row[a + 1] - row[a]);
   return true;
 }
