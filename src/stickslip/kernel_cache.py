@@ -46,7 +46,7 @@ _SETTINGS = (
     "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS", "EXTEND_VARIABLE_LIFETIMES", "DEBUG_NRT", "PARFOR_MAX_TUPLE_SIZE",
 )  # fmt: skip
 # modules that find functions of another one when types are inferred, without an import
-_LOOKED_UP = {"stickslip.core.laws.dispatch": ("stickslip.core.laws.user",)}
+_LOOKED_UP = {"stickslip.core.laws.oracle": ("stickslip.core.laws.user",)}
 
 
 # ---- the folder

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import dispatch as kinds
+from stickslip.core.laws import kinds
 from stickslip.core.laws.builtin import parameter_names
 from stickslip.data import archive
 from stickslip.data.sample import PackingError
@@ -61,7 +61,6 @@ def folder(tmp_path):
 
 def forget(law, monkeypatch):
     """As in another process: the law is not known."""
-    monkeypatch.delitem(kinds.COMPILED, law.kind)
     monkeypatch.delitem(kinds.USER_LAWS, law.kind)
 
 

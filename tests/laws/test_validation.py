@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import dispatch as kinds
+from stickslip.core.laws import kinds
 
 SCALE = 2.0
 TABLE = [1.0, 2.0]

@@ -10,7 +10,7 @@ import stickslip as ss
 from stickslip.builtin_laws import BUILTIN_LAWS, NAMES
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws import builtin as laws
-from stickslip.core.laws import dispatch as kinds
+from stickslip.core.laws import oracle
 from stickslip.data.sample import LAWS
 from tests.conftest import make_law, make_packing, stirred
 
@@ -244,7 +244,7 @@ def test_bad_input_is_one_clear_sentence(make, words):
         make()
 
 
-@pytest.mark.parametrize(("prepared", "times"), [(kinds.as_numpy_integers, 1), (lambda number: (number,), 3)])
+@pytest.mark.parametrize(("prepared", "times"), [(oracle.as_numpy_integers, 1), (lambda number: (number,), 3)])
 def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
     """A kind reaches it as a plain integer, which is folded in the kernel; a literal would be compiled for apart."""
 

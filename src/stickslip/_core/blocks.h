@@ -8,6 +8,7 @@
 // of the number of threads and of the memory order.
 #pragma once
 #include "core.h"
+#include "memory.h"
 
 constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, three of a torque, two zeros
 // the code of a row of loads that a body sums is ROW times its number, plus flags. IS_I: the body is i of that pair, so
@@ -17,12 +18,6 @@ constexpr int64_t PREFETCH_DISTANCE = 16;  // rows; `code` is that much longer t
 // modes of contacts in blocks. STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; LOOSE: it slides
 // because its limit is zero, and has not been at a limit
 constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
-
-template <class T>
-struct Buffer {  // memory that is kept while it is long enough; new memory costs more than writing to it
-  T *data;
-  int64_t room;
-};
 
 struct Blocks {  // zero-initialised; T tiles, K blocks
   int64_t count;  // K

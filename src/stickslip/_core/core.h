@@ -76,10 +76,53 @@ struct Moving {
   int64_t len_share;
 };
 
+// Time step, drag factors and drags, for translations and for rotations
+struct Pace {
+  double dt;
+  double keep;  // 1 − ν dt/2
+  double slow;  // 1/(1 + ν dt/2)
+  double keep_t;
+  double slow_t;
+  double drag;
+  double spin_drag;
+};
+
+constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5, NO_MEMORY = 6;
+
+constexpr int64_t MOST_THREADS = 256;
+
 struct Blocks;  // see blocks.h
 
-API Blocks *new_blocks(void);
+API Blocks *new_blocks(void);  // null if there is no memory
 API void free_blocks(Blocks *blocks);
+API void clear_blocks(Blocks *blocks);  // frees memory and leaves no block
+API void commit_blocks(const Blocks *blocks, const Contacts *contacts);  // writes slips and modes back to the list
+// Commits the old blocks, then chooses blocks for all pairs that may touch within the displacement limits `room` (B,).
+// `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix if there is a frame.
+// Returns false, without any block, if there is no memory.
+API uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *moving, const double *inverse_mass,
+                          const int64_t *material, const double *normal, int64_t walls, const double *vectors,
+                          const double *across, const double *room, double gap, int64_t materials, uint8_t by_size,
+                          uint8_t by_mass);
+
+// Morton keys (n,) of points (3, n) in cells of `size`; coordinates must not be negative
+API void morton_keys(const double *x, int64_t n, double size, int64_t *key);
+API void speeds(const Moving *moving, double *out);  // (2,) largest and root-mean-square speed
+// Limit of each body until blocks are chosen again: `base` + `span` times its speed, within bounds
+API void displacement_limits(const Moving *moving, double base, double span, double least, double most, double *room);
+// Reduces `room` so that no body moves further than `most` from its `origin`, which is in the state's order. Returns
+// false if this takes more than half of any body's limit.
+API uint8_t limit_displacements(const Moving *moving, const double *origin, double most, double *room);
+// Copies bodies from the state's order; `kick` and `kick_t` are half a time step over mass and over inertia
+API void gather_bodies(const Moving *moving, const Bodies *bodies, const double *kick, const double *kick_t);
+API void scatter_bodies(const Moving *moving, const Bodies *bodies);  // copies bodies back to the state's order
+// Writes the pair vectors and angles of touching contacts, unless the outputs are null. Returns true if they are those
+// of the committed memory.
+API uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle,
+                            const double *radius, const double *vectors, double *pair, double *roll);
+API int64_t find_not_finite(const Moving *moving);  // first body with a non-finite coordinate or angle, or −1
+API int64_t find_runaway(const Moving *moving, double dt);  // first that moves more than its radius in a step, or −1
 
 // ---- contact laws
 
@@ -187,6 +230,142 @@ API void fault_trial(const Fault *fault, const FaultStep *step, int64_t stage);
 API uint8_t fault_stage(const Fault *fault, const FaultStep *step, int64_t stage, const double *transferred);
 // Root mean square of the estimated errors of u/D_c and of each s in a step
 API double fault_error(const Fault *fault, const FaultStep *step);
+
+// ---- motion of the cell, and springs
+
+// rows of Flow.matrix, see `core/flow.py`
+constexpr int64_t VECTORS = 0, RATE = 1, RATE_AHEAD = 2, STRETCH = 3, TURN = 4, INVERSE_HALF = 5, SINCE = 6, PULL = 7;
+
+struct Flow {
+  double *matrix;    // (8, 3, 3)
+  double *factor;    // (2, courses + 1) of courses, mean over the step and at its end; the last is 1, for none
+  double *rate;      // (B, 6) of bodies, in the order of memory
+  int64_t *follows;  // (B, 6)
+  int64_t courses;
+};
+
+struct Frame {
+  uint8_t *free;       // (3, 3)
+  double *given;       // (3, 3) rates of components that are not free
+  int64_t *follows;    // (3, 3) course, or the last column: constant
+  double *wanted;      // (3, 3) stress
+  double mass;
+  double *knots;
+  double *course;      // (K, courses)
+  double *area;        // (K, courses) integral of `course` from the first knot
+  int64_t *place;      // (N,) position of each grain in memory
+  double *grain_mass;  // (N,)
+  double *clock;       // (1,) time, accumulated step by step
+  double *reach;       // (1,) distance within which pairs were selected
+  double widest;       // largest sum of two radii
+  int64_t courses;
+  int64_t len_knots;
+  int64_t len_place;
+};
+
+struct Pull {  // springs on the bodies of the last tile
+  double *stiffness;  // (L, 3)
+  double *anchor;     // (L, 3)
+  int64_t *leads;     // (L, 3) column of `course`, −1: none
+  double *knots;
+  double *course;     // (K, courses)
+  double *clock;      // (1,) time, accumulated step by step
+  int64_t courses;
+  int64_t len_stiffness;
+  int64_t len_knots;
+};
+
+// ---- samples
+
+struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
+  int64_t every;
+  double *reference;  // (N, 3)
+  double *mass;       // (N,)
+  double *inertia;    // (N,)
+  int64_t *unit;      // (B,)
+  int64_t *supports;  // (B,)
+  int64_t *probes;    // (P,)
+  double *series;     // (T, columns of all observables)
+  double *tracks;     // (T, P, 6)
+  double *events;     // (E, EVENT)
+  int64_t *event_count;  // (1,)
+  int64_t len_probes;
+  int64_t len_events;
+};
+
+// row k of the observables and of the tracks; returns false if there is no memory
+API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
+                         const double *vectors, const Writing *writing, double time);
+API const char *observable_name(int64_t k);  // null after the last
+API int64_t observable_width(int64_t k);     // columns
+
+// ---- energy ledger
+
+struct LedgerStep {  // see `core/dynamics/ledger.py`
+  Law *law;
+  int64_t dim;
+  Bodies *old;
+  Bodies *now;
+  Contacts *before;
+  Contacts *after;
+  double *shift_old;  // (C, 3) periodic shifts of the contacts of `after` before the step
+  double *shift_now;
+  double *way;      // (B, 3) displacements, without the flow
+  double *strain;   // (3, 3) dt L
+  uint8_t *free;    // (B, 6)
+  double *mass;     // (B,)
+  double *inertia;  // (B,)
+  double *force;    // (B, 3) external forces, and springs
+  double *torque;   // (B, 3)
+  double drag;
+  double spin_drag;
+  double dt;
+  uint8_t first;  // there is no step, only stored energies
+  double *row;    // (8,) written in place
+};
+
+// add one step to a row
+API void add_ledger_step(const LedgerStep *step);
+
+// ---- evaluation
+
+// Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by
+// rows. `progress` (3,): step; whether it has ended and forces are stored, else positions are those of the step, but
+// forces are not known yet; whether velocities are also those of the step, and memory is not transported. `residual`
+// (2,): largest unbalanced force at the last check, and its body.
+API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
+                      const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
+                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
+                      double *residual, int64_t *progress, int64_t threads);
+
+// Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
+API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *vectors, int64_t memory, double *force, double *torque);
+
+API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
+API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
+
+// ---- values of a law at given overlaps
+
+struct LawValues {
+  int64_t *a;  // (n,) materials
+  int64_t *b;
+  double *overlap;
+  double *r_eff;
+  double *m_eff;
+  double *fn;     // normal force with its dashpot
+  double *force;  // results (n,), null where not needed: of the normal spring
+  double *stiffness;
+  double *energy;
+  double *slopes;      // (n, 2) as in `Law`, and so are `cap_slopes`
+  double *cap;
+  double *cap_slopes;
+  double *range;
+  double *damping;  // factor on the damping coefficients
+  int64_t len_a;
+};
+
+API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
 
 // ---- the library itself
 

@@ -27,7 +27,7 @@ import h5py
 import numpy as np
 
 from ..core.laws.builtin import Law
-from ..core.laws.dispatch import Kind, describe_law, restore_kind
+from ..core.laws.kinds import Kind, describe_law, restore_kind
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from ..core.text import SentenceError, check_regular_file
 from ..core.units import Fields, Units, in_units, units_from, units_of

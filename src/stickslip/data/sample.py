@@ -11,7 +11,7 @@ from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE, HELD
 from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
-from ..core.laws.dispatch import Kind
+from ..core.laws.kinds import Kind
 from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres

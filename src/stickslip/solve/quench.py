@@ -13,8 +13,9 @@ from ..core.contacts.forces import bodies
 from ..core.contacts.geometry import pair_vector, shifts
 from ..core.contacts.mechanics import effective_values, out_of_range
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.laws.builtin import Law, normal_force, row, tangents
-from ..core.laws.dispatch import check_kind
+from ..core.laws.builtin import Law
+from ..core.laws.kinds import check_kind
+from ..core.laws.oracle import normal_force, row, tangents
 from ..core.options import INNER
 from ..core.state import Grains, State, empty_contacts
 

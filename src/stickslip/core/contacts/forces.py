@@ -11,15 +11,16 @@ from numba import njit
 from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
-from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
-from ..laws.dispatch import check_kind
+from ..laws.builtin import Law
+from ..laws.compiled import law_struct
+from ..laws.oracle import cap, normal_force, row, tangential_stiffness
+from ..library import core
 from ..options import INNER
 from ..readable import pluralize, readable
 from ..state import OPEN, Contacts, State, groups
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
-from .rows import NO_EVENTS, sweep_contacts
 
 
 class Bodies(NamedTuple):
@@ -114,17 +115,6 @@ def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
                     out[a, b] += f[a] * r[b]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def evaluate(
-    kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
-):  # fmt: skip
-    """Evaluate all contacts. A single kernel serves all built-in laws, unlike in the time loop."""
-    sweep_contacts(
-        kind, coulomb, dim, viscous, 0, rescaled, memory, None, 0.0, False, None, bodies, contacts, shift, p, force,
-        torque, None, 0.0, events, event_count,
-    )  # fmt: skip
-
-
 @checked
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
@@ -173,12 +163,11 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         rolling=None if contacts.rolling is None else contacts.rolling.copy(),
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
-    here, shift = bodies(state), shifts(trial, state.cell.vectors)
-    check_kind(law.kind)
-    evaluate(
-        law.kind, law.coulomb, state.cell.dim, damping_model(law), here, trial, shift, law.table, memory, loads.force,
-        loads.torque, NO_EVENTS, np.zeros(1, np.int64), rescaling_flag(law.kind),
-    )  # fmt: skip
+    here, struct = bodies(state), law_struct(law)
+    core.evaluate_contacts(
+        struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque
+    )
+    shift = shifts(trial, state.cell.vectors)
     if state.control.cell_free.any():
         _add_virial(law.kind, law.coulomb, state.cell.dim, law.table, here, trial, shift, loads.virial)
     return loads, trial

@@ -16,14 +16,11 @@ import numpy as np
 from numba import njit
 
 from ..arguments import checked
-from ..laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    Law,
+from ..laws.builtin import DAMPING_N, DAMPING_T, Law, damping_model
+from ..laws.oracle import (
     cap,
     cap_slopes,
     contact_damping,
-    damping_model,
     mobilisation,
     mobilisation_tangent,
     normal_force,

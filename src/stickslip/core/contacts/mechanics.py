@@ -7,13 +7,8 @@ is written only once.
 import numpy as np
 from numba import njit
 
-from ..laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    MASS,
-    NO_TENSION,
-    SMOOTH,
-    VISCOELASTIC,
+from ..laws.builtin import DAMPING_N, DAMPING_T, MASS, NO_TENSION, SMOOTH, VISCOELASTIC
+from ..laws.oracle import (
     acts_across_gaps,
     cap,
     contact_damping,
@@ -209,7 +204,7 @@ def transport_slip(rate, rescaled, nx, ny, nz, inverse, overlap, dx, dy, dz, wx,
     """Move the slip s of a contact along with a displacement dr and a rotation d(roll) that end at n.
 
     Returns the slip, rotated with the contact and shortened by the law, its increment, the mid-step normal, and the
-    factor by which it was shortened. `rate`: as LAMMPS, see `run`; `rescaled`: see `builtin.rescaling_flag`.
+    factor by which it was shortened. `rate`: as LAMMPS, see `run`; `rescaled`: see `oracle.rescaling_flag`.
     """
     mx, my, mz, fade = nx, ny, nz, 1.0
     if not rate:

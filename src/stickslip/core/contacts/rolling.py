@@ -21,8 +21,9 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ..laws.builtin import STEP, Law, by_kind, normal_force, row
-from ..laws.dispatch import COMPILED, FAST, Kind, KindType
+from ..laws.builtin import STEP, Law
+from ..laws.kinds import USER_LAWS, Kind
+from ..laws.oracle import FAST, KindType, by_kind, normal_force, row
 from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts
@@ -53,7 +54,7 @@ def rolling_cap_slopes(kind, q, r_eff, overlap, fn):
 
 def resists_rolling(kind: int) -> bool:
     """Return True if a law has rolling resistance."""
-    return isinstance(kind, Kind) and "rolling_stiffness" in COMPILED.get(kind, {})
+    return isinstance(kind, Kind) and kind in USER_LAWS and "rolling_stiffness" in USER_LAWS[kind].functions
 
 
 def _if_rolling(function):

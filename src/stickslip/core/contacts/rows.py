@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..laws.builtin import reach, row
+from ..laws.oracle import reach, row
 from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .geometry import at_contact, normal_and_overlap, pair_vector, surface_rotation, touching_fraction
@@ -92,7 +92,7 @@ def sweep_contacts(
 
     Parameters
     ----------
-    rate : see `run`; `rescaled`: see `builtin.rescaling_flag`
+    rate : see `run`; `rescaled`: see `oracle.rescaling_flag`
     memory : treatment of the memory, see `mechanics`
     step : the step that ends here, or None: contacts have moved from their committed `pair` and `roll`, which are then
         updated

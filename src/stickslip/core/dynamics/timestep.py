@@ -9,7 +9,8 @@ from ..contacts.geometry import normal_and_overlap, pair_vector, shifts
 from ..contacts.mechanics import effective_values, out_of_range
 from ..contacts.neighbors import with_neighbor_list
 from ..contacts.rolling import rolling_bound
-from ..laws.builtin import Law, row, tangential_stiffness, tangents
+from ..laws.builtin import Law
+from ..laws.oracle import row, tangential_stiffness, tangents
 from ..measure import volume
 from ..options import INNER
 from ..state import State, groups
