@@ -56,7 +56,8 @@ def test_the_jacobian_of_the_slider_is_that_of_its_rates(rs, law, damping):
     slider, d = slider_of(rs._replace(law=law), Spring(300.0, damping)), 1e-5
     for point in np.random.default_rng(1).uniform(-2, 2, (10, 3)):
         found = rates(slider, point, 2e-6, 1.3)[1]
-        columns = [rates(slider, point + e, 2e-6, 1.3)[0] - rates(slider, point - e, 2e-6, 1.3)[0] for e in d * np.eye(3)]
+        columns = [rates(slider, point + e, 2e-6, 1.3)[0] - rates(slider, point - e, 2e-6, 1.3)[0]
+                   for e in d * np.eye(3)]  # fmt: skip
         by_differences = np.array(columns).T / (2 * d)
         if rs.b2 == 0:
             by_differences[0, 2] = 0.0  # the second state is not part of the system

@@ -474,6 +474,142 @@ API uint8_t fault_stage(const Fault *fault, const FaultStep *step, int64_t stage
 // Root mean square of the estimated errors of u/D_c and of each s in a step
 API double fault_error(const Fault *fault, const FaultStep *step);
 
+// ---- motion of the cell, and springs
+
+// rows of Flow.matrix, see `core/flow.py`
+constexpr int64_t VECTORS = 0, RATE = 1, RATE_AHEAD = 2, STRETCH = 3, TURN = 4, INVERSE_HALF = 5, SINCE = 6, PULL = 7;
+
+struct Flow {
+  double *matrix;    // (8, 3, 3)
+  double *factor;    // (2, courses + 1) of courses, mean over the step and at its end; the last is 1, for none
+  double *rate;      // (B, 6) of bodies, in the order of memory
+  int64_t *follows;  // (B, 6)
+  int64_t courses;
+};
+
+struct Frame {
+  uint8_t *free;       // (3, 3)
+  double *given;       // (3, 3) rates of components that are not free
+  int64_t *follows;    // (3, 3) course, or the last column: constant
+  double *wanted;      // (3, 3) stress
+  double mass;
+  double *knots;
+  double *course;      // (K, courses)
+  double *area;        // (K, courses) integral of `course` from the first knot
+  int64_t *place;      // (N,) position of each grain in memory
+  double *grain_mass;  // (N,)
+  double *clock;       // (1,) time, accumulated step by step
+  double *reach;       // (1,) distance within which pairs were selected
+  double widest;       // largest sum of two radii
+  int64_t courses;
+  int64_t len_knots;
+  int64_t len_place;
+};
+
+struct Pull {  // springs on the bodies of the last tile
+  double *stiffness;  // (L, 3)
+  double *anchor;     // (L, 3)
+  int64_t *leads;     // (L, 3) column of `course`, −1: none
+  double *knots;
+  double *course;     // (K, courses)
+  double *clock;      // (1,) time, accumulated step by step
+  int64_t courses;
+  int64_t len_stiffness;
+  int64_t len_knots;
+};
+
+// ---- samples
+
+struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
+  int64_t every;
+  double *reference;  // (N, 3)
+  double *mass;       // (N,)
+  double *inertia;    // (N,)
+  int64_t *unit;      // (B,)
+  int64_t *supports;  // (B,)
+  int64_t *probes;    // (P,)
+  double *series;     // (T, columns of all observables)
+  double *tracks;     // (T, P, 6)
+  double *events;     // (E, EVENT)
+  int64_t *event_count;  // (1,)
+  int64_t len_probes;
+  int64_t len_events;
+};
+
+// row k of the observables and of the tracks; returns false if there is no memory
+API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
+                         const double *vectors, const Writing *writing, double time);
+API const char *observable_name(int64_t k);  // null after the last
+API int64_t observable_width(int64_t k);     // columns
+
+// ---- energy ledger
+
+struct LedgerStep {  // see `core/dynamics/ledger.py`
+  Law *law;
+  int64_t dim;
+  Bodies *old;
+  Bodies *now;
+  Contacts *before;
+  Contacts *after;
+  double *shift_old;  // (C, 3) periodic shifts of the contacts of `after` before the step
+  double *shift_now;
+  double *way;      // (B, 3) displacements, without the flow
+  double *strain;   // (3, 3) dt L
+  uint8_t *free;    // (B, 6)
+  double *mass;     // (B,)
+  double *inertia;  // (B,)
+  double *force;    // (B, 3) external forces, and springs
+  double *torque;   // (B, 3)
+  double drag;
+  double spin_drag;
+  double dt;
+  uint8_t first;  // there is no step, only stored energies
+  double *row;    // (8,) written in place
+};
+
+// add one step to a row
+API void add_ledger_step(const LedgerStep *step);
+
+// ---- evaluation
+
+// Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by
+// rows. `progress` (3,): step; whether it has ended and forces are stored, else positions are those of the step, but
+// forces are not known yet; whether velocities are also those of the step, and memory is not transported. `residual`
+// (2,): largest unbalanced force at the last check, and its body.
+API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
+                      const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
+                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
+                      double *residual, int64_t *progress, int64_t threads);
+
+// Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
+API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *vectors, int64_t memory, double *force, double *torque);
+
+API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
+API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
+
+// ---- values of a law at given overlaps
+
+struct LawValues {
+  int64_t *a;  // (n,) materials
+  int64_t *b;
+  double *overlap;
+  double *r_eff;
+  double *m_eff;
+  double *fn;     // normal force with its dashpot
+  double *force;  // results (n,), null where not needed: of the normal spring
+  double *stiffness;
+  double *energy;
+  double *slopes;      // (n, 2) as in `Law`, and so are `cap_slopes`
+  double *cap;
+  double *cap_slopes;
+  double *range;
+  double *damping;  // factor on the damping coefficients
+  int64_t len_a;
+};
+
+API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
+
 // ---- the library itself
 
 API int32_t core_processor_level(void);  // best level of this processor

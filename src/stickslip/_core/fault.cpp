@@ -1,7 +1,7 @@
 // Rates of a fault with rate-and-state friction, and the pieces of an embedded Runge–Kutta step.
 //
-// The unknowns of each cell are its slip in excess of plate motion, u = δ − V_p t, and s = ln(V0 θ/D_c) of each of its one
-// or two states. The slip velocity V = V0 e^w follows from the balance of stress and friction,
+// The unknowns of each cell are its slip in excess of plate motion, u = δ − V_p t, and s = ln(V0 θ/D_c) of each of its
+// one or two states. The slip velocity V = V0 e^w follows from the balance of stress and friction,
 // τ₀ + τ(u) = σ μ(w, s, s2) + η V.
 #include "rate_state.h"
 

@@ -1,9 +1,12 @@
+// build: -fno-tree-slp-vectorize
 // Integration of a slider with rate-and-state friction on a spring.
 //
 // The unknowns are logarithms, because velocity and state vary over many orders of magnitude during a hold.
-// Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
-// no table of coefficients, adapts its order, and solves its systems by elimination, since the states are coupled through
-// w alone. A step ends at every requested time, so that nothing is interpolated.
+// Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140)
+// needs no table of coefficients, adapts its order, and solves its systems by elimination, since the states are coupled
+// through w alone. A step ends at every requested time, so that nothing is interpolated.
+//
+// The flag keeps GCC from packing w and s into vectors, which lengthens the chain of dependent operations.
 #include "rate_state.h"
 
 namespace {
@@ -23,8 +26,8 @@ inline double larger(double a, double b) { return b > a ? b : a; }
 
 inline Surface surface(const Slider &q) { return {q.a, q.b, q.b2, q.mu0, q.cut, q.cut2}; }
 
-// Time derivatives of w, s and s2; the last is 0 if b2 = 0. The balance of forces n μ + ηV = k(x_lp − x), differentiated,
-// is (n ∂μ/∂w + ηV) w' = k(V_lp − V) − n (∂μ/∂s s' + ∂μ/∂s2 s2').
+// Time derivatives of w, s and s2; the last is 0 if b2 = 0. The balance of forces n μ + ηV = k(x_lp − x),
+// differentiated, is (n ∂μ/∂w + ηV) w' = k(V_lp − V) − n (∂μ/∂s s' + ∂μ/∂s2 s2').
 template <class Form, class Evolution>
 Logs rates(const Slider &q, const Logs &x, double velocity, double normal) {
   double e = exp(x.w);
@@ -94,8 +97,8 @@ int extrapolate(const Slider &q, Logs &start, double h, double velocity, double 
   return 0;
 }
 
-// Logarithms after a jump of the normal stress: θ → θ (new/old)^(−α/(b + b2)) for each state (Linker and Dieterich 1992,
-// doi:10.1029/92JB00017), at constant spring force n μ + ηV.
+// Logarithms after a jump of the normal stress: θ → θ (new/old)^(−α/(b + b2)) for each state (Linker and Dieterich
+// 1992, doi:10.1029/92JB00017), at constant spring force n μ + ηV.
 template <class Form>
 Logs after_normal_jump(const Slider &q, Logs x, double before, double after) {
   double eta = q.damping * q.v0, force = before * Form::friction(surface(q), x).value + eta * exp(x.w);
@@ -112,8 +115,8 @@ struct Leg {
   double duration, velocity, normal;
 };
 
-// Integrates over a span in steps of which the first has length h; returns a code and updates x, h and the time reached.
-// Time counts from the last stop, since steps during fast slip may be below the resolution of the whole time.
+// Integrates over a span in steps of which the first has length h; returns a code and updates x, h and the time t
+// reached, which counts from the last stop, since steps during fast slip may be below the resolution of the whole time.
 template <class Form, class Evolution>
 int64_t integrate_span(const Slider &q, Logs &x, const Leg &leg, double span, double tolerance, double &h, double &t) {
   t = 0.0;
@@ -184,8 +187,8 @@ void slider_rates(const Slider *slider, const double *logs, double velocity, dou
   });
 }
 
-void state_history(int64_t evolution, double s, int64_t count, const double *duration, const double *velocity, double v0,
-                   double dc, double *out) {
+void state_history(int64_t evolution, double s, int64_t count, const double *duration, const double *velocity,
+                   double v0, double dc, double *out) {
   with(Evolutions{}, evolution, [&](auto law) {
     for (int64_t k = 0; k < count; ++k) out[k] = s = law.later(s, velocity[k], duration[k], v0, dc);
   });

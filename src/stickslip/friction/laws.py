@@ -1,8 +1,8 @@
 """Laws of rate-and-state friction: their names, and friction with its derivatives from logarithms.
 
 Rows (w, s, s2) hold w = ln(V/V0), s = ln(V0 θ/D_c), and s2 for a second state θ2 with D_c2. Rows (a, b, b2, mu0, cut,
-cut2) hold the parameters of a surface, with cut = V0/V1 and cut2 = V0/V2 for the cut-off velocities of the direct effect
-and of the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`.
+cut2) hold the parameters of a surface, with cut = V0/V1 and cut2 = V0/V2 for the cut-off velocities of the direct and
+the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`.
 """
 
 import numpy as np
