@@ -15,7 +15,7 @@ import pytest
 from stickslip.cli import main
 from stickslip.data.checkpoint import read_pieces
 from stickslip.data.nodes import ArchiveError, restore
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 
 FLOW = """
 experiment = "flow"
