@@ -90,7 +90,7 @@ def rows(full: bool) -> list[dict]:
     """All rows; `full` adds large packings and takes an hour."""
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
     os.environ["OMP_NUM_THREADS"] = (
-        "1"  # otherwise damped dynamics runs on all cores, and waiting threads count as busy
+        "1"  # else damped dynamics runs on all cores, and waiting threads count as busy
     )
     out = timed_steps(1000, 2e-5, 50) + timed_steps(1000, 1e-4, 50)
     if full:
