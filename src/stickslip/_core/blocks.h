@@ -15,9 +15,6 @@ constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, th
 // that the force keeps its sign; IS_FIRST: this is the first row of the body
 constexpr uint32_t IS_FIRST = 1, IS_I = 2, ROW = 64;
 constexpr int64_t PREFETCH_DISTANCE = 16;  // rows; `code` is that much longer than needed
-// modes of contacts in blocks. STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; LOOSE: it slides
-// because its limit is zero, and has not been at a limit
-constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
 
 struct Blocks {  // zero-initialised; T tiles, K blocks
   int64_t count;  // K

@@ -8,6 +8,13 @@
 
 // ---- state
 
+// modes of contacts. Within blocks also STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; and LOOSE:
+// slides because its limit is zero, and has not been at a limit
+constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
+// Treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
+// it was committed; HELD: transport it with every contact in its mode; FREE: transport it
+constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
+
 struct Bodies {
   double *position;  // (B, 3)
   double *angle;

@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from ..core.arguments import checked
+from ..core.fields import FIELDS
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
@@ -24,8 +25,7 @@ RESULTS = "results.h5"
 _ALONG = ("time", "strain", "load", "load_point", "slip")  # coordinate of a table: the first one that increases
 _ACROSS = ("station", "depth")  # coordinate of the second dimension of a table, if the length fits
 _AXES = {"axis": ["x", "y", "z"]}
-_GRAINS = ("position", "angle", "velocity", "spin", "radius", "mass", "inertia", "material")
-_WALLS = ("point", "normal", "velocity", "mass", "material")
+_GRAINS, _WALLS = (tuple(FIELDS[part]) for part in ("grains", "walls"))
 _PAIRS = ("i", "j", "image", "slip", "mode")
 MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 
