@@ -133,31 +133,6 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     assert same_bits(plain, shuffled)
 
 
-@pytest.mark.parametrize(("law_name", "coulomb", "dim", "more", "walls"), [CASES[0], CASES[1], CASES[2]])
-def test_where_arrays_lie_in_memory_does_not_matter(law_name, coulomb, dim, more, walls, monkeypatch):
-    """Those of the blocks end to end, one after any other: loops that ask whether two overlap get the same answer."""
-    law, state = make_law(law_name, coulomb, **more), flowing(n=100, dim=dim, walls=walls)
-    plain, _, _ = ss.run(state, law, 120, 0.05)
-    choose, ways = driver.block_chooser, []
-
-    def end_to_end(blocks, seed):
-        ways.append(seed)
-        names = np.random.default_rng(seed).permutation([n for n in blocks._fields if n not in ("load", "pair")])
-        arrays = [np.ascontiguousarray(getattr(blocks, name)) for name in names]
-        starts = np.cumsum([0] + [-(-array.nbytes // 8) * 8 for array in arrays])
-        raw, placed = np.zeros(starts[-1] // 8 + 1).view(np.uint8), {}
-        for name, array, start in zip(names, arrays, starts[:-1], strict=True):
-            placed[name] = raw[start : start + array.nbytes].view(array.dtype).reshape(array.shape)
-            placed[name][...] = array
-        return blocks._replace(**placed)
-
-    for seed in range(12):
-        monkeypatch.setattr(driver, "block_chooser", lambda *a, seed=seed: lambda *b: end_to_end(choose(*a)(*b), seed))
-        moved, _, _ = ss.run(state, law, 120, 0.05)
-        assert same_bits(plain, moved)
-    assert len(ways) >= 12
-
-
 def test_how_tiles_are_shared_out_does_not_matter(monkeypatch):
     law, state = make_law("hertz_mindlin", "sharp"), flowing(n=300, walls=True)
     plain, _, _ = ss.run(state, law, 240, 0.05)

@@ -117,7 +117,8 @@ def test_three_rigid_motions_with_turning_walls_and_two_without(pressure):
     assert 0.1 * pressure**2 < rigid[2].quotient < 10 * pressure**2
     vectors = np.stack([m.vector for m in rigid])
     np.testing.assert_allclose(vectors @ vectors.T, np.eye(3), atol=1e-12)
-    assert {m.kind for m in three} == {m.kind for m in two}
+    # walls may also turn about the one disk that touches them
+    assert {m.kind for m in two} <= {m.kind for m in three} <= {m.kind for m in two} | {IDLE}
     # at 1e-5 the turn's singular value is below 1e-10 of the largest: it is not counted again beside walls that turn
     # about the one disk that touches them
     idle = np.array([m.vector for m in three if m.kind == IDLE]).reshape(-1, vectors.shape[1])

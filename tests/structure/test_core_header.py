@@ -19,7 +19,9 @@ def test_contacts_have_the_types_of_the_table_of_fields():
 
 
 def test_bodies_have_the_types_of_grains():
-    known = FIELDS["grains"] | FIELDS["walls"] | {"inverse_mass": FIELDS["grains"]["mass"], "rate": FIELDS["cell"]["rate"]}
+    known = (
+        FIELDS["grains"] | FIELDS["walls"] | {"inverse_mass": FIELDS["grains"]["mass"], "rate": FIELDS["cell"]["rate"]}
+    )
     for kind, _, name in core.structs["Bodies"].members:
         if not name.startswith("len_"):
             assert name in Bodies._fields and _DTYPES[kind] == np.dtype(known[name].dtype), name

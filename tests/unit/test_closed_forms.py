@@ -5,7 +5,6 @@ import pytest
 
 import stickslip as ss
 from stickslip.core import measure
-from stickslip.core.contacts.memory import truncate_as_lammps
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics.cell_motion import remaining_skin
 from stickslip.solve.moduli import voigt
@@ -24,23 +23,22 @@ def test_the_radius_of_a_contact_is_that_of_the_grain_at_a_wall_and_the_harmonic
     np.testing.assert_allclose(force, [at_wall - between, between, -at_wall], rtol=1e-12)
 
 
-@pytest.mark.parametrize("hold", [False, True])
-def test_a_contact_that_slides_is_held_or_let_go_as_lammps_does(hold):
-    """gran/hooke/history: F_t = −k s − c v; beyond the limit scaled, and s with it; zero where s is exactly zero."""
-    stiffness, damping, limit = 2.0, 0.5, 0.1
-    slip, v = np.array([0.3, -0.1, 0.0]), np.array([0.2, 0.4, -0.6])
-    pull = -stiffness * slip - damping * v
-    share = limit / np.linalg.norm(pull)
-    assert share < 1
-    kept = slip if hold else share * (slip + damping * v / stiffness) - damping * v / stiffness
-    *found, slides = truncate_as_lammps(stiffness, damping, limit, *slip, *v, hold)
-    np.testing.assert_allclose(found, [*(share * pull), *kept], rtol=1e-14)  # the order of a few roundings
-    assert slides == (not hold)
-    released = truncate_as_lammps(stiffness, damping, limit, 0.0, 0.0, 0.0, *v, True)
-    assert tuple(released) == (0.0,) * 6 + (False,)
-    within = truncate_as_lammps(stiffness, damping, 10.0, 0.0, 0.0, 0.0, *v, hold)
-    np.testing.assert_allclose(within[:3], -damping * v, rtol=1e-15)
-    assert not any(within[3:])
+@pytest.mark.parametrize("mu", [0.05, 5.0])
+def test_spring_and_dashpot_are_truncated_together_as_lammps_does(mu):
+    """gran/hooke/history: F_t = −k s − c v; beyond the limit scaled, and s with it."""
+    stiffness, damping, overlap, dt = 2.0, 0.5, 0.1, 1e-9
+    slip, v = np.array([0.0, 0.03, -0.01]), np.array([0.0, 0.2, -0.4])
+    law = ss.laws.linear(kn=1.0, kt=stiffness, mu=mu, damping="velocity", damping_t=damping)
+    grains = ss.spheres([[0, 0, 0], [overlap - 1, 0, 0]], 0.5, mass=1e12, velocity=[v, 0 * v])  # too heavy to slow down
+    state = with_neighbor_list(ss.assembly(grains))
+    state = ss.accept(state, ss.forces(state, law)[1])
+    state = state._replace(contacts=state.contacts._replace(slip=slip[None], mode=np.array([1], np.int8)))
+    end, _, _ = ss.run(state, law, 1, dt, slip_update="rate")
+    pull, limit = -stiffness * slip - damping * v, mu * overlap
+    share = min(limit / np.linalg.norm(pull), 1.0)
+    kept = share * (slip + damping * v / stiffness) - damping * v / stiffness
+    np.testing.assert_allclose(end.contacts.slip[0], kept, atol=1e-8)  # dt v
+    np.testing.assert_allclose(end.instant.force[0, :3], [overlap, *(share * pull)[1:]], atol=1e-8)
 
 
 def test_the_stable_time_step_of_a_pair_that_shears_and_turns():

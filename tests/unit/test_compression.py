@@ -66,7 +66,7 @@ def test_a_frictional_packing_is_at_rest_under_the_pressure(dim):
     state, info = compressed(40, mu=0.4, pressure=1e-3, dim=dim, seed=2)
     stress = ss.measure.stress(state, law)
     np.testing.assert_allclose(np.diag(stress)[:dim], 1e-3, rtol=1e-8)  # Newton's tolerance over the force
-    assert ss.measure.residual(state, law)[0] <= 5e-14
+    assert ss.measure.residual(state, law)[0] <= 1e-13  # round-off of forces over their mean
     assert info.residual <= 5e-14
     assert info.pressure == pytest.approx(1e-3, rel=1e-8)
     assert not state.control.cell_free.any()
@@ -110,7 +110,7 @@ def test_a_law_and_progress():
     told = []
     law = ss.laws.linear(kn=2.0, kt=1.0, mu=0.5)
     state, info = compressed(30, law=law, pressure=2e-3, dim=2, report=lambda share, words: told.append((share, words)))
-    assert ss.measure.residual(state, law)[0] <= 5e-14
+    assert ss.measure.residual(state, law)[0] <= 1e-13  # round-off of forces over their mean
     assert info.pressure == pytest.approx(2e-3, rel=1e-8)
     assert told[0][0] < told[-1][0] == pytest.approx(1.0, abs=0.01)
     assert all(f"{word} " in told[-1][1] for word in ("pressure", "unbalanced force", "contact number"))

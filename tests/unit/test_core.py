@@ -233,7 +233,6 @@ def test_bad_input_is_one_clear_sentence(make, words):
         make()
 
 
-
 @pytest.mark.parametrize("kind", [-1, 5, 99])
 def test_an_unknown_kind_of_law_is_refused(kind):
     state, law = make_packing(2), make_law("hertz_mindlin", "sharp")._replace(kind=kind)

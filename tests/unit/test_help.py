@@ -13,13 +13,13 @@ from tests.conftest import stickslip_here
 ROOT = Path(__file__).parents[2]
 # in this order, so that files are there
 COMMANDS = (
-    "doctor", "warm", "cite", "docs", "example", "run",
+    "doctor", "cite", "docs", "example", "run",
     "resume", "fit", "stability", "convert", "report", "movie", "watch", "reproduce",
 )  # fmt: skip
 DEAR = (
     "reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "example --all",
     "--coulomb sharp",
-    "--more", "report examples", "movie", "column", "warm", "--until-idle", "--posterior", "--engine lammps --out",
+    "--more", "report examples", "movie", "column", "--until-idle", "--posterior", "--engine lammps --out",
 )  # fmt: skip
 
 
