@@ -3,11 +3,17 @@ BIN := .venv/bin
 RUN := .venv/.run-installed
 STAMP := .venv/.installed
 DOCS := .venv/.docs-installed
+CORE := .venv/.core-built
+BUILD := src/stickslip/_core/build.py
+define COMPILER
+@$(BIN)/python $(BUILD) --find >/dev/null 2>&1 || { echo "no C++ compiler works here: installing one from the package index (100 MB)"; \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-compiler.lock || \
+	  $(BIN)/python $(BUILD) --find; }
+endef
 
-.PHONY: demo test coverage quick slow lint bench docs release lock clean
+.PHONY: demo test coverage quick slow lint bench docs release wheel lock clean
 
-demo: $(RUN)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
-	@nice $(BIN)/stickslip warm stability >/dev/null 2>&1 &
+demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
@@ -41,22 +47,38 @@ docs: $(DOCS)  ## build the documentation into docs/_build/html and run the tuto
 release: $(STAMP)  ## build the wheel and the sdist into dist/ and check them; uploads nothing
 	$(BIN)/python release/release.py $(if $(REPOSITORY),--repository $(REPOSITORY))
 
+wheel: $(RUN)  ## build the wheel for this platform into dist/, and load its compiled core in a new environment
+	$(COMPILER)
+	rm -rf dist/*.whl .venv/wheel
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation -w dist .
+	$(BIN)/python -m venv .venv/wheel
+	.venv/wheel/bin/python -m pip install --quiet --disable-pip-version-check --no-deps dist/*.whl
+	cd .venv/wheel && bin/python -c "from stickslip._core import build; print('runs', build.best_level())"
+	@ls dist/*.whl
+
 lock:  ## regenerate the lock files with uv
 	@PATH="$(BIN):$$PATH" command -v uv >/dev/null || { echo "make lock needs uv: $(BIN)/pip install uv"; exit 1; }
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
 	printf 'hatchling\neditables\n' | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 -c requirements.lock pyproject.toml - -o requirements-run.lock
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
 	echo twine | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
+	echo ziglang | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 - -o requirements-compiler.lock
 
 $(RUN): requirements-run.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"
 	@echo "installing into .venv (about half a minute, once)"
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-run.lock
+	$(COMPILER)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-$(STAMP): $(RUN) requirements.lock
+$(CORE): $(RUN) $(BUILD) $(wildcard src/stickslip/_core/*.cpp src/stickslip/_core/*.h)
+	$(COMPILER)
+	$(BIN)/python $(BUILD)
+	@touch $@
+
+$(STAMP): $(RUN) requirements.lock | $(CORE)
 	@echo "installing the development tools into .venv (once)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	@touch $@
@@ -67,4 +89,4 @@ $(DOCS): $(STAMP) requirements-docs.lock
 	@touch $@
 
 clean:
-	rm -rf .venv results docs/_build docs/api
+	rm -rf .venv results docs/_build docs/api src/stickslip/_core/.objects src/stickslip/_core/core-*

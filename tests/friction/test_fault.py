@@ -8,15 +8,15 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
 from stickslip import friction
-from stickslip.friction import fault_kernel as kernel
 from stickslip.friction import laws
 from stickslip.friction.fault import check_fault
 from stickslip.friction.fault_cycles import join_histories
 from stickslip.friction.fault_record import YEAR, Moment, hermite, points
-from stickslip.friction.fault_state import Machine, initial_state, perturbed_state, steady_stress, with_rates
-from stickslip.friction.kernel import rate_derivatives
+from stickslip.friction.fault_state import initial_state, perturbed_state, steady_stress, with_rates
+from stickslip.friction.fault_step import NUMBER, Machine
 from stickslip.friction.laws import FORMS
-from stickslip.friction.ratestate import RateState, Spring, kernel_parameters
+from stickslip.friction.ratestate import RateState, Spring, slider_of
+from stickslip.friction.slider import rates
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 from stickslip.friction.stress_transfer import stress_matrix, stress_transfer
 
@@ -146,10 +146,11 @@ def test_cut_off_velocities():
 
 @pytest.mark.parametrize("form", ["regularized", "logarithmic"])
 def test_the_derivative_of_friction(form):
+    surface = 0.02, 0.01, 0.02, 0.6, 0.0, 0.0
     for w, s in ((-20.0, 10.0), (3.0, -2.0), (-100.0, -1.0)):
-        at = [laws.friction(FORMS[form], w + d, s, 0.5 * s, 0.02, 0.01, 0.02, 0.6, 0.0, 0.0) for d in (-1e-5, 0, 1e-5)]
-        both, exact = (at[0][0], at[2][0]), at[1][1]
-        assert (both[1] - both[0]) / 2e-5 == pytest.approx(exact, rel=1e-5, abs=1e-12)
+        before, after = laws.friction(FORMS[form], [(w + d, s, 0.5 * s) for d in (-1e-5, 1e-5)], surface)
+        exact = laws.slopes(FORMS[form], (w, s, 0.5 * s), surface)[0, 0]
+        assert (after - before) / 2e-5 == pytest.approx(exact, rel=1e-5, abs=1e-12)
 
 
 def test_the_initial_state_of_the_benchmark():
@@ -351,8 +352,7 @@ def test_a_sinusoid_grows_as_the_slider_with_its_stiffness(law, second):
         k = 2 * np.pi * waves / 6400.0
         spring = Spring(0.5 * fault.modulus * k / np.tanh(k * 1e3) / 10e6, fault.damping / 10e6)
         assert steady_sliding(surface, spring, 1e-6).stable == (not grows)
-        ww, ws, wg, sw, ss, gw, gg = rate_derivatives(0.0, 0.0, 0.0, kernel_parameters(surface, spring), 1e-6, 1.0)
-        matrix = np.array([[ww, ws, wg], [sw, ss, 0], [gw, 0, gg]])
+        matrix = rates(slider_of(surface, spring), np.zeros(3), 1e-6, 1.0)[1]
         size = 1 + fault.states
         mode = np.cos(k * fault.depth)
         state = perturbed_state(fault, initial_state(fault, stress=steady_stress(fault, 1e-6)), 1e-6 * mode)
@@ -382,14 +382,11 @@ def march(fault, state, steps, duration):
     """Fixed steps of the formula of order 8; also the largest estimated error of a step."""
     machine, h = Machine(fault, state.prestress), duration / steps
     y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
-    stages, power, out = np.zeros((kernel.NUMBER + 1, *y.shape)), np.zeros(3), np.zeros_like(y)
-    machine.rates(y, w, stages[0], power)
+    stages, powers, out = np.zeros((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3)), np.zeros_like(y)
+    machine.rates(y, w, stages[0], powers[0])
     errors = []
     for _ in range(steps):
-        for i in range(kernel.NUMBER):
-            kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, out)
-            machine.rates(out, w, stages[i + 1], power)
-        errors.append(kernel.error_norm(stages, h, fault.dc))
+        errors.append(machine.step(y, w, stages, powers, h, out))
         y, out = out.copy(), y
         stages[0] = stages[-1]
     return y, max(errors)

@@ -14,7 +14,7 @@ from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, r
 from stickslip.experiments.writer import write_result
 from stickslip.friction import fault_dataset
 from stickslip.friction.fault_record import YEAR
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 
 SMALL = """
 experiment = "fault"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stickslip import friction
-from stickslip.friction import fault_kernel as kernel
 from stickslip.friction.fault_record import YEAR
-from stickslip.friction.fault_state import Machine, initial_state, perturbed_state, steady_stress
+from stickslip.friction.fault_state import initial_state, perturbed_state, steady_stress
+from stickslip.friction.fault_step import EXPONENT, NUMBER, Machine
 
 G, B, DC, NORMAL = 32e9, 0.015, 1e-3, 50e6
 LENGTH = G * DC / (B * NORMAL)  # L_b
@@ -28,20 +28,17 @@ def nucleate(ratio: float, law: str, levels, spread: float, shear: str = "antipl
     state = perturbed_state(fault, initial_state(fault, stress=steady_stress(fault, 1e-9)), bump)
     machine = Machine(fault, state.prestress)
     y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
-    stages, powers, out = np.zeros((kernel.NUMBER + 1, *y.shape)), np.zeros(3), np.zeros_like(y)
+    stages, powers, out = np.zeros((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3)), np.zeros_like(y)
     stages[0], h, found = state.rates, state.step, []
     while len(found) < len(levels):
         trial = w.copy()
-        for i in range(kernel.NUMBER):
-            kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, out)
-            good = machine.rates(out, trial, stages[i + 1], powers)
-        error = kernel.error_norm(stages, h, fault.dc) / 1e-5 if good else np.inf
+        error = machine.step(y, trial, stages, powers, h, out) / 1e-5
         if error <= 1:
             y, out, w = out, y, trial
             stages[0] = stages[-1]
             if w.max() > np.log(levels[len(found)] / fault.v0):
                 found.append((w > w.max() + np.log(spread)).sum() * fault.cell / (2 * LENGTH))
-        h *= min(5.0, max(0.2, 0.9 * max(error, 1e-4) ** -kernel.EXPONENT)) if np.isfinite(error) else 0.2
+        h *= min(5.0, max(0.2, 0.9 * max(error, 1e-4) ** -EXPONENT)) if np.isfinite(error) else 0.2
     return np.array(found)
 
 

@@ -5,11 +5,12 @@ import pytest
 from scipy.linalg import expm
 
 from stickslip.friction import closed_forms as closed
-from stickslip.friction import kernel, laws
+from stickslip.friction import laws
 from stickslip.friction.fitting import fit
 from stickslip.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.friction.model import Data
-from stickslip.friction.ratestate import RateState, Spring, kernel_parameters, prescribed, spring_slider
+from stickslip.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
+from stickslip.friction.slider import rates
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
@@ -30,24 +31,21 @@ def rs(request):
 
 
 def scalars(rs, w, s, s2, which=laws.friction):
-    cuts = rs.v0 / rs.v1, rs.v0 / rs.v2
-    return which(laws.form_code(rs.form, *cuts), w, s, s2, rs.a, rs.b, rs.b2, rs.mu0, *cuts)
+    slider = slider_of(rs, Spring(1.0))
+    return which(slider.form, (w, s, s2), slider[:6])[0]
 
 
 def test_scalars_are_the_formulas_and_their_derivatives(rs):
     rng, d = np.random.default_rng(0), 1e-4
     for w, s, s2 in rng.uniform(-3, 3, (20, 3)):
         states = [rs.dc / rs.v0 * np.exp(s), rs.dc2 / rs.v0 * np.exp(s2)]
-        mu, slope = scalars(rs, w, s, s2)
+        mu = scalars(rs, w, s, s2)
         assert mu == pytest.approx(float(closed.friction_of(rs, rs.v0 * np.exp(w), *states)), rel=1e-13)
         found = scalars(rs, w, s, s2, laws.slopes)
-        assert slope == pytest.approx(found[0], rel=1e-14)
         point, axes = np.array([w, s, s2]), d * np.eye(3)
-        values = [scalars(rs, *(point + e))[0] - scalars(rs, *(point - e))[0] for e in axes]
+        values = [scalars(rs, *(point + e)) - scalars(rs, *(point - e)) for e in axes]
         assert np.allclose(found, np.array(values) / (2 * d), rtol=0, atol=1e-10)  # third derivatives times d²/6
-        ways = [
-            np.subtract(scalars(rs, *(point + e), laws.slopes), scalars(rs, *(point - e), laws.slopes)) for e in axes
-        ]
+        ways = [scalars(rs, *(point + e), laws.slopes) - scalars(rs, *(point - e), laws.slopes) for e in axes]
         hessian = np.array(ways) / (2 * d)
         assert np.allclose(scalars(rs, w, s, s2, laws.curvatures), hessian[np.triu_indices(3)], rtol=0, atol=1e-10)
 
@@ -55,13 +53,11 @@ def test_scalars_are_the_formulas_and_their_derivatives(rs):
 @pytest.mark.parametrize("law", laws.EVOLUTIONS)
 @pytest.mark.parametrize("damping", [0.0, 3e3])
 def test_the_jacobian_of_the_slider_is_that_of_its_rates(rs, law, damping):
-    p, d = kernel_parameters(rs._replace(law=law), Spring(300.0, damping)), 1e-5
-    for w, f, g in np.random.default_rng(1).uniform(-2, 2, (10, 3)):
-        ww, wf, wg, fw, ff, gw, gg = kernel.rate_derivatives(w, f, g, p, 2e-6, 1.3)
-        found = np.array([[ww, wf, wg], [fw, ff, 0.0], [gw, 0.0, gg]])
-        point, axes = np.array([w, f, g]), d * np.eye(3)
-        columns = [np.subtract(kernel.rates(*(point + e), p, 2e-6, 1.3), kernel.rates(*(point - e), p, 2e-6, 1.3))
-                   for e in axes]  # fmt: skip
+    slider, d = slider_of(rs._replace(law=law), Spring(300.0, damping)), 1e-5
+    for point in np.random.default_rng(1).uniform(-2, 2, (10, 3)):
+        found = rates(slider, point, 2e-6, 1.3)[1]
+        columns = [rates(slider, point + e, 2e-6, 1.3)[0] - rates(slider, point - e, 2e-6, 1.3)[0]
+                   for e in d * np.eye(3)]  # fmt: skip
         by_differences = np.array(columns).T / (2 * d)
         if rs.b2 == 0:
             by_differences[0, 2] = 0.0  # the second state is not part of the system
@@ -141,8 +137,8 @@ def test_critical_stiffness_is_where_an_eigenvalue_crosses_zero(rs, law, damping
     many = 3 if rs.b2 else 2
 
     def growth(k):
-        p, point = kernel_parameters(rs, Spring(k, damping)), np.log(v / rs.v0) * np.array([1.0, -1.0, -1.0])
-        columns = [np.subtract(kernel.rates(*(point + e), p, v, 1.0), kernel.rates(*(point - e), p, v, 1.0)) / (2 * d)
+        slider, point = slider_of(rs, Spring(k, damping)), np.log(v / rs.v0) * np.array([1.0, -1.0, -1.0])
+        columns = [(rates(slider, point + e, v, 1.0)[0] - rates(slider, point - e, v, 1.0)[0]) / (2 * d)
                    for e in d * np.eye(3)[:many]]  # fmt: skip
         values = np.linalg.eigvals(np.array(columns).T[:many])
         found = steady_sliding(rs, Spring(k, damping), v)
@@ -179,9 +175,8 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(rs):
     v, t = 1e-6, np.linspace(0, 40.0, 9)
     spring = Spring(1.3 * critical_stiffness(rs, v), 0.0)
     h = spring_slider(rs, spring, (LoadStep(40.0, v),), theta=rs.dc / v * (1 + 1e-7), times=t, tolerance=1e-14)
-    many, point = (3 if rs.b2 else 2), np.zeros(3)
-    ww, wf, wg, fw, ff, gw, gg = kernel.rate_derivatives(*point, kernel_parameters(rs, spring), v, 1.0)
-    matrix = np.array([[ww, wf, wg], [fw, ff, 0], [gw, 0, gg]])[:many, :many]
+    many = 3 if rs.b2 else 2
+    matrix = rates(slider_of(rs, spring), np.zeros(3), v, 1.0)[1][:many, :many]
     start = np.r_[0.0, np.full(many - 1, 1e-7)]
     linear = np.array([expm(matrix * s) @ start for s in t])
     off = np.log(h.velocity / v)

@@ -8,7 +8,7 @@ import pytest
 from stickslip.cli import app
 from stickslip.data import archive
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state.toml"
 

@@ -8,9 +8,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
 from stickslip.friction import closed_forms as closed
-from stickslip.friction import kernel
 from stickslip.friction.loads import LoadStep, slide_hold_slide, velocity_steps
-from stickslip.friction.ratestate import End, RateState, Spring, kernel_parameters, prescribed, spring_slider
+from stickslip.friction.ratestate import End, RateState, Spring, prescribed, slider_of, spring_slider
+from stickslip.friction.slider import rates
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021
@@ -99,20 +99,15 @@ def test_a_hold_by_the_slip_law_where_a_is_nearly_b():
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 def test_slopes_by_finite_differences(law, damping):
-    p = kernel_parameters(PAPER._replace(law=law), Spring(300.0, damping))
-    rng = np.random.default_rng(0)
-    for w, f in rng.uniform(-4, 4, (20, 2)):
-        ww, wf, _, fw, ff, *_ = kernel.rate_derivatives(w, f, 0.0, p, 0.03, 1.3)
-        found = ww, wf, fw, ff
-        d = 1e-5  # error of central differences: d²/6 of the rates' third derivative, and 1e-16/d of the rates
-        by_w = (np.array(kernel.rates(w + d, f, 0.0, p, 0.03, 1.3)) - kernel.rates(w - d, f, 0.0, p, 0.03, 1.3)) / (
-            2 * d
-        )
-        by_f = (np.array(kernel.rates(w, f + d, 0.0, p, 0.03, 1.3)) - kernel.rates(w, f - d, 0.0, p, 0.03, 1.3)) / (
-            2 * d
-        )
-        size = np.abs(found).max() + np.abs(kernel.rates(w, f, 0.0, p, 0.03, 1.3)).max()
-        assert np.allclose(found, [by_w[0], by_f[0], by_w[1], by_f[1]], rtol=1e-7, atol=1e-9 * size)
+    slider = slider_of(PAPER._replace(law=law), Spring(300.0, damping))
+    d = 1e-5  # error of central differences: d²/6 of the rates' third derivative, and 1e-16/d of the rates
+    for w, s in np.random.default_rng(0).uniform(-4, 4, (20, 2)):
+        place = np.array([w, s, 0.0])
+        now, found = rates(slider, place, 0.03, 1.3)
+        columns = [(rates(slider, place + e, 0.03, 1.3)[0] - rates(slider, place - e, 0.03, 1.3)[0]) / (2 * d)
+                   for e in d * np.eye(3)[:2]]  # fmt: skip
+        size = np.abs(found).max() + np.abs(now).max()
+        assert np.allclose(found[:2, :2], np.array(columns).T[:2], rtol=1e-7, atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -120,10 +115,10 @@ def test_slopes_by_finite_differences(law, damping):
 def test_against_radau_of_scipy(law, damping):
     rs, k = PAPER._replace(law=law), 170.0
     legs = slide_hold_slide([0.5, 20.0], velocity=0.02, distance=0.03, reslide=0.1)
-    p, y, began = kernel_parameters(rs, Spring(k, damping)), np.zeros(2), 0.0
+    slider, y, began = slider_of(rs, Spring(k, damping)), np.zeros(2), 0.0
     for leg in legs:
         made = solve_ivp(
-            lambda t, y, leg=leg: kernel.rates(y[0], y[1], 0.0, p, leg.velocity, leg.normal)[:2], (0, leg.duration), y,
+            lambda t, y, leg=leg: rates(slider, (*y, 0.0), leg.velocity, leg.normal)[0][:2], (0, leg.duration), y,
             method="Radau", rtol=1e-9, atol=1e-9,
         )  # fmt: skip
         y, began = made.y[:, -1], began + leg.duration
@@ -171,8 +166,8 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     assert ("unstable" in found.sentence) == (ratio <= 1)
     size, t = 1e-7, np.linspace(0, 60.0, 13)
     h = spring_slider(rs, spring, (LoadStep(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
-    ww, wf, _, fw, ff, *_ = kernel.rate_derivatives(0.0, 0.0, 0.0, kernel_parameters(rs, spring), v, 1.0)
-    linear = np.array([expm(np.array([[ww, wf], [fw, ff]]) * s) @ [0, size] for s in t])
+    matrix = rates(slider_of(rs, spring), np.zeros(3), v, 1.0)[1][:2, :2]
+    linear = np.array([expm(matrix * s) @ [0, size] for s in t])
     off = np.stack([np.log(h.velocity / v), np.log(h.theta * v / rs.dc)], axis=1)
     assert np.allclose(off, linear, rtol=0, atol=1e-4 * np.abs(linear).max())  # size² and round-off
     if ratio == 1.0:

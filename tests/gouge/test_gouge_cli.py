@@ -14,8 +14,8 @@ from stickslip.experiments.gouge import report as gouge_report
 from stickslip.experiments.gouge.simulate import simulate_gouge
 from stickslip.experiments.registry import read_scenario, scenario
 from stickslip.experiments.writer import write_reproduction
+from tests.conftest import stickslip_here as stickslip
 from tests.gouge.test_gouge import small
-from tests.published.test_disk_array import stickslip
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

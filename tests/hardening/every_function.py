@@ -17,7 +17,6 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numba.core import event
 
 import stickslip as ss
 
@@ -223,26 +222,9 @@ def _fault_of_error(error: Exception) -> str:
     return f"{type(error).__name__}: {words[:200]} [{os.path.relpath(place.co_filename, PACKAGE)}:{last.tb_lineno}]"
 
 
-class Compiling(event.Listener):
-    """The clock stands still while Numba compiles: caches may be cold."""
-
-    depth, left = 0, 0.0
-
-    def on_start(self, event):
-        if self.depth == 0:
-            self.left, _ = signal.setitimer(signal.ITIMER_PROF, 0)
-        self.depth += 1
-
-    def on_end(self, event):
-        self.depth -= 1
-        if self.depth == 0 and self.left > 0:
-            signal.setitimer(signal.ITIMER_PROF, self.left)
-
-
 def main(share: int, part: int, start: int) -> None:
     warnings.simplefilter("ignore")
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    event.register("numba:compile", Compiling())
     tell, silent = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)

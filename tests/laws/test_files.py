@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import dispatch as kinds
+from stickslip.core.laws import kinds
 from stickslip.core.laws.builtin import parameter_names
-from stickslip.data import archive
+from stickslip.data import archive, law_file
 from stickslip.data.sample import PackingError
 from stickslip.experiments.registry import read_tables, scenario
 from stickslip.experiments.sweep.definition import members as sweep_members
@@ -61,7 +61,6 @@ def folder(tmp_path):
 
 def forget(law, monkeypatch):
     """As in another process: the law is not known."""
-    monkeypatch.delitem(kinds.COMPILED, law.kind)
     monkeypatch.delitem(kinds.USER_LAWS, law.kind)
 
 
@@ -201,10 +200,9 @@ def test_a_flow_runs_with_a_law_of_ones_own(folder):
     assert cited.returncode == 0 and "stickslip" in cited.stdout
 
 
-def test_report_and_export_execute_a_law_only_where_they_must_and_may(folder):
-    mine = folder / "mine.py"
-    mine.write_text(mine.read_text() + f"\n# {folder}\n")  # a text that nobody has allowed
-    toml = folder / "flow.toml"
+def test_report_and_export_execute_a_law_only_where_they_must_and_may(folder, monkeypatch):
+    monkeypatch.setattr(law_file, "TRUSTED", folder / "trusted.txt")  # nobody has allowed this text yet
+    mine, toml = folder / "mine.py", folder / "flow.toml"
     said = stickslip_here("run", toml, "--export", folder / "job", "--engine", "lammps")
     assert said.returncode == 2 and "LAMMPS has only built-in laws" in said.stderr
     assert stickslip_here("run", toml, "--out", folder / "out", "--trust", "-q").returncode == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.mechanics import FREE, HELD
+from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import driver as integrate
 from stickslip.solve.balance import with_modes_under
@@ -261,22 +261,6 @@ def test_collisions_of_a_user_defined_law_are_refused():
     law = example("rolling")
     with pytest.raises(ValueError, match="supports built-in laws only"):
         ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1)
-
-
-@SLOW
-def test_a_copy_of_a_built_in_law_is_that_law_to_the_bit():
-    import math
-
-    law = ss.laws.custom(
-        normal_force=lambda overlap, kn: kn * overlap * math.sqrt(overlap),
-        tangential_stiffness=lambda overlap, kt: kt * math.sqrt(overlap),
-        parameters={"kn": 1.0, "kt": 2 / 7, "mu": 0.4},
-    )
-    ends = [
-        ss.run(stirred(make_packing(3, wall=False), one, np.random.default_rng(1)), one, 200, 0.02)[0]
-        for one in (law, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.4))
-    ]
-    np.testing.assert_array_equal(ends[0].grains.position, ends[1].grains.position)
 
 
 @SLOW

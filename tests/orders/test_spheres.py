@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.mechanics import HELD
+from stickslip.core.contacts.memory import HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, touching
 from stickslip.experiments.sphere_shear.simulate import find_onset

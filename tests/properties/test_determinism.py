@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.dynamics import driver
+from stickslip.core.dynamics import driver, moving
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 
@@ -128,7 +128,7 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     plain, _, _ = ss.run(state, law, 120, 0.05)
     order = np.append(np.random.default_rng(size).permutation(300), [300, 301])
     tiles = np.append(np.arange(0, 300, size), 300)
-    monkeypatch.setattr(driver, "_memory_order", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(moving, "_memory_order", lambda state, threads: (order, tiles))
     shuffled, _, _ = ss.run(state, law, 120, 0.05)
     assert same_bits(plain, shuffled)
 
@@ -167,7 +167,7 @@ def test_how_tiles_are_shared_out_does_not_matter(monkeypatch):
         taken.append(1 + len(taken) % 7)
         return np.array([0, taken[-1], share[-1]])
 
-    monkeypatch.setattr(driver, "_memory_order", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(moving, "_memory_order", lambda state, threads: (order, tiles))
     monkeypatch.setattr(driver, "balance_threads", shared)
     uneven, _, _ = ss.run(state, law, 240, 0.05, threads=2)
     assert len(taken) > 1

@@ -7,7 +7,7 @@ import pytest
 
 from stickslip.data import archive
 from stickslip.experiments.registry import ScenarioError, scenario
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 
 SMALL = """
 experiment = "sphere-shear"

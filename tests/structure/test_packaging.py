@@ -18,6 +18,7 @@ import yaml
 from packaging.requirements import Requirement
 
 from stickslip import extras
+from stickslip._core import build
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -128,7 +129,7 @@ def test_benchmarks_can_be_imported():
 
 @pytest.mark.slow
 def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alone(built):
-    _, wheel, source = built
+    sdist, wheel, source = built
     for kept in (
         "LICENSE",
         "CITATION.cff",
@@ -145,6 +146,12 @@ def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alo
     tops = {name.split("/")[0] for name in names}
     assert tops == {"stickslip", f"stickslip-{wheel.name.split('-')[1]}.dist-info"}
     assert not [name for name in names if {"tests", "benchmarks", "__pycache__"} & set(name.split("/"))]
+    assert re.fullmatch(r"stickslip-[\w.]+-py3-none-(?!any)\w+\.whl", wheel.name)  # a platform, and every Python
+    libraries = [build.library_path(level).name for level in build.LEVELS]
+    assert {f"stickslip/_core/{name}" for name in [*libraries, "core.h", "level.cpp"]} <= set(names)
+    assert not [name for name in names if ".objects" in name]
+    with tarfile.open(sdist) as archive:
+        assert not [name for name in archive.getnames() if Path(name).name in libraries]
     for needed in ("LICENSE", "CITATION.cff", "references.bib", "numbers.json", "METADATA", "entry_points.txt"):
         assert [name for name in names if name.endswith(needed)], needed
 

@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.experiments import bibliography as sources
 from stickslip.experiments.experiment import Experiment
 from stickslip.experiments.registry import EXPERIMENTS
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 
 ROOT = Path(__file__).parents[2]
 BIB = (ROOT / "src/stickslip/experiments/references.bib").read_text(encoding="utf-8")

@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core import measure
-from stickslip.core.contacts.mechanics import truncate_as_lammps
+from stickslip.core.contacts.memory import truncate_as_lammps
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics.cell_motion import remaining_skin
 from stickslip.solve.moduli import voigt

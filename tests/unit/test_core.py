@@ -4,13 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from numba import njit
 
 import stickslip as ss
 from stickslip.builtin_laws import BUILTIN_LAWS, NAMES
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws import builtin as laws
-from stickslip.core.laws import dispatch as kinds
+from stickslip.core.laws.values import evaluate
 from stickslip.data.sample import LAWS
 from tests.conftest import make_law, make_packing, stirred
 
@@ -46,24 +45,14 @@ def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides(
 def test_scalars_of_every_built_in_law_are_those_of_its_entry(kind):
     r_eff, power = 0.25, BUILTIN_LAWS[kind].exponent
     root = np.sqrt(r_eff) if BUILTIN_LAWS[kind].uses_radius else 1.0
-    row = laws.parameters(np.array([[[2.0, 0.6, 0.5, 0, 0]]]), 0, 0)
-    assert LAWS[NAMES[kind]](2.0, 0.6).kind == kind
-    assert laws.uses_radius(kind) == BUILTIN_LAWS[kind].uses_radius
-    assert laws.rescales(kind) == BUILTIN_LAWS[kind].rescales
-    for overlap in (1e-8, 1e-3, 0.2):
-        assert laws.normal_force(kind, row, r_eff, overlap) == pytest.approx(root * 2.0 * overlap**power, rel=1e-15)
-        energy = root * 2.0 * overlap ** (power + 1) / (power + 1)
-        assert laws.normal_energy(kind, row, r_eff, overlap) == pytest.approx(energy, rel=1e-15)
-        slope_n, slope_t = laws.tangents(kind, row, r_eff, overlap)
-        assert slope_n == pytest.approx(root * 2.0 * power * overlap ** (power - 1), rel=1e-15)
-        assert slope_t == pytest.approx(root * 0.6 * (power - 1) * overlap ** (power - 2), rel=1e-15, abs=1e-300)
-
-
-def test_smooth_coulomb_meets_its_limit_with_zero_slope():
-    assert laws.mobilisation(laws.SMOOTH, 1.0) == 1.0
-    assert laws.mobilisation(laws.SMOOTH, 1.0) + laws.mobilisation_tangent(laws.SMOOTH, 1.0) == pytest.approx(
-        0, abs=1e-15
-    )
+    law = LAWS[NAMES[kind]](2.0, 0.6)
+    assert law.kind == kind and laws.rescales(law) == BUILTIN_LAWS[kind].rescales
+    overlap = np.array([1e-8, 1e-3, 0.2])
+    force, energy, slopes = evaluate(law, "force", "energy", "slopes", overlap=overlap, r_eff=r_eff)
+    np.testing.assert_allclose(force, root * 2.0 * overlap**power, rtol=1e-15)
+    np.testing.assert_allclose(energy, root * 2.0 * overlap ** (power + 1) / (power + 1), rtol=1e-15)
+    expected = root * 2.0 * power * overlap ** (power - 1), root * 0.6 * (power - 1) * overlap ** (power - 2)
+    np.testing.assert_allclose(slopes, np.stack(expected, axis=1), rtol=1e-15)
 
 
 def scattered(dim, seed):
@@ -243,26 +232,6 @@ def test_bad_input_is_one_clear_sentence(make, words):
     with pytest.raises((ValueError, AttributeError), match=words):
         make()
 
-
-@pytest.mark.parametrize(("prepared", "times"), [(kinds.as_numpy_integers, 1), (lambda number: (number,), 3)])
-def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
-    """A kind reaches it as a plain integer, which is folded in the kernel; a literal would be compiled for apart."""
-
-    @njit
-    def called(kind):
-        return kind + 1
-
-    def kernel(number):
-        (kind,) = prepared(number)
-
-        @njit
-        def outer():
-            return called(kind)
-
-        return outer
-
-    assert [kernel(number)() for number in range(3)] == [1, 2, 3]
-    assert len(called.signatures) == times
 
 
 @pytest.mark.parametrize("kind", [-1, 5, 99])

@@ -4,10 +4,11 @@ import json
 import subprocess
 import sys
 
-import numba
+import numpy as np
 import pytest
 
-from stickslip import extras, kernel_cache
+from stickslip import extras
+from stickslip._core import build
 from stickslip.doctor import machine, report, selfcheck
 from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
 from tests.published.test_disk_array import stickslip
@@ -67,7 +68,7 @@ def test_the_command_tells_and_succeeds(tmp_path):
     assert "all is well" in run.stdout
     assert "\x1b" not in run.stdout
     assert max(map(len, run.stdout.splitlines())) <= 80
-    for word in ("numpy", numba.__version__, "cores", "writable", "fast", "exchange", "Self-check"):
+    for word in ("numpy", "cores", "compiler", "level", "fast", "exchange", "Self-check"):
         assert word in run.stdout, word
     assert not list(tmp_path.iterdir())
 
@@ -85,7 +86,7 @@ def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path):
     out = json.loads(run.stdout)
     assert out["ok"] is False
     assert [check["name"] for check in out["selfcheck"] if not check["ok"]] == ["contact force, normal"]
-    assert out["versions"]["numba"] == numba.__version__
+    assert out["versions"]["numpy"] == np.__version__
     assert {part["name"] for part in out["parts"]} == {*extras.EXTRAS, "YADE"}
 
 
@@ -105,31 +106,19 @@ def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
     assert not parts["YADE"].ok
 
 
-@pytest.fixture
-def other_folder(monkeypatch):
-    """Let a test choose where kernels are, by the environment."""
-    kernel_cache.folder.cache_clear()
-    yield monkeypatch
-    monkeypatch.undo()
-    kernel_cache.folder.cache_clear()
+def test_doctor_tells_the_level_and_compiler_of_the_core(monkeypatch):
+    told = machine.compiled_core()
+    assert told["level"] in build.LEVELS and told["level"] in told["levels"]
+    assert told["compiler"]
+    monkeypatch.setenv("STICKSLIP_LEVEL", "base")
+    assert machine.compiled_core()["level"] == "base"
 
 
-def test_caches_tell_where_kernels_are(other_folder, tmp_path):
-    other_folder.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    other_folder.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    (tmp_path / "a.nbc").write_bytes(b"12345")
-    (tmp_path / "core.contacts.forces-0123456789abcdef").mkdir()
-    (tmp_path / f"core.contacts.forces-{kernel_cache.digest('stickslip.core.contacts.forces')}").mkdir()
-    told = machine.caches()
-    assert (told["files"], told["bytes"], told["writable"], told["chosen_by"]) == (1, 5, True, "NUMBA_CACHE_DIR")
-    assert told["of_other_versions"] == 1
-
-
-def test_caches_where_no_folder_can_be_written(other_folder, tmp_path):
+def test_another_folder_remembers_if_none_can_be_written(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
-    other_folder.delenv("NUMBA_CACHE_DIR", raising=False)
-    other_folder.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    other_folder.setattr(numba.config, "CACHE_DIR", "")
-    told = machine.caches()
-    assert not told["kept"]
-    assert "set NUMBA_CACHE_DIR" in report._describe_caches(told)["state"]
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.delenv("STICKSLIP_CACHE", raising=False)
+    folder = extras.cache_folder()
+    assert folder.is_dir() and folder == extras.cache_folder()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert extras.cache_folder() == tmp_path / "stickslip"

@@ -7,7 +7,7 @@ import stickslip as ss
 from stickslip.data import archive
 from stickslip.experiments.flow.stages import knots
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 from tests.unit.test_scenario import EXAMPLES
 
 FLOOR = {"name": "floor", "point": [0.0, 0.0], "normal": [0.0, 1.0]}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.core.simd.partition import balance_threads, split_layers
+from stickslip.core.dynamics.moving import balance_threads, split_layers
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from stickslip.experiments.quasi_rigid.simulate import (
 )
 from stickslip.experiments.writer import write_result
 from stickslip.loading.biaxial import LEFT, RIGHT, TOP
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
 
 SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynamics": {"times": (3e3, 1e4)}}
 

@@ -6,8 +6,9 @@ import pytest
 import stickslip as ss
 from stickslip.builtin_laws import NAMES
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.mechanics import FREE
+from stickslip.core.contacts.memory import FREE
 from stickslip.core.laws import builtin as laws
+from stickslip.core.laws.values import evaluate
 from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import LAWS
 from stickslip.data.schema import ScenarioError
@@ -170,11 +171,9 @@ def test_what_rescaling_takes_stands_under_nonpotential(rescaled):
 @pytest.mark.parametrize(("name", "plain"), PLAIN.items())
 def test_other_scalars_are_those_of_the_plain_law(name, plain):
     one, other = LAWS[name](2.0, 0.7), LAWS[plain](2.0, 0.7)
-    q = laws.parameters(one.table, 0, 0)
-    for function in (laws.normal_force, laws.normal_energy, laws.tangential_stiffness):
-        assert function(one.kind, q, 0.3, 0.01) == function(other.kind, q, 0.3, 0.01)
-    assert laws.uses_radius(one.kind) == laws.uses_radius(other.kind)
-    assert laws.rescales(one.kind) and not laws.rescales(other.kind)
+    values = [evaluate(law, "force", "energy", "stiffness", overlap=0.01, r_eff=0.3) for law in (one, other)]
+    assert values[0] == values[1]
+    assert laws.rescales(one) and not laws.rescales(other)
     assert not laws.laws_equal(one, other)
     at = {"radius": 0.5, "mass": 1.0, "speed": 0.1}
     assert ss.laws.collision(one, **at) == ss.laws.collision(other, **at)

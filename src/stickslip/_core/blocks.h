@@ -8,21 +8,13 @@
 // of the number of threads and of the memory order.
 #pragma once
 #include "core.h"
+#include "memory.h"
 
 constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, three of a torque, two zeros
 // the code of a row of loads that a body sums is ROW times its number, plus flags. IS_I: the body is i of that pair, so
 // that the force keeps its sign; IS_FIRST: this is the first row of the body
 constexpr uint32_t IS_FIRST = 1, IS_I = 2, ROW = 64;
 constexpr int64_t PREFETCH_DISTANCE = 16;  // rows; `code` is that much longer than needed
-// modes of contacts in blocks. STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; LOOSE: it slides
-// because its limit is zero, and has not been at a limit
-constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
-
-template <class T>
-struct Buffer {  // memory that is kept while it is long enough; new memory costs more than writing to it
-  T *data;
-  int64_t room;
-};
 
 struct Blocks {  // zero-initialised; T tiles, K blocks
   int64_t count;  // K
@@ -45,3 +37,6 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<uint32_t> code;      // rows of `load` in the order of summation
   int64_t tiles;              // T
 };
+
+// Writes part of the blocks back to the list
+void commit_part(const Blocks &blocks, const Contacts &list, int64_t part, int64_t parts);

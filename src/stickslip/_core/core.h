@@ -8,6 +8,13 @@
 
 // ---- state
 
+// modes of contacts. Within blocks also STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; and LOOSE:
+// slides because its limit is zero, and has not been at a limit
+constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
+// Treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
+// it was committed; HELD: transport it with every contact in its mode; FREE: transport it
+constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
+
 struct Bodies {
   double *position;  // (B, 3)
   double *angle;
@@ -76,10 +83,53 @@ struct Moving {
   int64_t len_share;
 };
 
+// Time step, drag factors and drags, for translations and for rotations
+struct Pace {
+  double dt;
+  double keep;  // 1 − ν dt/2
+  double slow;  // 1/(1 + ν dt/2)
+  double keep_t;
+  double slow_t;
+  double drag;
+  double spin_drag;
+};
+
+constexpr int64_t CHECK_EVERY = 200;  // steps between checks for NaN and, with a tolerance, for rest
+constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, RUNAWAY = 5, NO_MEMORY = 6;
+
+constexpr int64_t MOST_THREADS = 256;
+
 struct Blocks;  // see blocks.h
 
-API Blocks *new_blocks(void);
+API Blocks *new_blocks(void);  // null if there is no memory
 API void free_blocks(Blocks *blocks);
+API void clear_blocks(Blocks *blocks);  // frees memory and leaves no block
+API void commit_blocks(const Blocks *blocks, const Contacts *contacts);  // writes slips and modes back to the list
+// Commits the old blocks, then chooses blocks for all pairs that may touch within the displacement limits `room` (B,).
+// `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix if there is a frame.
+// Returns false, without any block, if there is no memory.
+API uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *moving, const double *inverse_mass,
+                          const int64_t *material, const double *normal, int64_t walls, const double *vectors,
+                          const double *across, const double *room, double gap, int64_t materials, uint8_t by_size,
+                          uint8_t by_mass);
+
+// Morton keys (n,) of points (3, n) in cells of `size`; coordinates must not be negative
+API void morton_keys(const double *x, int64_t n, double size, int64_t *key);
+API void speeds(const Moving *moving, double *out);  // (2,) largest and root-mean-square speed
+// Limit of each body until blocks are chosen again: `base` + `span` times its speed, within bounds
+API void displacement_limits(const Moving *moving, double base, double span, double least, double most, double *room);
+// Reduces `room` so that no body moves further than `most` from its `origin`, which is in the state's order. Returns
+// false if this takes more than half of any body's limit.
+API uint8_t limit_displacements(const Moving *moving, const double *origin, double most, double *room);
+// Copies bodies from the state's order; `kick` and `kick_t` are half a time step over mass and over inertia
+API void gather_bodies(const Moving *moving, const Bodies *bodies, const double *kick, const double *kick_t);
+API void scatter_bodies(const Moving *moving, const Bodies *bodies);  // copies bodies back to the state's order
+// Writes the pair vectors and angles of touching contacts, unless the outputs are null. Returns true if they are those
+// of the committed memory.
+API uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle,
+                            const double *radius, const double *vectors, double *pair, double *roll);
+API int64_t find_not_finite(const Moving *moving);  // first body with a non-finite coordinate or angle, or −1
+API int64_t find_runaway(const Moving *moving, double dt);  // first that moves more than its radius in a step, or −1
 
 // ---- contact laws
 
@@ -129,8 +179,307 @@ API void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list
 API void free_pairs(Pairs *pairs);
 // Largest displacement of a body; infinite if a position is not a number
 API double largest_displacement(const double *x, const double *origin, int64_t bodies);
-// Periodic shift of every pair, (C, 3)
-API void shifts(const int16_t *image, const double *vectors, int64_t count, double *out);
+
+// ---- motion of the cell, and springs
+
+// rows of Flow.matrix, see `core/flow.py`
+constexpr int64_t VECTORS = 0, RATE = 1, RATE_AHEAD = 2, STRETCH = 3, TURN = 4, INVERSE_HALF = 5, SINCE = 6, PULL = 7;
+
+struct Flow {
+  double *matrix;    // (8, 3, 3)
+  double *factor;    // (2, courses + 1) of courses, mean over the step and at its end; the last is 1, for none
+  double *rate;      // (B, 6) of bodies, in the order of memory
+  int64_t *follows;  // (B, 6)
+  int64_t courses;
+};
+
+struct Frame {
+  uint8_t *free;       // (3, 3)
+  double *given;       // (3, 3) rates of components that are not free
+  int64_t *follows;    // (3, 3) course, or the last column: constant
+  double *wanted;      // (3, 3) stress
+  double mass;
+  double *knots;
+  double *course;      // (K, courses)
+  double *area;        // (K, courses) integral of `course` from the first knot
+  int64_t *place;      // (N,) position of each grain in memory
+  double *grain_mass;  // (N,)
+  double *clock;       // (1,) time, accumulated step by step
+  double *reach;       // (1,) distance within which pairs were selected
+  double widest;       // largest sum of two radii
+  int64_t courses;
+  int64_t len_knots;
+  int64_t len_place;
+};
+
+struct Pull {  // springs on the bodies of the last tile
+  double *stiffness;  // (L, 3)
+  double *anchor;     // (L, 3)
+  int64_t *leads;     // (L, 3) column of `course`, −1: none
+  double *knots;
+  double *course;     // (K, courses)
+  double *clock;      // (1,) time, accumulated step by step
+  int64_t courses;
+  int64_t len_stiffness;
+  int64_t len_knots;
+};
+
+// Begins a step: rates, matrices and the cell at its end. Returns the square of the allowed displacement, or −1 if there
+// is none left. `keep` and `slow` are the drag factors of translations.
+API double begin_cell_step(Frame *frame, Flow *flow, double dt, double keep, double slow);
+
+// ---- samples and events
+
+constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2;  // kinds of events
+constexpr int64_t EVENT = 10;  // columns: kind, time, i, j, image, position of i
+
+struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
+  int64_t every;
+  double *reference;  // (N, 3)
+  double *mass;       // (N,)
+  double *inertia;    // (N,)
+  int64_t *unit;      // (B,)
+  int64_t *supports;  // (B,)
+  int64_t *probes;    // (P,)
+  double *series;     // (T, columns of all observables)
+  double *tracks;     // (T, P, 6)
+  double *events;     // (E, EVENT)
+  int64_t *event_count;  // (1,)
+  int64_t len_probes;
+  int64_t len_events;
+};
+
+// row k of the observables and of the tracks; returns false if there is no memory
+API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
+                         const double *vectors, const Writing *writing, double time);
+API const char *observable_name(int64_t k);  // null after the last
+API int64_t observable_width(int64_t k);     // columns
+
+// periodic shifts cellᵀ·image (count, 3)
+API void find_shifts(const int16_t *image, int64_t count, const double *vectors, double *shift);
+
+// ---- energy ledger
+
+struct LedgerStep {  // see `core/dynamics/ledger.py`
+  Law *law;
+  int64_t dim;
+  Bodies *old;
+  Bodies *now;
+  Contacts *before;
+  Contacts *after;
+  double *shift_old;  // (C, 3) periodic shifts of the contacts of `after` before the step
+  double *shift_now;
+  double *way;      // (B, 3) displacements, without the flow
+  double *strain;   // (3, 3) dt L
+  uint8_t *free;    // (B, 6)
+  double *mass;     // (B,)
+  double *inertia;  // (B,)
+  double *force;    // (B, 3) external forces, and springs
+  double *torque;   // (B, 3)
+  double drag;
+  double spin_drag;
+  double dt;
+  uint8_t first;  // there is no step, only stored energies
+  double *row;    // (8,) written in place
+};
+
+// add one step to a row
+API void add_ledger_step(const LedgerStep *step);
+
+// ---- evaluation
+
+// Steps up to the end of step `stop`, or until a body has moved too far for the list or the blocks. `blocks` is null by
+// rows. `progress` (3,): step; whether it has ended and forces are stored, else positions are those of the step, but
+// forces are not known yet; whether velocities are also those of the step, and memory is not transported. `residual`
+// (2,): largest unbalanced force at the last check, and its body.
+API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
+                      const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
+                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
+                      double *residual, int64_t *progress, int64_t threads);
+
+// Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
+API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *vectors, int64_t memory, double *force, double *torque);
+
+API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
+API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
+
+// ---- values of a law at given overlaps
+
+struct LawValues {
+  int64_t *a;  // (n,) materials
+  int64_t *b;
+  double *overlap;
+  double *r_eff;
+  double *m_eff;
+  double *fn;     // normal force with its dashpot
+  double *force;  // results (n,), null where not needed: of the normal spring
+  double *stiffness;
+  double *energy;
+  double *slopes;      // (n, 2) as in `Law`, and so are `cap_slopes`
+  double *cap;
+  double *cap_slopes;
+  double *range;
+  double *damping;  // factor on the damping coefficients
+  int64_t len_a;
+};
+
+API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
+
+// ---- linearisation, time step and quench. `shift` (C, 3): periodic shifts of all pairs
+
+// See `contacts.jacobian` for the members
+struct Linearisation {
+  double *normal;
+  double *inverse;
+  double *before;
+  double *way;
+  double *turn;
+  double *slip;
+  double *closed;
+  double *remembers;
+  double *slides;
+  double *weighted;
+  double *force_n;
+  double *slope_n;
+  double *secant;
+  double *along;
+  double *by_overlap;
+  double *by_force;
+  double *damping_n;
+  double *damping_t;
+  double *stiffness_t;
+  double *slope_t;
+  double *limit;
+  double *mu;
+  double *fade;
+  double *fading;
+};
+
+// See `contacts.rolling`
+struct MomentLinearisation {
+  double *before;
+  double *way;
+  double *secant;
+  double *along;
+  double *by_overlap;
+  double *by_force;
+  double *reach;
+  double *reach_by_overlap;
+  double *reach_by_force;
+  double *weighted;
+};
+
+// linearisation of all contacts, at rest
+API void linearise(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                   int64_t memory, const Linearisation *out);
+// linearisation of the rolling moments of all contacts
+API void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *shift, int64_t memory, const MomentLinearisation *out);
+// largest sum of 2 k_r/I over the contacts of a body; `total` (B,) zeros
+API double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                         const double *shift, const double *inverse_inertia, double *total);
+// add Σ f ⊗ r over all touching pairs of grains whose memory is committed to `out` (3, 3)
+API void add_virial(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                    double *out);
+// energy of all normal springs
+API double elastic_energy(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                          const double *shift);
+// upper bound on ω²; `cell` (3, 3): 1/(M ℓ²) of its free components; `total` (B, 2) zeros
+API double frequency_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                           const double *shift, const double *inverse_inertia, const double *cell, double *total);
+// largest ω² by power iteration from x (B, 6); scratch: `y` (B, 6), `springs` (C, 6)
+API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                                     const double *shift, const double *inverse_inertia, const double *cell,
+                                     int64_t rounds, double *x, double *y, double *springs);
+// steps of FIRE until the forces balance or a coordinate has changed by `reach`; returns their number. `velocity` (B, 3)
+// and `pace` (5,) are continued from the last call; scratch: `force` (B, 3), `stiffness` (B,)
+API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                    double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
+                    int64_t steps);
+// see `solve.leapfrog`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16)
+API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
+                  const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
+                  float *record);
+
+// ---- rate-and-state friction
+
+// A surface and the spring that pulls it, see `friction.slider`; stiffness and damping are over the normal stress
+struct Slider {
+  double a;
+  double b;
+  double b2;  // of a second state
+  double mu0;
+  double cut;  // V0 over the cut-off velocities of the direct effect and of the evolution effect
+  double cut2;
+  double dc;
+  double dc2;
+  double v0;
+  double alpha;
+  double stiffness;
+  double damping;
+  int64_t form;       // see `friction.laws`
+  int64_t evolution;  // see `friction.laws`
+};
+
+// Legs of constant velocity of the load point, and of constant normal stress
+struct Legs {
+  double *duration;
+  double *velocity;
+  double *normal;
+  int64_t len_duration;
+};
+
+struct Fault {
+  int64_t form;
+  int64_t evolution;
+  double mu0;
+  double cut;
+  double cut2;
+  double v0;
+  double damping;
+  double plate_rate;
+  double cell;
+  double *cells;  // (7, N) a, b, D_c, normal stress, initial stress, b2, D_c2
+  int64_t number;
+  int64_t states;
+  double *weights;  // (K, K) of the stages of a step in each later one, and in the step
+  double *five;     // (K + 1,) weights of the stages in errors of order 5 and 3
+  double *three;
+  int64_t len_weights;
+};
+
+// A step of a fault of S states
+struct FaultStep {
+  double *y;       // (1 + S, N) unknowns at its start
+  double *trial;   // (1 + S, N) unknowns of the present stage
+  double *w;       // (N,) ln(V/V0) of the stage before, replaced by that of the present one
+  double *stages;  // (K + 1, 1 + S, N) rates of the unknowns
+  double *powers;  // (K + 1, 3) of loading, friction and radiation
+  double length;
+};
+
+// Friction (N,), its slopes (N, 3) and curvatures (N, 6) from w, s and s2 (N, 3); results may be null
+API void friction_of_rows(int64_t form, int64_t count, const double *logs, const double *surfaces, int64_t many,
+                          double *mu, double *slopes, double *curvatures);
+// s at the ends of pieces of constant slip velocity
+API void state_history(int64_t evolution, double s, int64_t count, const double *duration, const double *velocity,
+                       double v0, double dc, double *out);
+// Time derivatives of w, s and s2 (3,), and their Jacobian (3, 3)
+API void slider_rates(const Slider *slider, const double *logs, double velocity, double normal, double *out,
+                      double *jacobian);
+// w, s and s2 at ascending times (N, 3); returns a code, see `friction.slider`
+API int64_t slider_history(const Slider *slider, const Legs *legs, const double *start, const double *times,
+                           int64_t count, double tolerance, double *out, double *reached);
+// Rates of the unknowns and powers; false if a velocity cannot be found
+API uint8_t fault_rates(const Fault *fault, const double *transferred, const double *y, double *w, double *out,
+                        double *power);
+// Unknowns of a stage from the rates of the stages before
+API void fault_trial(const Fault *fault, const FaultStep *step, int64_t stage);
+// Rates of a stage, and unknowns of the next one; false if a velocity cannot be found
+API uint8_t fault_stage(const Fault *fault, const FaultStep *step, int64_t stage, const double *transferred);
+// Root mean square of the estimated errors of u/D_c and of each s in a step
+API double fault_error(const Fault *fault, const FaultStep *step);
 
 // ---- the library itself
 

@@ -5,9 +5,6 @@
 #pragma once
 #include "laws.h"
 
-// Treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
-// it was committed; HELD: transport it with every contact in its mode; FREE: transport it
-constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
 constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; above 1/2, so that a slip can reverse
 
 template <class T>

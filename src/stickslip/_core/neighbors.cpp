@@ -1,5 +1,5 @@
 // Neighbour list: its rows from the keys of all pairs, with the memory of the former list.
-#include "pairs.h"
+#include "keys.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -77,12 +77,4 @@ double largest_displacement(const double *x, const double *origin, int64_t bodie
     if (!(square <= most)) most = square < INFINITY ? square : INFINITY;
   }
   return sqrt(most);
-}
-
-void shifts(const int16_t *image, const double *vectors, int64_t count, double *out) {
-  for (int64_t c = 0; c < count; ++c, image += 3, out += 3) {
-    const bool moved = image[0] | image[1] | image[2];
-    for (int64_t m = 0; m < 3; ++m)
-      out[m] = moved ? image[0] * vectors[m] + image[1] * vectors[3 + m] + image[2] * vectors[6 + m] : 0.0;
-  }
 }

@@ -3,7 +3,7 @@
 // Grains of similar radius share a cell list, see `bins.h`. Pairs of two sizes are sought by the grains of that size for
 // which fewer bins must be read: one large grain reads the bins of the small ones around it, and does not widen them.
 #include "bins.h"
-#include "pairs.h"
+#include "keys.h"
 #include <math.h>
 #ifdef __AVX512F__
 #include <immintrin.h>

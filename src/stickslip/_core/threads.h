@@ -1,14 +1,9 @@
 // A pool of threads that lasts for one call from Python. Threads wait by spinning, since a region takes microseconds.
 #pragma once
-#include <stdint.h>
-#ifdef _WIN32
-#include <windows.h>
-#else
+#include "core.h"
 #include <pthread.h>
 #include <sched.h>
-#endif
 
-constexpr int64_t MOST_THREADS = 256;
 constexpr int SPINS = 4000;  // before a waiting thread offers its processor to others
 
 inline void relax(int &spins) {
@@ -20,11 +15,7 @@ inline void relax(int &spins) {
 #endif
     return;
   }
-#ifdef _WIN32
-  SwitchToThread();
-#else
   sched_yield();
-#endif
 }
 
 class Pool {
@@ -33,12 +24,7 @@ class Pool {
     for (int64_t k = 1; k < this->workers; ++k) {
       member[k].pool = this;
       member[k].number = k;
-#ifdef _WIN32
-      member[k].thread = CreateThread(nullptr, 0, work, &member[k], 0, nullptr);
-      if (!member[k].thread) this->workers = k;
-#else
       if (pthread_create(&member[k].thread, nullptr, work, &member[k])) this->workers = k;
-#endif
     }
     started = this->workers;
   }
@@ -46,12 +32,7 @@ class Pool {
   ~Pool() {
     run(nullptr, nullptr);
     for (int64_t k = 1; k < started; ++k) {
-#ifdef _WIN32
-      WaitForSingleObject(member[k].thread, INFINITE);
-      CloseHandle(member[k].thread);
-#else
       pthread_join(member[k].thread, nullptr);
-#endif
     }
   }
 
@@ -82,11 +63,7 @@ class Pool {
   struct Member {
     Pool *pool;
     int64_t number;
-#ifdef _WIN32
-    HANDLE thread;
-#else
     pthread_t thread;
-#endif
   };
 
   void run(Task next, void *given) {
@@ -99,11 +76,7 @@ class Pool {
     for (int spins = 0; __atomic_load_n(&left, __ATOMIC_ACQUIRE) > 0;) relax(spins);
   }
 
-#ifdef _WIN32
-  static DWORD WINAPI work(void *given) {
-#else
   static void *work(void *given) {
-#endif
     Member *own = static_cast<Member *>(given);
     Pool *pool = own->pool;
     for (int64_t seen = 0;;) {

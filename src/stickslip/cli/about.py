@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, Quiet, app, check_choice, complete_from, examples
+from .app import AsJson, Quiet, app, complete_from, examples
 
 
 def _example_names() -> dict[str, str]:
@@ -25,21 +25,13 @@ CITE = examples(
     ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
     ("cite examples/rate_state_sweep.toml --json", "the same as one JSON object"),
 )
-DOCTOR = examples(
-    ("doctor", "a minute the first time, while kernels are compiled; seconds thereafter"),
-    ("doctor --json", "for a bug report, or to test an installation"),
-)
+DOCTOR = examples(("doctor", "a few seconds"), ("doctor --json", "for a bug report, or to test an installation"))
 EXAMPLE = examples(
     ("example", "a list"),
     ("example --all", "all of them, in the folder examples"),
     ("example column_collapse", "examples/column_collapse.toml, to run or to change"),
 )
 DOCS = examples(("docs", "a list"), ("docs scenario/flow", "all keys of flow scenarios"))
-WARM = examples(
-    ("warm", "what the first steps need: stability analyses and the disk array"),
-    ("warm gouge flow", "what these experiments need"),
-    ("warm --all", "everything, for an installation shared by many users"),
-)
 
 
 @app.command(epilog=EXAMPLE, short_help="List or copy the examples.")
@@ -117,7 +109,7 @@ def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the verdict.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check this installation: versions, threads, caches, optional parts and a self-check; exit code 1 if it fails."""
+    """Check this installation: versions, threads, core, optional parts and a self-check; exit code 1 if it fails."""
     from ..doctor import report as doctor_report
     from ..experiments import json_output, terminal
 
@@ -129,59 +121,3 @@ def doctor(
     elif quiet:
         print(text)
     raise typer.Exit(0 if ok else 1)
-
-
-def _kinds() -> dict[str, str]:
-    from ..doctor.warm import STABILITY, kinds
-    from ..experiments.registry import EXPERIMENTS
-
-    return {name: "any packing" if name == STABILITY else EXPERIMENTS[name].words for name in kinds()}
-
-
-@app.command(epilog=WARM, short_help="Compile kernels now rather than at their first use.")
-def warm(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="stability, or experiments such as gouge; default: stability and disk-array.",
-            autocompletion=complete_from(_kinds),
-            show_default=False,
-        ),
-    ] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Compile everything.")] = False,
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: all.")
-    ] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
-) -> None:
-    """Compile kernels now rather than at their first use, in several processes.
-
-    Kernels are saved in the cache that `stickslip doctor` shows. Those that already exist are not compiled again.
-    """
-    if names and everything:
-        raise ValueError("--all was given with names: give one or the other")
-    from ..doctor import warm as job
-    from ..doctor.machine import caches
-    from ..experiments import terminal
-
-    known = job.kinds()
-    for name in names or ():
-        check_choice("name", name, known)
-    chosen = tuple(dict.fromkeys(known if everything else names or job.FIRST))
-    before = caches()
-    if not before["kept"]:
-        raise ValueError("no folder for compiled kernels is writable, so they would not be kept: set NUMBA_CACHE_DIR")
-    with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
-        failures = job.compile_kernels(chosen, workers=workers, report=tell)
-    if failures:
-        raise RuntimeError("; ".join(failures))
-    after = caches()
-    new = after["files"] - before["files"]
-    if as_json:
-        from ..experiments import json_output
-
-        about = {"names": chosen, "kernels": after["folder"], "new_files": new}
-        print(json_output.to_json(json_output.common_fields("warm") | about))
-    else:
-        print(f"compiled for {', '.join(chosen)}: {new} new files in {after['folder']}")

@@ -122,7 +122,7 @@ def _fail(sentence: str, code: int, answer: dict | None = None) -> None:
     """Exit with a sentence on standard error and, with --json, an object on standard output."""
     line = " ".join(sentence.split())
     if len(line) > MAX_LENGTH:
-        from ..core.text import bounded  # not at the top: it loads the compiler
+        from ..core.text import bounded  # not at the top: it loads NumPy
 
         line = bounded(line)
     if "--json" in sys.argv[1:]:

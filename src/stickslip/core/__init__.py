@@ -1,5 +1,1 @@
-"""Compiled kernels and the data that they operate on; the only dependencies are NumPy and Numba."""
-
-from .. import kernel_cache
-
-kernel_cache.install()
+"""The compiled core and the data that it operates on; the only dependency is NumPy, and Numba for laws of a user."""

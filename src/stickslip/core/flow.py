@@ -17,3 +17,8 @@ class Flow(NamedTuple):
     factor: np.ndarray  # (2, C + 1) of courses, mean over the step and at its end; the last is 1, for none
     rate: np.ndarray  # (B, 6) of bodies, in the order of memory
     follows: np.ndarray  # (B, 6)
+
+    @property
+    def courses(self) -> int:
+        """Number of time profiles."""
+        return self.factor.shape[1] - 1

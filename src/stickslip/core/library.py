@@ -1,7 +1,7 @@
 """Functions of the compiled core, called with NumPy arrays and tuples: `core.find_pairs(grid, x, …)`.
 
-The header `core.h` declares all functions and structs and is read here. Arrays are checked against the declared types.
-A struct is filled from a tuple by the names of its members, of which `len_x` is the length of x.
+The header `core.h` declares all functions, structs and constants and is read here. Arrays are checked against the
+declared types. A struct is filled from a tuple by the names of its members, of which `len_x` is the length of x.
 """
 
 import ctypes
@@ -18,10 +18,11 @@ _SCALARS: dict[str, Any] = {
     "void": None,
 }  # fmt: skip
 _ARRAYS = {
-    "double": np.float64, "int64_t": np.int64, "int32_t": np.int32, "int16_t": np.int16, "int8_t": np.int8,
-    "uint32_t": np.uint32, "uint8_t": np.bool_,
+    "double": np.float64, "float": np.float32, "int64_t": np.int64, "int32_t": np.int32, "int16_t": np.int16,
+    "int8_t": np.int8, "uint32_t": np.uint32, "uint8_t": np.bool_,
 }  # fmt: skip
 _DTYPES = {name: np.dtype(dtype) for name, dtype in _ARRAYS.items()}
+_CONSTANTS, _CONSTANT = re.compile(r"constexpr int\w+ ([^;]*);"), re.compile(r"(\w+) = (-?\d+)")
 _STRUCT, _FUNCTION = re.compile(r"struct (\w+) \{(.*?)\}", re.DOTALL), re.compile(r"API ([^()]*?)(\w+)\(([^)]*)\)")
 _COMMENT, _DECLARATION = re.compile(r"//.*"), re.compile(r"(?:const )?(?:struct )?(\w+)\s*(\*?)\s*(\w+)")
 
@@ -63,6 +64,8 @@ class _Core:
 
     def __init__(self):
         text = _COMMENT.sub("", (Path(build.__file__).parent / "core.h").read_text(encoding="utf-8"))
+        for line in _CONSTANTS.findall(text):
+            vars(self).update((name, int(value)) for name, value in _CONSTANT.findall(line))
         self.structs = {name: _Struct(name, _declarations(body, ";")) for name, body in _STRUCT.findall(text)}
         self._functions = {name: (result, arguments) for result, name, arguments in _FUNCTION.findall(text)}
         self._library = None
@@ -71,7 +74,7 @@ class _Core:
         if name.startswith("__") or name not in self._functions:
             raise AttributeError(name)
         if self._library is None:
-            self._library = build.load()
+            self._library = ctypes.CDLL(str(build.library(build.best_level())))
         result, arguments = self._functions[name]
         function = _Function(self, getattr(self._library, name), result, _declarations(arguments, ","))
         setattr(self, name, function)
@@ -81,6 +84,9 @@ class _Core:
         """Address of an array or struct; None is the null pointer, and a number an address."""
         if value is None or type(value) is int:
             return value
+        if isinstance(value, ctypes.Structure):
+            alive.append(value)
+            return ctypes.addressof(value)
         if kind not in self.structs:
             dtype = _DTYPES[kind]
             if value.dtype is not dtype and value.dtype != dtype:
@@ -89,15 +95,16 @@ class _Core:
                 raise TypeError(f"{name} is not contiguous: the compiled core needs numpy.ascontiguousarray")
             alive.append(value)
             return value.__array_interface__["data"][0]
-        filled = value if isinstance(value, ctypes.Structure) else self.fill(kind, value, alive)
+        filled = self.fill(kind, value)
         alive.append(filled)
         return ctypes.addressof(filled)
 
-    def fill(self, kind: str, value, alive: list):
-        """Struct filled from a tuple or dictionary; `alive` receives everything that it points to."""
+    def fill(self, kind: str, value):
+        """Struct filled from a tuple or dictionary, for calls that use it often; it keeps alive what it points to."""
         struct = self.structs[kind]
         entries = value if isinstance(value, dict) else {}
         out = struct.type()
+        out.alive = alive = []
         for inner, pointer, name in struct.members:
             if name.startswith("len_") and name not in entries:
                 entry = _entry(value, entries, name[4:])

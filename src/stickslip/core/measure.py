@@ -7,15 +7,16 @@ measure raises ValueError: commit the memory first, with `accept(state, forces(s
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 
 from .arguments import Requirement, checked, require_positive, require_shape
 from .contacts.forces import bodies, check_materials
-from .contacts.geometry import normal_and_overlap, pair_vector, shifts
+from .contacts.geometry import shifts
 from .contacts.jacobian import linearise
-from .contacts.mechanics import HELD, effective_values, out_of_range
+from .contacts.memory import HELD
 from .contacts.neighbors import body_radii, check_list
-from .laws.builtin import MU, Law, normal_energy, row
+from .laws.builtin import MU, Law
+from .laws.compiled import law_struct
+from .library import core
 from .readable import pluralize
 from .state import OPEN, State, grain_volumes, groups, volume
 
@@ -247,23 +248,9 @@ def coordination(state: Committed, least: int = 2) -> float:
     return float(number.sum() / max(np.count_nonzero(number), 1))
 
 
-@njit(cache=True, error_model="numpy")
-def _elastic_energy(kind, dim, bodies, contacts, shift, p):
-    total, radius, n = 0.0, bodies.radius, len(bodies.radius) - len(bodies.normal)
-    for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
-        _, _, _, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, bodies.normal, rx, ry, rz)
-        if not out_of_range(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, j >= n, overlap):
-            q = row(kind, p, bodies.material[i], bodies.material[j])
-            r_eff, _ = effective_values(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
-            total += normal_energy(kind, q, r_eff, overlap)
-    return total
-
-
 @checked
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
     check_materials(state, law)
-    shift = shifts(state.contacts, state.cell.vectors)
-    return _elastic_energy(law.kind, state.cell.dim, bodies(state), state.contacts, shift, law.table)
+    struct, shift = law_struct(law, members=("energy", "range")), shifts(state.contacts, state.cell.vectors)
+    return core.elastic_energy(struct, state.cell.dim, bodies(state), state.contacts, shift)

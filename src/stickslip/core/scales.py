@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .laws.builtin import Law, normal_force
-from .laws.dispatch import Kind, evaluate_role
+from .laws.builtin import Law
+from .laws.kinds import Kind
+from .laws.values import evaluate
 from .state import State
 
 VALIDATED = 0.1  # overlap, over the diameter, up to which user-defined laws are validated
@@ -29,13 +30,13 @@ def natural_scales(state: State, law: Law, length: float | None = None) -> Scale
     linearly from a tenth of it.
     """
     length = 2.0 * float(state.grains.radius.min()) if length is None else length
-    force = max(_force_at(law, row, length) for row in law.table.reshape(-1, law.table.shape[2]).tolist())
+    force = float(_forces_at(law, length).max())
     return Scales(length, force, float(np.sqrt(state.grains.mass.min() * length / force)))
 
 
-def _force_at(law: Law, row: list[float], overlap: float) -> float:
-    """Normal force at a large overlap, with an R_eff of the same size [force]."""
+def _forces_at(law: Law, overlap: float) -> np.ndarray:
+    """Normal forces at a large overlap by pair of materials, with an R_eff of the same size [force]."""
+    a, b = np.indices(law.table.shape[:2])
     if isinstance(law.kind, Kind):
-        at = {"overlap": VALIDATED * overlap, "r_eff": 0.5 * overlap}
-        return abs(float(evaluate_role(law.kind, "normal_force", row, **at))) / VALIDATED
-    return float(normal_force(law.kind, tuple(row), overlap, overlap))
+        return abs(evaluate(law, "force", a=a, b=b, overlap=VALIDATED * overlap, r_eff=0.5 * overlap)) / VALIDATED
+    return evaluate(law, "force", a=a, b=b, overlap=overlap, r_eff=overlap)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .arguments import Numbers, Series, checked, require_shape
-from .fields import COURSE_DTYPE, LARGEST, check_parts
+from .fields import COURSE_DTYPE, FIELDS, LARGEST, check_parts
 from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
@@ -98,7 +98,7 @@ class Contacts(NamedTuple):
 
 
 # fields of `Contacts` with one row for each pair
-PER_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
+PER_PAIR = tuple(name for name, field in FIELDS["contacts"].items() if field.shape and field.shape[0] == "rows")
 
 
 @readable(head=lambda value: _describe_control(value))

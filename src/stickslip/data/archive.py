@@ -1,11 +1,10 @@
 """HDF5 archives: scenario text, versions, and a tree of arrays, strings, states and results.
 
-Schema 5. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that stores a NamedTuple has
-its class name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of the
-software that computed the data) and `scenario` (canonical text), but no time stamps or host names. Entries are written
-in order of name, so that the bytes do not depend on whether a part was computed or read. Contact lists are
-stored without unused capacity, but with all of their memory. Datasets have the attribute `units` if the unit is known.
-Large arrays are stored with the filters shuffle and gzip, which every HDF5 library has.
+Schema 5. Groups, datasets and their attributes are the tree of nodes that `nodes` describes. The root has the
+attributes `schema`, `stickslip` and `versions` (of the software that computed the data) and `scenario` (canonical
+text), but no time stamps or host names. Entries are written in order of name, so that the bytes do not depend on
+whether a part was computed or read. Large arrays are stored with the filters shuffle and gzip, which every HDF5
+library has.
 
 A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
 leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
@@ -18,7 +17,6 @@ import uuid
 import zlib
 from collections.abc import Iterable
 from contextlib import contextmanager
-from enum import Enum
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -26,28 +24,20 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..core.laws.builtin import Law
-from ..core.laws.dispatch import Kind, describe_law, restore_kind
-from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
-from ..core.text import SentenceError, check_regular_file
-from ..core.units import Fields, Units, in_units, units_from, units_of
+from ..core.text import check_regular_file
+from ..core.units import Units, units_from
 from .atomic import write_atomically
-from .older_contacts import restore_contacts
+from .nodes import ArchiveError, Node, known_nouns, make_node, restore
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
-_NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
-_VERSIONS = ("numpy", "numba", "scipy", "h5py")
+_VERSIONS = ("numpy", "scipy", "h5py")
 LARGE, EXPANDS = 2**26, 100  # size of an array that is always accepted [bytes], and largest multiple of the file size
 _FILTERS = {"compression": "gzip", "shuffle": True}  # of datasets with more than 1000 numbers
 _LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
 _SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [bytes], and largest ratio that counts
 # exceptions raised by HDF5, and when objects are rebuilt, for damaged files
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
-
-
-class ArchiveError(SentenceError):
-    """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
@@ -72,9 +62,8 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
         file.attrs["versions"] = versions()
         if units is not None:
             file.attrs["units"], file.attrs["dim"] = str(units), units.dim
-        known = tree.units if isinstance(tree, Fields) else {}
-        for name, value in sorted(tree.items()):
-            _store(file, name, value, units, known.get(name))
+        for name, node in make_node(tree, units).content.items():
+            _store(file, name, node)
         file.flush()
         image = file.id.get_file_image()
     write_atomically(path, _checksum_block(image), image)
@@ -108,9 +97,9 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
     ArchiveError
         if the file is not an archive, is truncated, or has a schema that this version does not read.
     """
-    known = {noun.__name__: noun for noun in (*_NOUNS, *nouns)}
+    known = known_nouns(nouns)
     with _open(path) as file:
-        return {name: _load(value, known) for name, value in file.items()}
+        return {name: restore(_read_node(item), known) for name, item in file.items()}
 
 
 def units(path: str | Path) -> dict[str, str]:
@@ -168,58 +157,23 @@ def _check_schema(path, schema) -> None:
         )
 
 
-def _store(group, name: str, value, units: Units | None, unit: str | None = None) -> None:
-    if isinstance(value, Contacts):
-        value = trimmed(value)
-    if isinstance(value, Enum):
-        group[name] = value.name
-        group[name].attrs["noun"] = type(value).__name__
-        return
-    if hasattr(value, "_asdict"):
-        child = group.create_group(name)
-        child.attrs["noun"] = type(value).__name__
-        known = units_of(type(value))
-        for key, item in sorted(value._asdict().items()):
-            _store(child, key, item, units, known.get(key))
-        if isinstance(value, Law) and isinstance(value.kind, Kind):
-            _store(child, "own", describe_law(value), units)
-    elif isinstance(value, dict):
-        child = group.create_group(name)
-        numbers = [key for key in value if not isinstance(key, str)]
-        if numbers:
-            child.attrs["keys"] = type(numbers[0]).__name__
-        named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
-        known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
-        for key, item in sorted(named.items()):
-            _store(child, key, item, units, known.get(key))
-    elif isinstance(value, tuple | list) and not _is_homogeneous(value):
-        child = group.create_group(name)
-        child.attrs["sequence"] = type(value).__name__
-        for k, item in enumerate(value):
-            _store(child, f"{k:06d}", item, units, unit)
-    else:
-        _store_array(group, name, value, units, unit)
+def _store(group, name: str, node: Node) -> None:
+    is_group = isinstance(node.content, dict)
+    made = group.create_group(name) if is_group else _store_array(group, name, node.content)
+    for key, words in node.attrs.items():
+        made.attrs[key] = words
+    for key, child in node.content.items() if is_group else ():
+        _store(made, key, child)
 
 
-def _store_array(group, name: str, value, units: Units | None, unit: str | None) -> None:
-    if value is None:
-        group.create_dataset(name, data=h5py.Empty("f8"))
-        return
-    if isinstance(value, bytes):
-        group.create_dataset(name, data=np.frombuffer(value, np.uint8)).attrs["sequence"] = "bytes"
-        return
-    array = np.asarray(value)
+def _store_array(group, name: str, array: np.ndarray | None) -> h5py.Dataset:
+    if array is None:
+        return group.create_dataset(name, data=h5py.Empty("f8"))
     if array.dtype.kind == "U":
-        array = np.asarray(value, dtype=h5py.string_dtype())
+        return group.create_dataset(name, data=array.astype(object), dtype=h5py.string_dtype())
     if array.dtype.kind in "biufc" and array.ndim and len(array) * array.itemsize >= _LONG:
-        made = _store_columns(group, name, array)
-    else:
-        filters = _FILTERS if array.size > 1000 and array.dtype.kind != "O" else {}
-        made = group.create_dataset(name, data=array, **filters)
-    if isinstance(value, tuple | list):
-        made.attrs["sequence"] = type(value).__name__
-    if array.dtype.kind in "fc" and unit:
-        made.attrs["units"] = in_units(unit, units)
+        return _store_columns(group, name, array)
+    return group.create_dataset(name, data=array, **(_FILTERS if array.size > 1000 else {}))
 
 
 def _store_columns(group, name: str, array: np.ndarray) -> h5py.Dataset:
@@ -265,46 +219,14 @@ def _packer(level: int):
     return zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
 
 
-def _is_homogeneous(value) -> bool:
-    """Return True if a sequence can be stored as one array: all floats, or all integers."""
-    return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
-
-
-def trimmed(contacts: Contacts) -> Contacts:
-    """Contact list without the unused capacity after its last pair."""
-    count = int(contacts.count[0])
-    parts = {name: getattr(contacts, name) for name in PER_PAIR}
-    return contacts._replace(**{name: part[:count] for name, part in parts.items() if part is not None})
-
-
-def _load(item, known: dict):
+def _read_node(item) -> Node:
+    attrs = dict(item.attrs)
     if isinstance(item, h5py.Dataset):
-        value, noun = _load_array(item), known.get(item.attrs.get("noun"))
-        return noun[value] if noun else value
-    tree = {name: _load(child, known) for name, child in item.items()}
-    if "sequence" in item.attrs:
-        made = list(tree.values())
-        return tuple(made) if item.attrs["sequence"] == "tuple" else made
-    if "keys" in item.attrs:
-        number = {"float": float, "int": int}[item.attrs["keys"]]
-        return {number(name): value for name, value in tree.items()}
-    noun = known.get(item.attrs.get("noun"))
-    if noun is Law and "own" in tree:
-        tree["kind"] = _load_kind(tree["kind"], tree.pop("own"))
-    made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
-    if noun in (State, Law):
-        made.check_entries()
-    return made
+        return Node(attrs, _read_array(item))
+    return Node(attrs, {name: _read_node(child) for name, child in item.items()})
 
 
-def _load_kind(kind: int, about: dict) -> Kind:
-    try:
-        return restore_kind(kind, about)
-    except ValueError as problem:
-        raise ArchiveError(f"this archive cannot be read: {problem}") from None
-
-
-def _load_array(item: h5py.Dataset):
+def _read_array(item: h5py.Dataset) -> np.ndarray | None:
     stored = item.file.id.get_filesize()
     if item.nbytes > max(LARGE, EXPANDS * stored):
         raise ArchiveError(
@@ -315,7 +237,5 @@ def _load_array(item: h5py.Dataset):
     if isinstance(value, h5py.Empty):
         return None
     if h5py.check_string_dtype(item.dtype) is not None:
-        return value.decode() if isinstance(value, bytes) else np.array([v.decode() for v in value.ravel()], str)
-    if "sequence" in item.attrs:
-        return {"tuple": tuple, "list": list, "bytes": bytes}[item.attrs["sequence"]](value.tolist())
-    return value.item() if np.ndim(value) == 0 else value
+        return np.array(value.decode() if isinstance(value, bytes) else [v.decode() for v in value.ravel()], str)
+    return np.asarray(value)

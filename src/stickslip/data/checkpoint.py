@@ -1,24 +1,27 @@
-"""Checkpoints of an unfinished run: a folder of archives ("pieces"), from which a run that was killed can be resumed.
+"""Checkpoints of an unfinished run: named pieces, from which a run that was killed can be resumed.
 
-Every piece contains the scenario that it belongs to, and is never used for another one. The pieces are removed when the
-run has written its results.
+Pieces are appended to files that name the scenario to which they belong, and are never used for another one. They are
+removed when the run has written its results.
 """
 
 import hashlib
 import shutil
-from collections.abc import Callable
+from collections import ChainMap
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import __version__
 from ..core.units import Units
-from . import archive
+from . import records
 from .atomic import write_atomically
+from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, restore, to_bytes
 
 # a folder and two files in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
 UNFINISHED, SCENARIO, SWEEP, MEMBERS, LEGS = "unfinished", "scenario.json", "sweep.json", "members", "lammps"
 # temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
+OTHER_VERSION = "resume with that version, or start again with --overwrite"
 _NOTE, _PART = "scenario-", "part-"  # followed by a digest: scenario of the run, and of its parts
 
 
@@ -43,11 +46,11 @@ class Checkpoint(NamedTuple):
     @property
     def names(self) -> list[str]:
         """Names of the existing pieces, sorted."""
-        return sorted(path.stem for path in self.folder.glob("*.h5") if not path.name.startswith("."))
+        return sorted(self._find())
 
     def has(self, name: str) -> bool:
         """Return True if a piece exists."""
-        return self._path(name).is_file()
+        return name in self._find()
 
     def announce(self) -> None:
         """Write the scenario, so that the run can be resumed and other processes can find its folder.
@@ -67,10 +70,10 @@ class Checkpoint(NamedTuple):
 
     def check(self) -> None:
         """Raise ArchiveError if a piece of this part, or of its own parts, cannot be used."""
-        for path in sorted(self.folder.rglob("*.h5")):
-            inside = path.relative_to(self.folder)
-            if not path.name.startswith(".") and UNFINISHED not in inside.parts:
-                self._check(path)
+        for folder in (self.folder, *sorted(path for path in self.folder.rglob("*") if path.is_dir())):
+            inside = folder.relative_to(self.folder)
+            if UNFINISHED not in inside.parts:
+                self.of(str(inside))._find()
 
     @property
     def _note(self) -> Path:
@@ -91,8 +94,8 @@ class Checkpoint(NamedTuple):
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; it survives whatever happens to this process."""
         self.announce()
-        content = {"name": f"{self.part}/{name}", "piece": value}
-        archive.write(self._path(name), content, scenario=self.scenario, version=__version__, units=self.units)
+        about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place}
+        records.append(self.folder, name, to_bytes(make_node(value, self.units)), about)
 
     def load(self, name: str) -> Any:
         """Read a piece.
@@ -100,34 +103,40 @@ class Checkpoint(NamedTuple):
         Raises
         ------
         ArchiveError
-            if the piece is damaged, belongs to another scenario or version, or is not the one requested.
+            if the piece belongs to another scenario, version or part, or to a law that is not known.
         """
-        path = self._path(name)
-        self._check(path)
-        found = archive.read(path, nouns=self.nouns)
-        if found.get("name") != f"{self.part}/{name}":
-            raise archive.ArchiveError(f"{path} contains piece {found.get('name')}: restore the original file names")
-        return found["piece"]
+        return restore(from_bytes(self._find()[name].read()), known_nouns(self.nouns))
 
-    def _check(self, path: Path) -> None:
-        about = archive.attributes(path)
-        if about["scenario"] != self.scenario:
-            raise archive.ArchiveError(
-                f"{path} was computed for a scenario other than the folder's, perhaps with another law: restore that "
-                f"scenario, or run the new one with --overwrite"
+    def _find(self) -> Mapping[str, records.Record]:
+        """Existing pieces by name."""
+        if any(not path.name.startswith(".") for path in self.folder.glob("*.h5")):
+            raise ArchiveError(f"{self.folder} contains checkpoints in the form of an earlier version: {OTHER_VERSION}")
+        found = [records.read_index(path) for path in records.files(self.folder)]
+        for index in found:
+            self._check(index.about)
+        return ChainMap(*(index.found for index in found))
+
+    def _check(self, about: dict) -> None:
+        if about and about["scenario"] != self.scenario:
+            raise ArchiveError(
+                f"{self.folder} was computed for a scenario other than the folder's, perhaps with another law: restore "
+                f"that scenario, or run the new one with --overwrite"
             )
-        if about["stickslip"] != __version__:
-            raise archive.ArchiveError(
-                f"{path} was computed by stickslip {about['stickslip']}, and this is {__version__}, whose numbers may "
-                f"differ: resume with that version, or start again with --overwrite"
+        if about and about["stickslip"] != __version__:
+            raise ArchiveError(
+                f"{self.folder} was computed by stickslip {about['stickslip']}, and this is {__version__}, whose "
+                f"numbers may differ: {OTHER_VERSION}"
             )
+        if about and about["part"] != self._place:
+            raise ArchiveError(f"{self.folder} contains pieces of {about['part']}: restore the original names")
+
+    @property
+    def _place(self) -> str:
+        return Path(self.part).as_posix()
 
     def clear(self) -> None:
         """Remove all pieces of this part."""
         shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _path(self, name: str) -> Path:
-        return self.folder / f"{name}.h5"
 
 
 def unfinished_scenario(folder: Path) -> Path | None:
@@ -141,8 +150,18 @@ def unfinished_scenario(folder: Path) -> Path | None:
 
 def is_worth_resuming(folder: Path) -> bool:
     """Return True if any part of an unfinished run or sweep has been saved in its folder."""
-    saved = (path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*.h5"))
-    return any(not path.name.startswith(".") for path in saved)
+    inside = [path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*")]
+    return any(path.suffix in (records.SUFFIX, ".h5") and not path.name.startswith(".") for path in inside)
+
+
+def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:
+    """Pieces that an unfinished run has saved so far, by part and name, and what they belong to."""
+    found, about = {}, {}
+    for path in sorted((folder / UNFINISHED).rglob(f"*{records.SUFFIX}")):
+        index, part = records.read_index(path), path.parent.relative_to(folder / UNFINISHED)
+        found |= {(part / name).as_posix(): from_bytes(record.read()) for name, record in index.found.items()}
+        about = about or index.about
+    return dict(sorted(found.items())), about
 
 
 def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:

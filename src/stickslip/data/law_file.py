@@ -12,10 +12,11 @@ from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
 
-from .. import kernel_cache
 from ..core.laws.builtin import Law
+from ..core.laws.compiled import FORCES, law_struct
 from ..core.laws.user import from_text
 from ..core.text import read_text
+from ..extras import cache_folder
 from .schema import Finite, ScenarioError, ScenarioTable, validate_scenario
 
 TRUSTED = "trusted_laws.txt"  # in the user's cache folder: the SHA-256 of every text that may be executed
@@ -97,7 +98,7 @@ def trust_law_files(tables: dict) -> None:
 
     def trust(law: dict) -> dict:
         if isinstance(law.get("file"), str) and not _is_trusted(text := _read(Path(law["file"]))):
-            with (kernel_cache.folder() / TRUSTED).open("a", encoding="ascii") as file:
+            with (cache_folder() / TRUSTED).open("a", encoding="ascii") as file:
                 file.write(f"{_digest(text)}\n")
         return law
 
@@ -105,12 +106,12 @@ def trust_law_files(tables: dict) -> None:
 
 
 def _is_trusted(text: str) -> bool:
-    path = kernel_cache.folder() / TRUSTED
+    path = cache_folder() / TRUSTED
     return path.is_file() and _digest(text) in path.read_text(encoding="ascii", errors="replace").split()
 
 
 def check_law_files(tables: dict) -> None:
-    """Build the laws that a scenario names, before anything is written.
+    """Build and compile the laws that a scenario names, before anything is written.
 
     Raises
     ------
@@ -120,7 +121,8 @@ def check_law_files(tables: dict) -> None:
 
     def check(law: dict) -> dict:
         if law.get("file") is not None:
-            load_law(validate_scenario(LawFile, **{k: v for k, v in law.items() if k in LawFile.model_fields}))
+            choice = {k: v for k, v in law.items() if k in LawFile.model_fields}
+            law_struct(load_law(validate_scenario(LawFile, **choice)), members=FORCES)
         return law
 
     with_laws(tables, check)

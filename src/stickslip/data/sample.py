@@ -8,11 +8,11 @@ import numpy as np
 from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.mechanics import FREE, HELD
+from ..core.contacts.memory import FREE, HELD
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
-from ..core.laws.dispatch import Kind
+from ..core.laws.kinds import Kind
 from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres

@@ -1,20 +1,20 @@
-"""Description of an installation: versions, threads, caches and optional parts."""
+"""Description of an installation: versions, threads, the compiled core and optional parts."""
 
 import os
 import platform
 import subprocess
-import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from shutil import which
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy import sparse
 from threadpoolctl import threadpool_info
 
-from .. import __version__, extras, kernel_cache
+from .. import __version__, extras
+from .._core import build
+from ..core.dynamics.driver import available_threads
 from ..ensemble import default_workers
 from ..experiments.lammps.process import load_error
 from ..solve.linear import factorised
@@ -52,35 +52,26 @@ def versions() -> dict[str, str]:
 
 
 def threads() -> dict[str, str]:
-    """Number of cores, and the threads that Numba and BLAS would use."""
-    found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process", "numba": _describe_numba()}
+    """Number of cores, and the threads that runs and BLAS would use."""
+    found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process"}
+    found["runs"] = _format_threads(available_threads())
     for pool in threadpool_info():
         if pool["user_api"] == "blas":
             kind = f"{pool['internal_api']} {pool['version'] or ''}".strip()
             layer = pool.get("threading_layer", "")
             where = Path(pool["filepath"]).parent.name.removesuffix(".libs")
             found[f"blas of {where}"] = f"{kind}, {_format_threads(pool['num_threads'])}{layer and f' ({layer})'}"
-    variables = ("NUMBA_NUM_THREADS", "NUMBA_THREADING_LAYER", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    variables = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     found |= {name: os.environ[name] for name in variables if name in os.environ}
     return found
 
 
-def caches() -> dict[str, str | int | bool]:
-    """Folder of compiled kernels, whether it is writable, its size, and the use of prebuilt kernels."""
-    folder = kernel_cache.folder()
-    saved = not kernel_cache.is_temporary()
-    chosen = "NUMBA_CACHE_DIR" if os.environ.get("NUMBA_CACHE_DIR") else "stickslip"
-    files = [path for path in folder.rglob("*") if path.is_file()] if folder.exists() else []
-    return {
-        "folder": str(folder),
-        "chosen_by": chosen if saved else "stickslip, for this process only",
-        "writable": _is_writable(folder),
-        "kept": saved,
-        "files": len(files),
-        "bytes": sum(path.stat().st_size for path in files),
-        "of_other_versions": len(kernel_cache.outdated()),
-        "prebuilt": kernel_cache.prebuilt_state(),
-    }
+def compiled_core() -> dict[str, str]:
+    """Level of the compiled core that this processor uses, the levels that are built, and their compiler."""
+    level = build.best_level()
+    stamp = build.stamp(build.library(level))
+    built = [one for one in build.LEVELS if build.library_path(one).exists()]
+    return {"level": level, "levels": ", ".join(built), "compiler": stamp["compiler"], "folder": str(build.HERE)}
 
 
 def parts() -> list[OptionalPart]:
@@ -141,19 +132,6 @@ def _check_yade() -> OptionalPart:
     return OptionalPart("YADE", purpose, words[-1] if words else "installed", True, "")
 
 
-def _describe_numba() -> str:
-    """Threads, and the first layer in Numba's list that can be loaded, which is the one that Numba will use."""
-    if numba.config.THREADING_LAYER not in ("default", "safe", "threadsafe", "forksafe"):
-        return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (requested)"
-    for layer in numba.config.THREADING_LAYER_PRIORITY:
-        try:
-            __import__(f"numba.np.ufunc.{'workqueue' if layer == 'workqueue' else layer + 'pool'}")
-        except ImportError:
-            continue
-        return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {layer}"
-    return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, but no threading layer can be loaded"
-
-
 def _version(library: str) -> str | None:
     try:
         return version(DISTRIBUTIONS.get(library, library))
@@ -163,15 +141,6 @@ def _version(library: str) -> str | None:
 
 def _format_threads(number: int) -> str:
     return f"{number} thread{'s' * (number != 1)}"
-
-
-def _is_writable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
 
 
 def _one_line(problem: Exception) -> str:

@@ -12,31 +12,28 @@ from . import machine
 from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck
 
-COMPILING = "the first time kernels are compiled: up to a minute"
-EMPTY = "; filled during the first runs, or now by stickslip warm"
-
 
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
     """Examine this installation and show the results.
 
     Return whether every number is right, together with the JSON or the verdict.
     """
-    found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
+    found = machine.versions(), machine.threads(), machine.compiled_core(), machine.parts()
     if not as_json:
         show_machine(*found)
     with progress(transient=True) as tell:
-        check = selfcheck(lambda words: tell("self-check", 0.0, f"{words} ({COMPILING})"))
+        check = selfcheck(lambda words: tell("self-check", 0.0, words))
     if as_json:
         return check.ok, to_json(*found, check)
     show_checks(check)
     return check.ok, _verdict(check)
 
 
-def show_machine(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart]) -> None:
-    """Print tables of versions, threads, caches and optional parts."""
+def show_machine(versions: dict, threads: dict, core: dict, parts: list[OptionalPart]) -> None:
+    """Print tables of versions, threads, the compiled core and optional parts."""
     _print_pairs("Versions", versions)
     _print_pairs("Threads", threads)
-    _print_pairs("Compiled kernels", _describe_caches(caches))
+    _print_pairs("Compiled core", core | {"folder": _abbreviate_home(core["folder"])})
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
@@ -71,14 +68,14 @@ def _verdict(found: Selfcheck) -> str:
     return f"{words}, in {found.seconds:.1f} s"
 
 
-def to_json(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart], found: Selfcheck) -> str:
+def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart], found: Selfcheck) -> str:
     """JSON object with the keys of the tables; a number that could not be measured is null."""
     rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in found.checks]
     out = {
         "ok": found.ok,
         "versions": versions,
         "threads": threads,
-        "caches": caches,
+        "core": core,
         "parts": [part._asdict() for part in parts],
         "selfcheck": rows,
         "problem": found.problem,
@@ -92,22 +89,6 @@ def _print_pairs(title: str, rows: dict) -> None:
     for name, value in rows.items():
         table.add_row(name, str(value))
     show_table(table)
-
-
-def _describe_caches(caches: dict) -> dict[str, str]:
-    size = caches["bytes"] / 2**20
-    writable = "writable" if caches["writable"] else "not writable: kernels are compiled in every process"
-    if not caches["kept"]:
-        writable = "for this process only, because no other folder is writable: set NUMBA_CACHE_DIR"
-    words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
-    words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
-        "" if caches["files"] or caches["prebuilt"].startswith("for ") else EMPTY
-    )
-    if caches["prebuilt"] != "not installed":
-        words["prebuilt"] = caches["prebuilt"]
-    if caches["of_other_versions"]:
-        words["other versions"] = f"{caches['of_other_versions']} folders in it, safe to delete"
-    return words
 
 
 def _abbreviate_home(path: str) -> str:

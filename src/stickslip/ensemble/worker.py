@@ -19,10 +19,9 @@ import traceback
 from contextlib import suppress
 
 from .. import __version__
-from ..compilation import announced_to
 
 DONE, FAILED, SAID = 0, 1, 2
-ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 IDLE = 60.0  # a process ends after this time without a task [s]
 # SIGINT, unless it is ignored, ends the process as other signals do: nobody could handle an exception within a task
 START = """
@@ -181,8 +180,7 @@ def _listen(stream, asked) -> None:
 def _run_task(packed: bytes, more: tuple) -> tuple:
     try:
         function, task = pickle.loads(packed)
-        with announced_to(lambda kernel: [tell(None, f"compiling {kernel}") for tell in more if kernel]):
-            return DONE, pickle.dumps(function(*task, *more), protocol=5)
+        return DONE, pickle.dumps(function(*task, *more), protocol=5)
     except Exception as problem:
         return FAILED, describe_error(problem)
 

@@ -12,19 +12,20 @@ import pandas as pd
 import xarray as xr
 
 from ..core.arguments import checked
+from ..core.fields import FIELDS
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
 from ..data import archive
-from ..data.checkpoint import SWEEP, UNFINISHED
+from ..data.checkpoint import SWEEP, read_pieces
+from ..data.nodes import known_nouns, restore, units_within
 from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
 _ALONG = ("time", "strain", "load", "load_point", "slip")  # coordinate of a table: the first one that increases
 _ACROSS = ("station", "depth")  # coordinate of the second dimension of a table, if the length fits
 _AXES = {"axis": ["x", "y", "z"]}
-_GRAINS = ("position", "angle", "velocity", "spin", "radius", "mass", "inertia", "material")
-_WALLS = ("point", "normal", "velocity", "mass", "material")
+_GRAINS, _WALLS = (tuple(FIELDS[part]) for part in ("grains", "walls"))
 _PAIRS = ("i", "j", "image", "slip", "mode")
 MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 
@@ -112,18 +113,12 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame: int | str) -> pd.DataFr
 
 def _open_unfinished(folder: Path) -> xr.DataTree:
     """Open what an unfinished run has saved so far."""
-    paths = sorted((folder / UNFINISHED).rglob("*.h5")) if (folder / UNFINISHED).is_dir() else []
-    paths = [path for path in paths if not path.name.startswith(".")]
-    if not paths:
+    pieces, about = read_pieces(folder)
+    if not pieces:
         raise ValueError(f"{folder} contains no results: give the folder of a run, or its results.h5")
-    names = [str(path.relative_to(folder / UNFINISHED).with_suffix("")) for path in paths]
-    tree = {name: archive.read(path)["piece"] for name, path in zip(names, paths, strict=True)}
-    units = {
-        f"{name}/{inner.removeprefix('piece/')}": unit
-        for name, path in zip(names, paths, strict=True)
-        for inner, unit in archive.units(path).items()
-    }
-    return _build_tree(tree, units, archive.attributes(paths[0]) | {"finished": "no"})
+    tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
+    units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
+    return _build_tree(tree, units, about | {"finished": "no"})
 
 
 def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:

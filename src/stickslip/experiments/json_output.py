@@ -17,7 +17,7 @@ from .run_folder import list_files
 if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
     from .sweep.run import SweepResult
 
-LIBRARIES = ("numpy", "scipy", "numba", "h5py")
+LIBRARIES = ("numpy", "scipy", "h5py")
 
 
 def to_json(answer: dict) -> str:

@@ -38,6 +38,13 @@ class Realizations(NamedTuple):
         starts = range(0, len(self.results), size)
         return [Realizations(self.results[k : k + size], self.sentences[k : k + size]) for k in starts]
 
+    @property
+    def complete(self) -> list[Any]:
+        """Results of all tasks; raise RuntimeError with the first failure if there is one."""
+        if self.failures:
+            raise RuntimeError(self.failures[0])
+        return self.results
+
     def successful(self, what: str) -> list[Any]:
         """Return the results of the tasks that did not fail.
 

@@ -14,8 +14,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 
-from .. import compilation
-
 UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
 
 
@@ -112,19 +110,7 @@ def progress(*, transient: bool = False):
             if plain_line:
                 plain_line(stage, share, words, left)
 
-        def compiling(kernel: str | None) -> None:
-            said = compilation.headline()
-            if said not in stages:
-                stages[said] = bar.add_task(said, total=None, words="", left="")
-            task = stages[said]
-            if kernel and bar.tasks[task].finished:
-                bar.reset(task, total=None)
-            bar.update(task, words=kernel or "")
-            if plain_line and kernel:
-                plain_line(said, 0.0, kernel, None)
-
-        with compilation.announced_to(compiling):
-            yield update
+        yield update
         for task in stages.values():
             bar.update(task, total=1.0, completed=1.0, left="")
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from ..core.arguments import checked, require_positive
 from ..core.readable import readable
-from . import fault_kernel as kernel
 from .fault import Fault, check_fault
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
-from .fault_state import FaultState, Machine, check_state, initial_state
+from .fault_state import FaultState, check_state, initial_state
+from .fault_step import EXPONENT, NUMBER, STAGES, Machine
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
 TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
@@ -135,26 +135,26 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
     machine = Machine(fault, state.prestress)
     y, w = state.unknowns, state.log_velocity.copy()
-    stages, powers = np.empty((kernel.NUMBER + 1, *y.shape)), np.zeros((kernel.NUMBER + 1, 3))
+    stages, powers = np.empty((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3))
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
     now = _moment(fault, state)
     while time < until or recorder.event is not None:
         w_trial[:] = w
-        error = _try_step(machine, y, w_trial, stages, powers, h, trial) / tolerance
+        error = machine.step(y, w_trial, stages, powers, h, trial) / tolerance
         if not error <= 1.0:
             rejected += 1
-            h *= max(LEAST, SAFETY * error**-kernel.EXPONENT) if np.isfinite(error) else LEAST
+            h *= max(LEAST, SAFETY * error**-EXPONENT) if np.isfinite(error) else LEAST
             if time + h == time:
                 raise RuntimeError(f"the time step became too small at {time / YEAR:g} years: use shorter cells")
             continue
-        energy += h * (kernel.STAGES[-1] @ powers[:-1])
+        energy += h * (STAGES[-1] @ powers[:-1])
         time, steps = time + h, steps + 1
         y, trial, w, w_trial = trial, y, w_trial, w
         stages[0], powers[0] = stages[-1], powers[-1]
         error = max(error, 1e-4)
-        h *= min(MOST, max(LEAST, SAFETY * (error**-0.7 * last**0.4) ** kernel.EXPONENT))
+        h *= min(MOST, max(LEAST, SAFETY * (error**-0.7 * last**0.4) ** EXPONENT))
         last = error
         before, now = (
             now,
@@ -171,15 +171,6 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,
     )  # fmt: skip
     return end, steps, rejected
-
-
-def _try_step(machine: Machine, y, w, stages, powers, h: float, trial) -> float:
-    """Evaluate all stages of a step; return its estimated error, infinite if a stage fails."""
-    for i in range(kernel.NUMBER):
-        kernel.advance(y, stages, i + 1, kernel.STAGES[i], h, trial)
-        if not machine.rates(trial, w, stages[i + 1], powers[i + 1]):
-            return np.inf
-    return kernel.error_norm(stages, h, machine.cells[2])
 
 
 def _moment(fault: Fault, state: FaultState) -> Moment:

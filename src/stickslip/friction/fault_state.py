@@ -7,9 +7,9 @@ import numpy as np
 from ..core.arguments import Values, checked, require_positive
 from ..core.readable import readable
 from ..core.units import for_people
-from . import fault_kernel as kernel
 from . import laws
 from .fault import Fault, check_fault
+from .fault_step import Machine
 
 LARGEST = 300.0  # greatest logarithm of a state
 
@@ -85,11 +85,10 @@ def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.
     -------
     (N,) [Pa]
     """
-    first, second = log_states[0], log_states[-1]
-    out, b2 = np.zeros(len(fault.depth)), np.broadcast_to(fault.b2, fault.b.shape)
-    for i in range(len(out)) if cells is None else cells:
-        cell = log_velocity[i], first[i], second[i], fault.a[i], fault.b[i], b2[i]
-        out[i] = laws.friction(fault.form_code, *cell, fault.mu0, *fault.cuts)[0]
+    out, cells = np.zeros(len(fault.depth)), slice(None) if cells is None else cells
+    logs = np.array([log_velocity, log_states[0], log_states[-1]]).T[cells]
+    surface = np.array(np.broadcast_arrays(fault.a, fault.b, fault.b2, fault.mu0, *fault.cuts)).T[cells]
+    out[cells] = laws.friction(fault.form_code, logs, surface)
     return fault.normal * out
 
 
@@ -224,18 +223,3 @@ def with_rates(fault: Fault, state: FaultState) -> FaultState:
     if not machine.rates(y, w, out, power):
         raise ValueError("no slip velocity balances the stress: check the initial stress and the parameters")
     return state._replace(log_velocity=w, rates=out, power=power)
-
-
-class Machine:
-    """Arguments of the compiled kernels, prepared once."""
-
-    def __init__(self, fault: Fault, prestress: np.ndarray):
-        self.transfer = fault.transfer
-        self.codes = fault.form_code, laws.EVOLUTIONS[fault.law]
-        self.constants = (fault.mu0, fault.v0, fault.damping, fault.plate_rate, fault.cell, *fault.cuts)
-        rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2
-        self.cells = np.array(np.broadcast_arrays(*rows), float)
-
-    def rates(self, y, w, out, power) -> bool:
-        """Rates of the unknowns; see `fault_kernel.rates`."""
-        return kernel.rates(self.codes, self.constants, self.cells, self.transfer(y[0]), y, w, out, power)

@@ -7,9 +7,8 @@ import numpy as np
 
 from ..core.arguments import checked
 from ..core.readable import readable
-from . import kernel
-from .laws import EVOLUTIONS, form_code
-from .loads import LoadStep, check_times, leg_arrays
+from .loads import Legs, LoadStep, check_times, leg_arrays
+from .slider import DONE, build_slider, friction, history, state_history
 
 TOLERANCE = 1e-10
 NAMES = ("a", "b", "dc", "mu0", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend")
@@ -39,12 +38,12 @@ class Data(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """Data as arrays for kernels."""
+    """Data as arrays."""
 
     time: np.ndarray
     friction: np.ndarray
     place: np.ndarray  # displacement of the load point (or slip), for the trend
-    legs: tuple[np.ndarray, np.ndarray, np.ndarray] | None
+    legs: Legs | None
     velocity: np.ndarray | None
     sigma: np.ndarray
     used: np.ndarray  # (N,) True for samples that are fitted
@@ -89,17 +88,17 @@ def prepare(data: Data, windows=None) -> Prepared:
         mean = 0.5 * (velocity[1:] + velocity[:-1])
         place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
         return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
-    duration, speed, normal = leg_arrays(data.legs)
-    ends = np.cumsum(duration)
+    legs = leg_arrays(data.legs)
+    ends = np.cumsum(legs.duration)
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
         raise ValueError(
             f"samples go from {time[0]:g} to {time[-1]:g}, legs from 0 to {ends[-1]:g}: the legs must cover the data"
         )
-    before = float(speed[0]) if data.before is None else data.before
+    before = float(legs.velocity[0]) if data.before is None else data.before
     if not before > 0:
         raise ValueError("the record starts with the load point at rest: give `before`, the slip velocity before it")
-    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * speed)])
-    return Prepared(np.minimum(time, ends[-1]), friction, place, (duration, speed, normal), None, sigma, used, before)
+    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs.duration * legs.velocity)])
+    return Prepared(np.minimum(time, ends[-1]), friction, place, legs, None, sigma, used, before)
 
 
 def _in_windows(time, windows) -> np.ndarray:
@@ -127,21 +126,16 @@ def model_friction(
     values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (initial over steady state) and trend
     """
     v = PLAIN | values
-    cuts = v["v0"] / v["v1"], v["v0"] / v["v2"]
-    codes, more = (EVOLUTIONS[law], form_code(form, *cuts)), (v["b2"], v["dc2"], *cuts)
-    p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], *codes, *more], float)
+    slider = build_slider(v, law, form)
     start, trend = np.log(v["theta"] * v["v0"] / case.before), v["trend"] * case.place
     if case.legs is None:
         mean, spans = 0.5 * (case.velocity[1:] + case.velocity[:-1]), np.diff(case.time)
         states = [np.full(len(case.time), start) for _ in range(2)]
         for state, dc in zip(states, (v["dc"], v["dc2"])[: 2 if v["b2"] else 1], strict=False):
-            state[1:] = kernel.state_history(start, spans, mean, v["v0"], dc, EVOLUTIONS[law])
-        return kernel.friction_along(np.stack([np.log(case.velocity / v["v0"]), *states], axis=1), p) + trend
+            state[1:] = state_history(start, spans, mean, v["v0"], dc, law)
+        return friction(slider, np.stack([np.log(case.velocity / v["v0"]), *states], axis=1)) + trend
     w = np.log(case.before / v["v0"])
-    duration, speed, normal = case.legs
-    out, code, _ = kernel.integrate(
-        w, start, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance
-    )
-    if code != kernel.DONE or not np.isfinite(out).all():
+    out, code, _ = history(slider, (w, start, start), case.legs, case.time, tolerance)
+    if code != DONE or not np.isfinite(out).all():
         return None
-    return kernel.friction_along(out, p) + trend
+    return friction(slider, out) + trend

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..core.arguments import Series, checked, require_positive
 from ..core.readable import readable
-from . import kernel
-from .laws import EVOLUTIONS, FORMS, form_code
+from . import slider
+from .laws import EVOLUTIONS, FORMS
 from .loads import LoadStep, check_times, leg_arrays
 
 EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
@@ -162,7 +162,8 @@ def spring_slider(
     -0.011513
     """
     check(rs)
-    duration, velocity, normal = leg_arrays(legs)
+    arrays = leg_arrays(legs)
+    duration, velocity, normal = arrays
     check_spring(spring)
     require_positive(tolerance=tolerance)
     start = float(velocity[0]) if before is None else before
@@ -173,21 +174,18 @@ def spring_slider(
     ends = np.cumsum(duration)
     times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
-    p = kernel_parameters(rs, spring)
-    out, code, reached = kernel.integrate(w, f, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
+    out, code, reached = slider.history(slider_of(rs, spring), (w, f, f), arrays, times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
     place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
     rows = np.vstack([(w, f, f), out[kept]])
     place, factor, at = np.r_[0.0, place], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
-    return _build_history(rs, spring, at, place, rows, factor)._replace(end=tuple(End)[code], reached=float(reached))
+    return _build_history(rs, spring, at, place, rows, factor)._replace(end=tuple(End)[code], reached=reached)
 
 
-def kernel_parameters(rs: RateState, spring: Spring) -> np.ndarray:
-    """Parameters as an array for kernels."""
-    cuts = rs.v0 / rs.v1, rs.v0 / rs.v2
-    codes, more = (EVOLUTIONS[rs.law], form_code(rs.form, *cuts)), (rs.b2, rs.dc2, *cuts)
-    return np.array([rs.a, rs.b, rs.dc, rs.mu0, rs.v0, spring.stiffness, spring.damping, *codes, *more], float)
+def slider_of(rs: RateState, spring: Spring) -> slider.Slider:
+    """Slider with a surface and a spring."""
+    return slider.build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
 
 
 def check_spring(spring: Spring) -> None:
@@ -203,7 +201,7 @@ def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
 
     Slip follows from the balance of spring and friction.
     """
-    velocity, friction = rs.v0 * np.exp(out[:, 0]), kernel.friction_along(out, kernel_parameters(rs, spring))
+    velocity, friction = rs.v0 * np.exp(out[:, 0]), slider.friction(slider_of(rs, spring), out)
     force = normal[0] * friction[0] + spring.damping * velocity[0]
     slip = place - (normal * friction + spring.damping * velocity - force) / spring.stiffness
     columns = time, place, slip, velocity, rs.dc / rs.v0 * np.exp(out[:, 1]), friction, normal
@@ -262,12 +260,10 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta
     first = np.log(rs.v0 * start / rs.dc)
-    f, g = (
-        kernel.state_history(first, np.diff(time), velocity, rs.v0, dc, EVOLUTIONS[rs.law]) for dc in (rs.dc, rs.dc2)
-    )
+    f, g = (slider.state_history(first, np.diff(time), velocity, rs.v0, dc, rs.law) for dc in (rs.dc, rs.dc2))
     slip = np.cumsum(np.diff(time) * velocity)
     w = np.log(np.where(velocity > 0, velocity, np.nan) / rs.v0)
-    mu = kernel.friction_along(np.stack([w, f, g], axis=1), kernel_parameters(rs, Spring(1.0)))
+    mu = slider.friction(slider_of(rs, Spring(1.0)), np.stack([w, f, g], axis=1))
     if rs.form == "regularized":
         mu[velocity == 0] = 0.0
     return SlipHistory(

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..core.arguments import checked
 from ..core.readable import readable
-from .kernel import rate_derivatives
-from .laws import form_code, slopes
-from .ratestate import RateState, Spring, check, check_spring, kernel_parameters
+from .laws import slopes
+from .ratestate import RateState, Spring, check, check_spring, slider_of
+from .slider import rates
 
 
 @readable
@@ -60,9 +60,8 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
 
 def steady_slopes(rs: RateState, velocity: float) -> tuple[float, float, float]:
     """Derivatives of friction with respect to ln V, ln θ and ln θ2 in steady sliding."""
-    w = np.log(velocity / rs.v0)
-    cuts = rs.v0 / rs.v1, rs.v0 / rs.v2
-    return slopes(form_code(rs.form, *cuts), w, -w, -w, rs.a, rs.b, rs.b2, rs.mu0, *cuts)
+    w, slider = np.log(velocity / rs.v0), slider_of(rs, Spring(1.0))
+    return tuple(slopes(slider.form, (w, -w, -w), slider[:6])[0].tolist())
 
 
 @checked
@@ -88,8 +87,7 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     if not (velocity > 0 and np.isfinite(velocity)):
         raise ValueError(f"velocity = {velocity} was given: use a positive, finite velocity for steady sliding")
     w = np.log(velocity / rs.v0)
-    ww, wf, wg, fw, ff, gw, gg = rate_derivatives(w, -w, -w, kernel_parameters(rs, spring), velocity, 1.0)
-    matrix = np.array([[ww, wf, wg], [fw, ff, 0], [gw, 0, gg]], complex)
+    matrix = rates(slider_of(rs, spring), (w, -w, -w), velocity, 1.0)[1].astype(complex)
     values = np.linalg.eigvals(matrix if rs.b2 > 0 else matrix[:2, :2])
     critical = critical_stiffness(rs, velocity, spring.damping)
     growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())

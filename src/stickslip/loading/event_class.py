@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ..core.contacts.jacobian import linearise
-from ..core.contacts.mechanics import FREE
+from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step

@@ -110,7 +110,7 @@ def _check(state: State, law: Law, to: float, step: float, resolution: float, mo
         raise ValueError("a packing with loads, springs or grains that are not free was given: only strain may act")
     if damping_model(law):
         raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
-    if rescales(law.kind):
+    if rescales(law):
         raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
     if to > MOST_STEPS * step:
         raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")

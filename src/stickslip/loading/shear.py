@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..core.arguments import checked
-from ..core.fields import pack_keys
 from ..core.dynamics.cell_motion import strained
+from ..core.fields import pack_keys
 from ..core.state import PER_PAIR, Contacts, State
 
 

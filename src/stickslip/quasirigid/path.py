@@ -14,10 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..builtin_laws import NAMES
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.laws.builtin import KT, LINEAR, Law
+from ..core.laws.builtin import KT, Law
 from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
@@ -260,7 +261,7 @@ def _accept_forces(state: State, law: Law) -> State:
 def _check_start(state: State, law: Law, legs, increment: float) -> None:
     if not legs:
         raise ValueError("no leg was given: at least one Control is needed")
-    if law.kind != LINEAR:
+    if law.kind != NAMES.index("linear"):
         raise ValueError(
             "a law that is not linear in the overlap was given: paths are piecewise linear only for `linear`"
         )

@@ -37,7 +37,7 @@ from scipy.sparse.linalg import eigs, splu
 from ..core.arguments import checked
 from ..core.contacts.forces import forces
 from ..core.contacts.jacobian import linearise
-from ..core.contacts.mechanics import FREE
+from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import overlaps, touching
 from ..core.readable import pluralize, readable

@@ -7,21 +7,21 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from ..builtin_laws import BUILTIN_LAWS
 from ..core.arguments import checked, require_not_negative, require_positive
-from ..core.contacts.mechanics import with_dashpot
 from ..core.fields import LARGEST
 from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
+    KN,
+    NO_TENSION,
+    VISCOELASTIC,
     Law,
-    damping_factor,
     elastic_constants,
-    force_exponent,
     hertz_mindlin_reff,
-    normal_force,
-    parameters,
 )
-from ..core.laws.dispatch import Kind
+from ..core.laws.kinds import Kind
+from ..core.laws.values import evaluate
 from ..core.readable import readable
 
 ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1
@@ -73,16 +73,18 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
         raise ValueError(
             "a user-defined law was given: `collision` supports built-in laws only; simulate the two grains with `run`"
         )
-    q, r_eff, m_eff = parameters(law.table, *pair), radius / 2, mass / 2
+    m_eff, power = mass / 2, BUILTIN_LAWS[law.kind].exponent
+    damping_power = 0.5 if law.damping & 3 == VISCOELASTIC else 0.0
+    at = {"overlap": 1.0, "r_eff": radius / 2, "m_eff": m_eff, "a": pair[0], "b": pair[1]}
+    unit, dashpot = (float(value) for value in evaluate(law, "force", "damping", **at))
+    dashpot *= float(law.table[*pair, DAMPING_N])
 
     def force(x, v):
         x = max(x, 0.0)
-        damping = damping_factor(law.damping, r_eff, m_eff, x) * q[DAMPING_N]
-        return with_dashpot(law.damping, normal_force(law.kind, q, r_eff, x), damping, -v)
+        out = unit * x**power + dashpot * x**damping_power * v
+        return max(out, 0.0) if law.damping & NO_TENSION else out
 
     # scale by the elastic collision, so that the equation is well conditioned in any units
-    unit = normal_force(law.kind, q, r_eff, 1.0)
-    power = force_exponent(law.kind)
     with np.errstate(all="ignore"):
         depth = ((power + 1) / 2 * m_eff * np.float64(speed) ** 2 / unit) ** (1 / (power + 1))
         span = depth / speed
@@ -162,7 +164,7 @@ def with_restitution(
         return collision(damped(gamma), radius=radius, mass=mass, speed=speed).restitution - restitution
 
     elastic = collision(damped(0.0), radius=radius, mass=mass, speed=speed)
-    unit = damping_factor(law.damping, radius / 2, mass / 2, elastic.peak_overlap)
+    unit = evaluate(law, "damping", overlap=elastic.peak_overlap, r_eff=radius / 2, m_eff=mass / 2)
     low, high = 0.0, (1 - restitution) * mass / elastic.duration / unit
     for _ in range(DOUBLINGS):
         if not excess(high) > 0:
@@ -170,9 +172,9 @@ def with_restitution(
         low, high = high, 2 * high
     else:
         raise ValueError(f"no damping gives a restitution of {restitution}: the law damps collisions too little")
-    size, q = 2 * radius, parameters(law.table, 0, 0)
-    stiffness = normal_force(law.kind, q, size, size) / size
-    natural = np.sqrt(stiffness * mass) / damping_factor(law.damping, size, mass, size)
+    size = 2 * radius
+    force, factor = evaluate(law, "force", "damping", overlap=size, r_eff=size, m_eff=mass)
+    natural = np.sqrt(force / size * mass) / factor
     return damped(brentq(excess, low, high, rtol=1e-9, xtol=ROUND_OFF * natural))
 
 
@@ -222,7 +224,7 @@ def eq8_damping(
         )
     law = hertz_mindlin_reff(*elastic_constants(young, poisson), 0.0)
     law = with_restitution(law, restitution, radius=radius, mass=mass, speed=speed, ratio=ratio)
-    kn, collided = parameters(law.table, 0, 0)[0], law.table[0, 0, DAMPING_N]
+    kn, collided = law.table[0, 0, [KN, DAMPING_N]]
     a = 2 * (mass / 2) * collided / (3 * kn)  # m_eff γ_n √(δ R_eff) = K (3/2) A √δ
     elastic = (1 - poisson**2) * (1 - 2 * poisson) / (young * poisson**2)
     return float(3 * a * (3 * ratio + 2) / ((3 * ratio - 1) ** 2 * elastic))

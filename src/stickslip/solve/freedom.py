@@ -8,7 +8,7 @@ from scipy import sparse
 from ..core.arguments import checked, require_shape
 from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
 from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
-from ..core.contacts.mechanics import HELD
+from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
 from ..core.fields import Field, check_entry
 from ..core.laws.builtin import Law

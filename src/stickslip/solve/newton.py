@@ -8,7 +8,7 @@ from scipy.linalg import LinAlgError
 
 from ..core.arguments import checked, require_not_negative, require_positive
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.mechanics import FREE
+from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, least_supports

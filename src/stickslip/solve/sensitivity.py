@@ -9,7 +9,7 @@ from scipy.linalg import eig, eigvals
 
 from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks, linearise
-from ..core.contacts.mechanics import FREE
+from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import contact_forces, touching
 from ..core.readable import readable

@@ -242,7 +242,7 @@ def _with_stuck(found: Stability | None, stuck: Stability | None, count: int) ->
 
 def unloading_scope(law: Law) -> str:
     """Scope note for laws whose forces have a kink at the committed memory; empty for other laws."""
-    return UNLOADED if rescales(law.kind) else ""
+    return UNLOADED if rescales(law) else ""
 
 
 def contacts_at_limit(state: State, law: Law) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Contacts: geometry, mechanics, forces, rolling, neighbour lists, Jacobian."""
+"""Contacts: forces, rolling, neighbour lists, Jacobian."""

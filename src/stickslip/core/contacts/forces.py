@@ -6,20 +6,18 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
-from ..laws.builtin import Law, cap, damping_model, normal_force, rescaling_flag, row, tangential_stiffness
-from ..laws.dispatch import check_kind
-from ..options import INNER
+from ..laws.builtin import Law
+from ..laws.compiled import law_struct
+from ..library import core
 from ..readable import pluralize, readable
-from ..state import OPEN, Contacts, State, groups
-from .geometry import normal_and_overlap, pair_vector, shifts
-from .mechanics import FREE, FROZEN, HELD, effective_values, tangential_force
+from ..state import Contacts, State, groups
+from .geometry import shifts
+from .memory import FREE, FROZEN, HELD
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
-from .rows import NO_EVENTS, sweep_contacts
 
 
 class Bodies(NamedTuple):
@@ -87,44 +85,6 @@ def bodies(state: State) -> Bodies:
     )
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
-def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
-    """Pair vector and elastic force on i, for a touching pair of grains whose memory is committed."""
-    i, j = contacts.i[c], contacts.j[c]
-    rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
-    nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
-    q = row(kind, p, bodies.material[i], bodies.material[j])
-    r_eff, _ = effective_values(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
-    fn = normal_force(kind, q, r_eff, overlap)
-    s = contacts.slip[c]
-    limit = cap(kind, q, r_eff, overlap, fn)
-    tx, ty, tz = tangential_force(coulomb, tangential_stiffness(kind, q, r_eff, overlap), limit, s[0], s[1], s[2])
-    return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
-
-
-@njit(cache=True)
-def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
-    """Add Σ f ⊗ r over all touching pairs of grains whose memory is committed."""
-    n_grains = len(bodies.radius) - len(bodies.normal)
-    for c in range(contacts.count[0]):
-        if contacts.mode[c] != OPEN and contacts.j[c] < n_grains:
-            r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
-            for a in range(3):
-                for b in range(3):
-                    out[a, b] += f[a] * r[b]
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def evaluate(
-    kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
-):  # fmt: skip
-    """Evaluate all contacts. A single kernel serves all built-in laws, unlike in the time loop."""
-    sweep_contacts(
-        kind, coulomb, dim, viscous, 0, rescaled, memory, None, 0.0, False, None, bodies, contacts, shift, p, force,
-        torque, None, 0.0, events, event_count,
-    )  # fmt: skip
-
-
 @checked
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
@@ -173,14 +133,11 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         rolling=None if contacts.rolling is None else contacts.rolling.copy(),
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
-    here, shift = bodies(state), shifts(trial, state.cell.vectors)
-    check_kind(law.kind)
-    evaluate(
-        law.kind, law.coulomb, state.cell.dim, damping_model(law), here, trial, shift, law.table, memory, loads.force,
-        loads.torque, NO_EVENTS, np.zeros(1, np.int64), rescaling_flag(law.kind),
-    )  # fmt: skip
+    here, struct = bodies(state), law_struct(law)
+    core.evaluate_contacts(struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque)
     if state.control.cell_free.any():
-        _add_virial(law.kind, law.coulomb, state.cell.dim, law.table, here, trial, shift, loads.virial)
+        shift = shifts(trial, state.cell.vectors)
+        core.add_virial(struct, state.cell.dim, here, trial, shift, loads.virial)
     return loads, trial
 
 

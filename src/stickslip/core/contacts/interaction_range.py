@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..laws.builtin import Law
-from ..laws.dispatch import Kind, evaluate_role, find_user_law
+from ..laws.kinds import Kind, evaluate_role, find_user_law
 from ..state import Contacts, State
 from .rolling import WIDTH
 

@@ -13,31 +13,16 @@ which describes the rotation of the memory with the contact.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..arguments import checked
-from ..laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    Law,
-    cap,
-    cap_slopes,
-    contact_damping,
-    damping_model,
-    mobilisation,
-    mobilisation_tangent,
-    normal_force,
-    rescaling_flag,
-    row,
-    tangential_stiffness,
-    tangents,
-)
-from ..options import INNER
-from ..state import OPEN, SLIDE, State
+from ..laws.builtin import Law
+from ..laws.compiled import TANGENTS, law_struct
+from ..library import core
+from ..state import State
 from .forces import bodies, check_materials, check_memory
-from .geometry import normal_and_overlap, pair_vector, shifts, surface_rotation
+from .geometry import shifts
 from .interaction_range import largest_gap, with_rolling_memory
-from .mechanics import HELD, effective_values, out_of_range, transport_slip, truncated_slip, turning_weight
+from .memory import HELD
 from .neighbors import check_list
 from .rolling import resists_rolling, with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
@@ -72,77 +57,6 @@ class Linearisation(NamedTuple):
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
 
 
-@njit(cache=True, error_model="numpy", **INNER)
-def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, stretch, slides):
-    """Coefficients φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilisation) ≤ `limit`.
-
-    `mu` and `by_overlap` are the limit's derivatives with respect to F_n and δ.
-    """
-    if slides or limit <= 0.0:
-        return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n + by_overlap, mu
-    x = stiffness * stretch / limit
-    h, g = mobilisation(coulomb, x), mobilisation_tangent(coulomb, x)
-    by_force = -mu * x * x * g
-    changed = by_force * slope_n - by_overlap * x * x * g
-    return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + changed, by_force
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_linearisation(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
-    position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
-    n_grains = len(radius) - len(wall_normal)
-    for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
-        nx, ny, nz, overlap, inverse = normal_and_overlap(
-            i, j, j >= n_grains, j - n_grains, radius, wall_normal, rx, ry, rz
-        )
-        if out_of_range(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
-            continue
-        q = row(kind, p, material[i], material[j])
-        r_eff, m_eff = effective_values(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
-        force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
-        slope_n, slope_k = tangents(kind, q, r_eff, overlap)
-        limit = cap(kind, q, r_eff, overlap, force_n)
-        mu, by_overlap = cap_slopes(kind, q, r_eff, overlap, force_n)
-        before = contacts.mode[c]
-        sx = sy = sz = dx = dy = dz = 0.0
-        fade = 1.0
-        if before != OPEN:
-            sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
-            ax, ay, az = surface_rotation(dim, angle, radius, i, j)
-            old, turned = contacts.pair[c], contacts.roll[c]
-            dx, dy, dz = rx - old[0], ry - old[1], rz - old[2]
-            ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
-            out.before[c, 0], out.before[c, 1], out.before[c, 2] = sx, sy, sz
-            out.way[c, 0], out.way[c, 1], out.way[c, 2] = dx, dy, dz
-            out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
-            sx, sy, sz, dx, dy, dz, _, _, _, fade = transport_slip(
-                0, rescaled, nx, ny, nz, inverse, overlap, dx, dy, dz, ax, ay, az, sx, sy, sz
-            )
-        spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
-        mode = truncated_slip(dim, rescaled, *spring, 1.0, 1.0, before, memory, fade)[3]
-        if rescaled is not None:
-            top, below = turning_weight(*spring, fade)
-        else:
-            top, below = turning_weight(*spring)
-        weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
-        if weighted:
-            weight = top / below
-        ux, uy, uz = sx + weight * dx, sy + weight * dy, sz + weight * dz
-        out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
-            coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
-        )
-        out.normal[c, 0], out.normal[c, 1], out.normal[c, 2], out.inverse[c] = nx, ny, nz, inverse
-        out.slip[c, 0], out.slip[c, 1], out.slip[c, 2], out.weighted[c] = ux, uy, uz, weighted
-        out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
-        out.force_n[c], out.slope_n[c] = force_n, slope_n
-        out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
-        out.fade[c], out.fading[c] = fade, 0.5 * fade / overlap if fade < 1.0 else 0.0
-        factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
-        out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
-
-
 def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
@@ -151,19 +65,8 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip")
     out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))
-    _fill_linearisation(
-        law.kind,
-        law.coulomb,
-        damping_model(law),
-        state.cell.dim,
-        bodies(state),
-        state.contacts,
-        shifts(state.contacts, state.cell.vectors),
-        law.table,
-        memory,
-        rescaling_flag(law.kind),
-        out,
-    )
+    struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
+    core.linearise(struct, state.cell.dim, bodies(state), state.contacts, shift, memory, out)
     if memory == HELD and (out.closed > out.remembers).any():
         raise ValueError("a touching contact was never committed: equilibrate, or accept(state, trial) first")
     return out
@@ -212,7 +115,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     by_way[:, :, 3:] = cross_matrix(turn.mid)
     soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
     reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
-    fading = (c.fade, c.fading) if rescaling_flag(law.kind) else ()
+    fading = (c.fade, c.fading) if c.fading.any() else ()
     slip, by_slip, by_reach = memory_tangent(
         turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
         c.weighted > 0, *fading,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .mechanics import MIN_WEIGHT
+from .memory import MIN_WEIGHT
 
 
 class Turn(NamedTuple):
@@ -82,7 +82,7 @@ def memory_tangent(
     before : (C, 3) previous memory
     way, by_way : (C, 3) and (C, 3, K) increment of the memory, and its derivative
     reach, by_overlap : (C,) length at the Coulomb limit, and its derivative with respect to the overlap
-    weighted : (C,) bool, True where κ is not 1: see `mechanics.turning_weight`
+    weighted : (C,) bool, True where κ is not 1: see `turning_weight` in `mechanics.h`
     fade, fading : (C,) factor f by which a decreasing overlap shortens the memory, and df/dδ; default 1 and 0
     """
     a, by_a = projected(turn, before, np.zeros_like(by_way))

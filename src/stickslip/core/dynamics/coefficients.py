@@ -3,16 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
-from ..options import INNER
-from ..simd.transpose import KICK, KICK_T, RADIUS, SPIN, VELOCITY
 from ..state import Control, State, groups
-
-CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
-DONE, CONVERGED, NOT_FINITE, FULL, MOVED, RUNAWAY = range(6)  # return codes of a compiled loop over steps
 
 
 class GroupMembers(NamedTuple):
@@ -29,59 +23,12 @@ def find_members(control: Control, place: np.ndarray | None = None) -> GroupMemb
     return GroupMembers(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
 
 
-@njit(cache=True, fastmath=False, **INNER)
-def sum_over_groups(member, start, force):
-    """Replace the force on each member of a group by the sum over its members, in the order of their numbers."""
-    for g in range(len(start) - 1):
-        for k in range(3):
-            total = 0.0
-            for e in range(start[g], start[g + 1]):
-                total += force[member[e], k]
-            for e in range(start[g], start[g + 1]):
-                force[member[e], k] = total
-
-
 class Plan(NamedTuple):
     """Coefficients of a run, constant during it."""
 
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
-    mass: np.ndarray  # (N,)
-    inertia: np.ndarray  # (N,)
     dt: float
-
-
-@njit(cache=True, fastmath=False)  # explicit, or a function inherits fastmath from its first caller
-def find_not_finite(x, angle):
-    """Find the first body with a non-finite coordinate, or return −1."""
-    for a in range(len(x)):
-        for k in range(3):
-            if not (np.isfinite(x[a, k]) and np.isfinite(angle[a, k])):
-                return a
-    return -1
-
-
-@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
-def largest_unbalanced(moving, plan):
-    """Largest force, torque/R or drag force on the free components of moving bodies, and the body on which it acts.
-
-    NaN counts as largest.
-    """
-    body, most, worst = moving.body, 0.0, -1
-    for g in range(len(body)):
-        for k in range(6):
-            turning = k >= 3
-            kick = body[g, KICK_T] if turning else body[g, KICK]
-            if moving.free[g, k] and kick > 0.0:
-                rate = body[g, SPIN + k - 3] if turning else body[g, VELOCITY + k]
-                drag = plan.drags[1] if turning else plan.drags[0]
-                size = max(abs(moving.force[g, k]), drag * abs(rate) * 0.5 * plan.dt / kick)
-                size = (size + 0.0 * moving.force[g, k] * rate) / (body[g, RADIUS] if turning else 1.0)
-                if not np.isfinite(size):
-                    return np.nan, moving.order[g]
-                if size > most:
-                    most, worst = size, moving.order[g]
-    return most, worst
 
 
 def driven_bodies(state: State) -> Bodies:
@@ -131,16 +78,6 @@ def inverse_inertia_of(state: State) -> np.ndarray:
     return out
 
 
-@njit(cache=True, fastmath=False)
-def find_runaway(velocity, radius, dt):
-    """Find the first grain that moves by more than its radius in one step, or −1."""
-    for a in range(len(radius)):
-        square = velocity[a, 0] ** 2 + velocity[a, 1] ** 2 + velocity[a, 2] ** 2
-        if radius[a] > 0.0 and not square * dt * dt <= radius[a] ** 2:
-            return a
-    return -1
-
-
 def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
     """Drags and external loads of all bodies."""
     grains, control = state.grains, state.control
@@ -150,4 +87,4 @@ def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    return Plan(external, (float(drag), float(spin_drag)), grains.mass, grains.inertia, float(dt))
+    return Plan(external, (float(drag), float(spin_drag)), float(dt))

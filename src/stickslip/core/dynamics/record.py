@@ -1,206 +1,26 @@
 """Records of a run: samples at intervals, and contact events."""
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..contacts.forces import Bodies, elastic_pair
-from ..contacts.geometry import normal_and_overlap, pair_vector
-from ..contacts.rows import EVENT_COLUMNS, OPENED
 from ..control import spring_forces
-from ..laws.builtin import MU
+from ..library import core
 from ..measure import supports
-from ..options import INNER
 from ..readable import pluralize, readable
-from ..state import OPEN, SLIDE, Cell, Contacts, State, cell_volumes, groups
+from ..state import OPEN, Cell, State, cell_volumes, groups
 from .ledger import Books, Ledger, make_ledger
 
-
-class Sample(NamedTuple):
-    """Data from which observables are computed."""
-
-    kind: int
-    coulomb: int
-    dim: int
-    table: np.ndarray  # parameters of the law
-    bodies: Bodies
-    contacts: Contacts
-    shift: np.ndarray
-    mass: np.ndarray  # (N,)
-    inertia: np.ndarray  # (N,)
-    reference: np.ndarray  # (N, 3)
-    vectors: np.ndarray  # (3, 3)
-    unit: np.ndarray  # (B,) and the number of supports: see `measure.supports`
-    supports: np.ndarray  # (B,)
-    time: float
-
-
 GROUPS = "position", "velocity", "force", "pull"  # sampled for each rigid group: see `write_groups`
-OBSERVABLES: dict[str, tuple[Callable, tuple[int, ...]]] = {}  # by field of `Record`: compiled function, shape
-
-
-def observable(*shape: int):
-    """Decorate f(sample, out), which accumulates a value of this shape in the zero-initialised `out` and is named after
-    its field."""
-
-    def register(function):
-        OBSERVABLES[function.__name__.strip("_")] = njit(**INNER)(function), shape
-        return function
-
-    return register
-
-
-@observable()
-def _time(s, out):
-    out[0] = s.time
-
-
-@observable()
-def _msd(s, out):
-    for a in range(len(s.mass)):
-        for m in range(3):
-            out[0] += (s.bodies.position[a, m] - s.reference[a, m]) ** 2
-
-
-@observable()
-def _kinetic_energy(s, out):
-    v, spin = s.bodies.velocity, s.bodies.spin
-    for a in range(len(s.mass)):
-        for m in range(3):
-            out[0] += 0.5 * s.mass[a] * v[a, m] ** 2 + 0.5 * s.inertia[a] * spin[a, m] ** 2
-
-
-@observable(3)
-def _center(s, out):
-    n = len(s.mass)
-    for a in range(n):
-        for m in range(3):
-            out[m] += s.bodies.position[a, m] / n
-
-
-@observable()
-def _touching(s, out):
-    for c in range(s.contacts.count[0]):
-        out[0] += s.contacts.mode[c] != OPEN
-
-
-@observable()
-def _sliding(s, out):
-    for c in range(s.contacts.count[0]):
-        out[0] += s.contacts.mode[c] == SLIDE
-
-
-@observable(3, 3)
-def _virial(s, out):
-    for c in range(s.contacts.count[0]):
-        if s.contacts.mode[c] != OPEN and s.contacts.j[c] < len(s.mass):
-            r, f = elastic_pair(s.kind, s.coulomb, s.dim, s.table, s.bodies, s.contacts, s.shift, c)
-            for m in range(3):
-                for q in range(3):
-                    out[3 * m + q] += f[m] * r[q]
-
-
-@observable(3, 3)
-def _fabric(s, out):
-    bodies, n, closed = s.bodies, len(s.mass), 0
-    for c in range(s.contacts.count[0]):
-        if s.contacts.mode[c] == OPEN:
-            continue
-        closed += 1
-        i, j = s.contacts.i[c], s.contacts.j[c]
-        x0, x1, x2 = pair_vector(s.dim, bodies.position, s.shift, c, i, j)
-        n0, n1, n2, _, _ = normal_and_overlap(i, j, j >= n, j - n, bodies.radius, bodies.normal, x0, x1, x2)
-        normal = (n0, n1, n2)
-        for m in range(3):
-            for q in range(3):
-                out[3 * m + q] += normal[m] * normal[q]
-    for m in range(9):
-        out[m] /= max(closed, 1.0)
-
-
-@observable(3, 3)
-def _momentum_flux(s, out):
-    v = s.bodies.velocity
-    for a in range(len(s.mass)):
-        for m in range(3):
-            for q in range(3):
-                out[3 * m + q] += s.mass[a] * v[a, m] * v[a, q]
-
-
-@observable()
-def _coordination(s, out):
-    n = len(s.mass)
-    for c in range(s.contacts.count[0]):
-        if s.contacts.mode[c] != OPEN:
-            out[0] += 2.0 if s.contacts.j[c] < n else 1.0
-    out[0] /= n
-
-
-@observable()
-def _held_coordination(s, out):
-    _, held, bearing = _count_rattlers(s)
-    out[0] = held / max(bearing, 1)
-
-
-@observable()
-def _rattlers(s, out):
-    out[0] = _count_rattlers(s)[0]
-
-
-@njit(**INNER)
-def _count_rattlers(s):
-    """Number of rattlers, of contacts of the other grains, and of those that have any; see `measure.rattlers`."""
-    n, bodies, unit = len(s.mass), len(s.bodies.radius), s.unit
-    least = 2 if _has_friction(s.table) else s.dim + 1
-    loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
-    while True:
-        for a in range(bodies):
-            number[a] = s.supports[a]
-        for c in range(s.contacts.count[0]):
-            i, j = unit[s.contacts.i[c]], unit[s.contacts.j[c]]
-            if s.contacts.mode[c] != OPEN and i != j and not loose[i] and not loose[j]:
-                number[i] += 1
-                number[j] += 1
-        peeled = False
-        for a in range(bodies):
-            if number[unit[a]] < least and not loose[a]:
-                loose[a] = peeled = True
-        if not peeled:
-            break
-    for a in range(bodies):
-        number[a] = 0
-    for c in range(s.contacts.count[0]):
-        i, j = s.contacts.i[c], s.contacts.j[c]
-        if s.contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
-            number[i] += 1
-            number[j] += 1
-    rattlers = held = bearing = 0
-    for a in range(n):
-        rattlers += loose[a]
-        held += number[a]
-        bearing += number[a] > 0
-    return rattlers, held, bearing
-
-
-@njit(**INNER)
-def _has_friction(p):
-    """Return True if any pair of materials has friction."""
-    for a in range(len(p)):
-        for b in range(len(p)):
-            if p[a, b, MU] > 0.0:
-                return True
-    return False
-
-
-@observable(3, 3)
-def _cell(s, out):
-    for m in range(3):
-        for q in range(3):
-            out[3 * m + q] = s.vectors[m, q]
+OBSERVABLES: dict[str, tuple[int, ...]] = {  # by field of `Record`: shape; computed in `record.cpp`, in this order
+    "time": (), "msd": (), "kinetic_energy": (), "center": (3,), "touching": (), "sliding": (), "virial": (3, 3),
+    "fabric": (3, 3), "momentum_flux": (3, 3), "coordination": (), "held_coordination": (), "rattlers": (),
+    "cell": (3, 3),
+}  # fmt: skip
+_ENDS = np.cumsum([math.prod(shape) for shape in OBSERVABLES.values()]).tolist()
+_COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
 
 
 @readable(head=lambda record: _describe(record), rows=lambda record: _rows(record))
@@ -317,50 +137,16 @@ class RecordBuffers(NamedTuple):
 
     every: int
     reference: np.ndarray  # (N, 3)
+    mass: np.ndarray  # (N,)
+    inertia: np.ndarray  # (N,)
     unit: np.ndarray  # (B,) and the number of supports: see `measure.supports`
     supports: np.ndarray  # (B,)
     probes: np.ndarray  # (P,)
     series: np.ndarray  # (T, columns of all observables)
     groups: np.ndarray  # (T, G, 4, 3) of rigid groups: position, velocity, force of contacts, force of springs
     tracks: np.ndarray  # (T, P, 6)
-    events: np.ndarray  # (E, len(EVENT_COLUMNS))
+    events: np.ndarray  # (E, 10) kind, time, i, j, image, position of i
     event_count: np.ndarray  # (1,)
-
-
-_ENDS = np.cumsum([math.prod(shape) for _, shape in OBSERVABLES.values()]).tolist()
-_COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
-
-
-def _all_observables():
-    """Compiled f(sample, row), which writes every observable into its columns of a row of zeros.
-
-    The calls are written out, because functions with different code cannot be kept in an array or called in a loop.
-    """
-    calls = [f"    {name}(sample, row[{c.start}:{c.stop}])" for name, c in zip(OBSERVABLES, _COLUMNS, strict=True)]
-    scope: dict = {name: function for name, (function, _) in OBSERVABLES.items()}
-    exec("\n".join(["def write(sample, row):", *calls]), scope)
-    return njit(**INNER)(scope["write"])
-
-
-_write_observables = _all_observables()
-
-
-@njit(cache=True)
-def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
-    """Write row k of the observables and of the tracks."""
-    sample = Sample(
-        kind, coulomb, dim, p, bodies, contacts, shift, plan.mass, plan.inertia, writing.reference, vectors,
-        writing.unit, writing.supports, time,
-    )  # fmt: skip
-    row = writing.series[k]
-    for m in range(len(row)):  # a loop instead of a whole array compiles faster: it has no error message
-        row[m] = 0.0
-    _write_observables(sample, row)
-    track = writing.tracks[k]
-    for a in range(len(writing.probes)):
-        for m in range(3):
-            track[a, m] = bodies.position[writing.probes[a], m]
-            track[a, 3 + m] = bodies.angle[writing.probes[a], m]
 
 
 def write_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
@@ -381,14 +167,15 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
     probes = np.atleast_1d(np.asarray(probes, np.int64))
     if ((probes < 0) | (probes >= n)).any():
         raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
-    reference = state.grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)
+    reference = state.grains.position if reference is None else np.asarray(reference, float)
     if reference.shape != (n, 3):
         raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
+    known = reference, state.grains.mass, state.grains.inertia, *supports(state), probes
     return RecordBuffers(
-        every, reference, *supports(state), probes, np.zeros((samples, _ENDS[-1])),
+        every, *map(np.ascontiguousarray, known), np.zeros((samples, _ENDS[-1])),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
-        np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
+        np.zeros((room, core.EVENT)), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -400,7 +187,7 @@ def with_lost_contacts(writing: RecordBuffers, before, after, position, time) ->
     lost = np.flatnonzero((before.mode[:n] != OPEN) & ~np.isin(before.key[:n], after.key[: after.count[0]]))
     if not len(lost):
         return writing
-    rows = [(OPENED, time, before.i[c], before.j[c], *before.image[c], *position[before.i[c]]) for c in lost]
+    rows = [(core.OPENED, time, before.i[c], before.j[c], *before.image[c], *position[before.i[c]]) for c in lost]
     writing.event_count[0] += len(lost)
     return writing._replace(events=np.concatenate([writing.events[:count], rows, writing.events[count:]]))
 
@@ -421,7 +208,7 @@ def make_record(writing: RecordBuffers, done: int, books: Books | None, cell: Ce
     events["image"], events["position"] = rows[:, 4:7], rows[:, 7:10]
     columns = zip(OBSERVABLES.items(), _COLUMNS, strict=True)
     return Record(
-        **{name: series[:, mine].reshape(-1, *shape) for (name, (_, shape)), mine in columns},
+        **{name: series[:, mine].reshape(-1, *shape) for (name, shape), mine in columns},
         **{f"group_{name}": writing.groups[:kept, :, k] for k, name in enumerate(GROUPS)},
         position=tracks[..., :3],
         angle=tracks[..., 3:],

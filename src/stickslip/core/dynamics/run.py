@@ -8,10 +8,11 @@ from ..arguments import Bodies, checked, require_not_negative
 from ..contacts.forces import check_materials
 from ..contacts.neighbors import with_neighbor_list
 from ..laws.builtin import SMOOTH, Law
+from ..library import core
 from ..outcome import Outcome, Status
 from ..sizes import Size, require_sizes
 from ..state import State
-from .coefficients import CONVERGED, DONE, NOT_FINITE, RUNAWAY, driven_bodies, make_plan, movable
+from .coefficients import driven_bodies, make_plan, movable
 from .driver import run_steps
 from .last_forces import matching_instant, with_mark
 from .ledger import open_books
@@ -104,18 +105,20 @@ def run(
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
-    memory = 8 * rows * (sum(prod(shape) for _, shape in OBSERVABLES.values()) + 12 * groups + 6 * len(probes))
+    memory = 8 * rows * (sum(map(prod, OBSERVABLES.values())) + 12 * groups + 6 * len(probes))
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
-    books = open_books(len(writing.series), driven_bodies(state), state, rate > 0) if ledger else None
+    books = open_books(len(writing.series), driven_bodies(state), state, law, rate > 0) if ledger else None
     result = run_steps(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
     end, code, done, residual, worst, writing, books = result
-    end = with_mark(end, law, slip_update) if code in (DONE, CONVERGED) else end._replace(instant=None)
+    end = with_mark(end, law, slip_update) if code in (core.DONE, core.CONVERGED) else end._replace(instant=None)
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
-    ends = {NOT_FINITE: Status.NOT_A_NUMBER, RUNAWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
+    ends = {
+        core.NOT_FINITE: Status.NOT_A_NUMBER, core.RUNAWAY: Status.BLOWN_UP, core.CONVERGED: Status.CONVERGED
+    }  # fmt: skip
     how = ""
-    if code in (NOT_FINITE, RUNAWAY):
+    if code in (core.NOT_FINITE, core.RUNAWAY):
         longest = stable_time_step(state, law)
         known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
         how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"

@@ -1,29 +1,21 @@
-"""Contact laws, each written once as scalar functions; kernels do the vector algebra.
+"""Contact laws: an integer `kind`, an integer `coulomb`, and a table of parameters for each pair of materials.
 
-A law consists of an integer `kind`, an integer `coulomb` and a table of parameters for each pair of materials. The
-scalar functions take real or complex arguments and branch on the real part. Their tangents come from the same source by
-complex-step differentiation, f'(x) = Im f(x + ih)/h, which is exact to round-off because nothing is subtracted.
+The kind of a built-in law is its place in the table `builtin_laws`, whose properties describe it. The compiled core
+evaluates it.
 """
 
 from numbers import Integral, Real
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ..arguments import checked
 from ..fields import LARGEST, Field, check_entry
-from ..options import INNER
 from ..readable import readable
 from ..text import quoted
-from .dispatch import USER_LAWS, Kind, by_kind, check_kind, find_user_law
+from .kinds import USER_LAWS, Kind, check_kind, find_user_law
 
-HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(
-    len(BUILTIN_LAWS)
-)
-USING_RADIUS = tuple(kind for kind, law in enumerate(BUILTIN_LAWS) if law.uses_radius)
-RESCALED = tuple(kind for kind, law in enumerate(BUILTIN_LAWS) if law.rescales)
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
 VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
@@ -32,7 +24,7 @@ NO_TENSION = 4  # added to the damping model if dashpots must not make a contact
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
-STEP = 1e-60  # step of the complex derivative: its square vanishes in double precision
+STEP = 2.0**-200  # step of complex derivatives: its square vanishes, and dividing by a power of two is exact
 
 
 @readable(head=lambda law: _describe(law), rows=lambda law: _rows(law))
@@ -91,12 +83,11 @@ def hertz_mindlin(
 
     Examples
     --------
-    >>> law = hertz_mindlin(kn=1.0, mu=0.5)
-    >>> float(normal_force(law.kind, parameters(law.table, 0, 0), 1.0, 0.01))
-    0.001
+    >>> hertz_mindlin(kn=1.0, mu=0.5)
+    Law: hertz_mindlin, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5
     """
-    kind = HERTZ_MINDLIN_RESCALED if rescaled else HERTZ_MINDLIN
-    return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    name = "hertz_mindlin_rescaled" if rescaled else "hertz_mindlin"
+    return _make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -115,7 +106,7 @@ def linear(
     ------
     Cundall & Strack, doi:10.1680/geot.1979.29.1.47.
     """
-    return _make_law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law("linear", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -136,8 +127,8 @@ def hertz_mindlin_reff(
     ------
     Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
     """
-    kind = HERTZ_MINDLIN_REFF_RESCALED if rescaled else HERTZ_MINDLIN_REFF
-    return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    name = "hertz_mindlin_reff_rescaled" if rescaled else "hertz_mindlin_reff"
+    return _make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -165,7 +156,7 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-def _make_law(kind, coulomb, damping, tension, *values) -> Law:
+def _make_law(law_name, coulomb, damping, tension, *values) -> Law:
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
@@ -173,14 +164,14 @@ def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     for name, value in zip(PARAMETERS, values, strict=True):
         check_parameter(name, value)
     table = np.array(values, float)[None, None, :].copy()
-    return Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    return Law(NAMES.index(law_name), COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
 
 
 MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law, 0 if no pair of materials has dashpots. It is an integer by which kernels are keyed."""
+    """Damping model of the law, 0 if no pair of materials has dashpots."""
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
 
@@ -246,188 +237,9 @@ def with_values(law: Law, **parameters) -> Law:
     return law._replace(table=table)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def parameters(p, a, b):
-    """Row of a built-in law's table for a pair of materials, as scalars."""
-    return p[a, b, KN], p[a, b, KT], p[a, b, MU], p[a, b, DAMPING_N], p[a, b, DAMPING_T]
-
-
-@by_kind
-def row(kind, p, a, b):
-    """Row of the law's table for a pair of materials, as scalars."""
-    return parameters(p, a, b)
-
-
-@by_kind
-def uses_radius(kind):
-    """Return True if the law's functions use R_eff."""
-    return kind in USING_RADIUS
-
-
-@by_kind
-def rescales(kind):
+def rescales(law: Law) -> bool:
     """Return True if a decreasing overlap shortens the slip: see `hertz_mindlin`."""
-    return kind in RESCALED
-
-
-def force_exponent(kind: int) -> float:
-    """Exponent of the overlap in the elastic normal force of a built-in law.
-
-    Raises
-    ------
-    ValueError
-        if there is no law of this kind.
-    """
-    check_kind(kind)
-    return BUILTIN_LAWS[kind].exponent
-
-
-def rescaling_flag(kind: int) -> bool | None:
-    """True for laws that rescale, None for others. Numba prunes branches on None before anything is optimised.
-
-    Kernels of all other laws are therefore identical, bit for bit, to kernels without support for rescaling.
-    """
-    return True if kind in RESCALED and not isinstance(kind, Kind) else None  # in Python: nothing is compiled
-
-
-@by_kind
-def acts_across_gaps(kind):
-    """Return True if grains may act on each other across a gap."""
-    return False
-
-
-@by_kind
-def reach(kind, q, r_eff):
-    """Largest gap across which grains act on each other [length]."""
-    return 0.0
-
-
-@by_kind
-def normal_force(kind, q, r_eff, overlap):
-    """Elastic normal force [force], positive for repulsion; q from `parameters`, overlap > 0."""
-    if kind in (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED):
-        return q[KN] * overlap * np.sqrt(overlap)
-    if kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED):
-        return q[KN] * overlap * np.sqrt(overlap * r_eff)
-    return q[KN] * overlap
-
-
-@by_kind
-def normal_energy(kind, q, r_eff, overlap):
-    """Elastic energy of the normal spring [energy]; overlap > 0."""
-    power = 2.0 if kind == LINEAR else 2.5
-    return normal_force(kind, q, r_eff, overlap) * overlap / power
-
-
-@by_kind
-def tangential_stiffness(kind, q, r_eff, overlap):
-    """Stiffness of the unmobilised tangential spring [force/length]; overlap > 0."""
-    if kind in (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED):
-        return q[KT] * np.sqrt(overlap)
-    if kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED):
-        return q[KT] * np.sqrt(overlap * r_eff)
-    return q[KT] + 0.0 * overlap
-
-
-@by_kind
-def cap(kind, q, r_eff, overlap, fn):
-    """Largest tangential force of a contact with normal force fn [force], not negative."""
-    return q[MU] * max(fn, 0.0)
-
-
-@by_kind
-def rate_cap(kind, q, r_eff, overlap, fn):
-    """Largest tangential force with `slip_update="rate"`: μ |F_n| as in LAMMPS; a user's law has its own cap."""
-    return q[MU] * abs(fn)
-
-
-@by_kind
-def cap_slopes(kind, q, r_eff, overlap, fn):
-    """Derivatives d(cap)/d(fn) and d(cap)/d(overlap) where fn > 0."""
-    return q[MU], 0.0
-
-
-@by_kind
-def least_force(kind, elastic):
-    """Lowest normal force that a dashpot may cause with `tension=False`; attraction by the law itself is allowed."""
-    return 0.0
-
-
-@by_kind
-def masked(kind, touches, value):
-    """Value, or zero where a pair is out of range. Built-in laws are zero there in any case."""
-    return value
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
-def contact_damping(kind, viscous, r_eff, m_eff, overlap):
-    """Factor on the damping coefficients, zero where grains do not touch."""
-    if acts_across_gaps(kind) and overlap <= 0.0:
-        return 0.0
-    return damping_factor(viscous, r_eff, m_eff, overlap)
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def damping_factor(viscous, r_eff, m_eff, overlap):
-    """Factor on the damping coefficients: see `hertz_mindlin`."""
-    model = viscous & 3
-    if model == VISCOELASTIC:
-        return m_eff * np.sqrt(overlap * r_eff)
-    if model == MASS:
-        return m_eff + 0.0 * overlap
-    return 1.0 + 0.0 * overlap
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def mobilisation(coulomb, x):
-    """Factor on the tangential stiffness of a spring whose force k_t |s| is a fraction x of the Coulomb limit."""
-    if coulomb == SMOOTH:
-        return 1.0 + x - x * x
-    return 1.0 + 0.0 * x
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def tangents(kind, q, r_eff, overlap):
-    """Derivatives d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by complex-step
-    differentiation."""
-    z = complex(overlap, STEP)
-    return normal_force(kind, q, r_eff, z).imag / STEP, tangential_stiffness(kind, q, r_eff, z).imag / STEP
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def mobilisation_tangent(coulomb, x):
-    """Derivative d(mobilisation)/dx, by complex-step differentiation."""
-    return mobilisation(coulomb, complex(x, STEP)).imag / STEP
-
-
-def complex_step_slopes(function):
-    """Derivatives of f(kind, q, r_eff, overlap, fn) with respect to fn and overlap, by complex-step differentiation."""
-
-    @njit(fastmath=True, error_model="numpy")
-    def slopes(kind, q, r_eff, overlap, fn):
-        by_force = function(kind, q, r_eff, overlap, complex(fn, STEP))
-        return by_force.imag / STEP, function(kind, q, r_eff, complex(overlap, STEP), fn).imag / STEP
-
-    return slopes
-
-
-_GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
-
-
-def energy_by_quadrature(force, reach):
-    """Integral ∫F dδ from −reach to the overlap by Gauss quadrature: over √δ where grains touch, over δ in the gap."""
-
-    @njit(fastmath=True, error_model="numpy")
-    def energy(kind, q, r_eff, overlap):
-        end, total = -reach(kind, q, r_eff), 0.0
-        root, gap = np.sqrt(max(overlap, 0.0)), min(overlap, 0.0) - end
-        for place, weight in _GAUSS:
-            t, x = 0.5 * root * (1.0 + place), end + 0.5 * gap * (1.0 + place)
-            total += 0.5 * weight * root * 2.0 * t * force(kind, q, r_eff, t * t)
-            total += 0.5 * weight * gap * force(kind, q, r_eff, x)
-        return total
-
-    return energy
+    return not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].rescales
 
 
 def parameter_names(law: Law) -> tuple[str, ...]:

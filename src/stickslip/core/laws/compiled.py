@@ -1,19 +1,198 @@
-"""Laws as the compiled core takes them: the struct `Law` of `core.h`."""
+"""Laws as the compiled core takes them: the struct `Law` of `core.h`, with the functions of a user's law compiled.
+
+Each role of a law, such as force or cap, becomes one C function that evaluates n contacts of one pair of materials. It
+is compiled by Numba when it is first needed.
+"""
+
+import linecache
+import os
+import re
+import types
+import warnings
+from functools import cache, lru_cache, partial
+
+import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS
-from .builtin import NO_TENSION, SMOOTH, Law, damping_model
+from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
+from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 
-_FUNCTIONS = (
-    "force", "cap", "slopes", "cap_slopes", "energy", "range", "rolling", "rolling_cap", "rolling_slopes",
-)  # fmt: skip
+FORCES = "force", "cap", "range", "rolling", "rolling_cap"
+TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
+MEMBERS = {  # C functions of a user's law, and the function of the law that each needs
+    "force": "normal_force",
+    "cap": "cap",
+    "slopes": "normal_force",
+    "cap_slopes": "cap",
+    "energy": "normal_force",
+    "range": "contact_range",
+    "rolling": "rolling_stiffness",
+    "rolling_cap": "rolling_cap",
+    "rolling_slopes": "rolling_cap",
+}
+_GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
+_OPTIONS = {"fastmath": True, "error_model": "numpy"}
+_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
-def law_struct(law: Law, *, rate: bool = False) -> dict:
-    """Members of the struct of a law; `rate`: slip update as in LAMMPS."""
-    known = BUILTIN_LAWS[law.kind]
-    return {
-        "hertz": known.exponent == 1.5, "uses_radius": known.uses_radius, "rescaled": known.rescales,
+def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
+    """Members of the struct of a law.
+
+    Parameters
+    ----------
+    rate : slip update as in LAMMPS
+    members : functions of a user's law that will be called, such as `FORCES`; others are null
+    """
+    if isinstance(law.kind, Kind):
+        find_user_law(law.kind)
+    return _fixed_members(law.kind, members) | {
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & 3, "tension": not law.damping & NO_TENSION,
-        "rate": rate, "len_table": len(law.table), "width": law.table.shape[2], "table": law.table,
-        **dict.fromkeys(_FUNCTIONS),
+        "rate": rate, "len_table": len(law.table), "width": law.table.shape[2],
+        "table": np.ascontiguousarray(law.table, float),
     }  # fmt: skip
+
+
+@lru_cache
+def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
+    """Members that all laws of a kind share."""
+    check_kind(kind)
+    out = dict.fromkeys(MEMBERS)
+    if not isinstance(kind, Kind):
+        known = BUILTIN_LAWS[kind]
+        return {"hertz": known.exponent == 1.5, "uses_radius": known.uses_radius, "rescaled": known.rescales, **out}
+    own = USER_LAWS[kind]
+    out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in own.functions}
+    radius = any("r_eff" in taken for taken in own.arguments.values())
+    return {"hertz": False, "uses_radius": radius, "rescaled": False, **out}
+
+
+@cache
+def block_function(kind: Kind, name: str):
+    """C function `LawFunction` of a user's law, compiled by Numba.
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message that names the line, if Numba cannot compile it.
+    """
+    from numba import cfunc
+    from numba.types import CPointer, float64, int64, void
+
+    own, scope = USER_LAWS[kind], dict(numba_functions(kind))
+    exec(compile(_block_text(own, name), "<contact law>", "exec"), scope)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            return cfunc(void(CPointer(float64), int64, *5 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
+    except Exception as problem:  # Numba does not derive all of its errors from NumbaError
+        files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
+        place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
+        raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {words}; {HELP}") from None
+
+
+@cache
+def numba_functions(kind: Kind) -> dict:
+    """Functions of a user's law for Numba, and other names that blocks use."""
+    from numba import njit
+
+    made: dict = {}
+    functions = {name: _compiled(function, made, njit) for name, function in USER_LAWS[kind].functions.items()}
+    return functions | {"GAUSS": _GAUSS, "STEP": STEP, "sqrt": np.sqrt}
+
+
+def _compiled(function, made: dict, njit):
+    """Copy of a function in which it and all functions that it calls are compiled."""
+    if isinstance(function, types.ModuleType) and function is not np:
+        module = types.ModuleType(function.__name__)
+        vars(module).update({name: _compiled(value, made, njit) for name, value in vars(function).items()})
+        return module
+    if not isinstance(function, types.FunctionType):
+        return function
+    if function not in made:
+        scope, cells = {}, [types.CellType() for _ in function.__closure__ or ()]
+        copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, tuple(cells))
+        made[function] = njit(**_OPTIONS, **_INNER)(copy)
+        scope.update({name: _compiled(value, made, njit) for name, value in function.__globals__.items()})
+        for cell, old in zip(cells, function.__closure__ or (), strict=True):
+            cell.cell_contents = _compiled(old.cell_contents, made, njit)
+    return made[function]
+
+
+def _summarize_numba_error(message: str, files: set[str]) -> str:
+    """Innermost line in the files of a law that Numba reports, and its message."""
+    lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
+    starts = re.compile(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)")
+    said = next(filter(starts.match, lines), lines[0]).partition(" Raised from ")[0][:200]
+    for quoted, plain, number in re.findall(r'(?:File "([^"]+)", line |(?:at|from) (\S+) \()(\d+)', message):
+        path = os.path.abspath(quoted or plain)
+        if path in files and (line := linecache.getline(path, int(number)).strip()):
+            return f"line {number}: {line!r} ({said})"
+    return f"({said})"
+
+
+def _block_text(own: UserLaw, name: str) -> str:
+    """Text of a function that evaluates n contacts."""
+    numbers, values = (", ".join(form.format(k) for k in range(len(own.names))) for form in ("q{}", "q[{}]"))
+    lines = "\n        ".join(_LINES[name](partial(_call, own)))
+    return f"""def block(q, n, r_eff, overlap, fn, one, two):
+    {numbers} = {values}
+    for k in range(n):
+        {lines}
+"""
+
+
+def _call(own: UserLaw, name: str, overlap="overlap[k]", normal_force="fn[k]", default="") -> str:
+    """Expression that calls a function of the law at contact k."""
+    if name not in own.functions:
+        return default
+    at = {"overlap": overlap, "r_eff": "r_eff[k]", "normal_force": normal_force}
+    return f"{name}({', '.join(at.get(key) or f'q{own.names.index(key)}' for key in own.arguments[name])})"
+
+
+_DEEPER, _STRONGER = "complex(overlap[k], STEP)", "complex(fn[k], STEP)"
+
+
+def _force(call):
+    return f"one[k] = {call('normal_force')}", f"two[k] = {call('tangential_stiffness', default='q1')}"
+
+
+def _slopes(call):
+    stiffness = call("tangential_stiffness", _DEEPER, default="0.0")
+    return f"one[k] = {call('normal_force', _DEEPER)}.imag / STEP", f"two[k] = {stiffness}.imag / STEP"
+
+
+def _cap(name):
+    return lambda call: (f"x = {call(name)}", "one[k] = x if q2 > 0.0 and x > 0.0 else 0.0")
+
+
+def _cap_slopes(name):
+    cut = "imag / STEP if q2 > 0.0 and x.real > 0.0 else 0.0"
+    return lambda call: (
+        f"x = {call(name, normal_force=_STRONGER)}", f"one[k] = x.{cut}", f"x = {call(name, _DEEPER)}",
+        f"two[k] = x.{cut}",
+    )  # fmt: skip
+
+
+def _energy(call):
+    """Energy; by default ∫F dδ from the end of the range by Gauss quadrature, over √δ or, in the gap, over δ."""
+    if given := call("normal_energy"):
+        return (f"one[k] = {given}",)
+    return (
+        f"end, total, x = -{call('contact_range', default='0.0')}, 0.0, overlap[k]",
+        "root, gap = sqrt(max(x, 0.0)), min(x, 0.0) - end",
+        "for place, weight in GAUSS:",
+        "    t, d = 0.5 * root * (1.0 + place), end + 0.5 * gap * (1.0 + place)",
+        f"    total += 0.5 * weight * (2.0 * root * t * {call('normal_force', 't * t')} + gap * "
+        f"{call('normal_force', 'd')})",
+        "one[k] = total",
+    )
+
+
+def _rolling(call):
+    return (f"one[k] = {call('rolling_stiffness')}", f"two[k] = {call('rolling_stiffness', _DEEPER)}.imag / STEP")
+
+
+_LINES = {
+    "force": _force, "cap": _cap("cap"), "slopes": _slopes, "cap_slopes": _cap_slopes("cap"), "energy": _energy,
+    "range": lambda call: (f"one[k] = {call('contact_range')}",), "rolling": _rolling,
+    "rolling_cap": _cap("rolling_cap"), "rolling_slopes": _cap_slopes("rolling_cap"),
+}  # fmt: skip

@@ -1,9 +1,8 @@
-"""User-defined contact laws: plain Python functions of scalars, compiled into the kernels like the built-in laws.
+"""User-defined contact laws: plain Python functions of scalars, compiled when a law is first used.
 
 The arguments of a user's function are `overlap`, `r_eff`, whatever else its role offers (see `ROLES`), and parameters
 of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. The values of these names are
-part of the digest that identifies compiled kernels on disk, so that a law in which any of them has changed is a
-different law.
+part of the digest that identifies a law, so that a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
 versions that accept complex numbers and branch on the real part.
@@ -21,22 +20,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from ..arguments import checked
 from ..text import read_text
-from .builtin import (
-    COULOMB,
-    DAMPING,
-    MU,
-    NO_TENSION,
-    PARAMETERS,
-    Law,
-    check_parameter,
-    complex_step_slopes,
-    energy_by_quadrature,
-)
-from .dispatch import COMPILED, FAST, HELP, ROLES, USER_LAWS, Kind, UserLaw
+from .builtin import COULOMB, DAMPING, NO_TENSION, PARAMETERS, Law, check_parameter
+from .kinds import HELP, ROLES, USER_LAWS, Kind, UserLaw
 from .validation import locate_error, validate_law
 
 _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
@@ -78,19 +66,19 @@ for _name in (
 _ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
-def _resolve_global(name: str, value, compiled: bool, made: dict):
+def _resolve_global(name: str, value, made: dict):
     """Replacement of a global name used in a user's function."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
             if isinstance(thing, float) or (callable(thing) and thing in _REPLACEMENTS):
-                setattr(whole, key, _resolve_global(key, thing, compiled, made))
+                setattr(whole, key, _resolve_global(key, thing, made))
         return whole
     if callable(value) and not isinstance(value, type) and getattr(value, "__hash__", None) and value in _REPLACEMENTS:
         value = _REPLACEMENTS[value]
     value = getattr(value, "py_func", value)
     if isinstance(value, types.FunctionType):
-        return _copy_function(value, compiled, made)
+        return _copy_function(value, made)
     plain = isinstance(value, bool | int | float | complex | np.number) or value in _ALLOWED_BUILTINS
     if plain or value is np or isinstance(value, np.ufunc):
         return value
@@ -117,20 +105,17 @@ def _find_globals(function) -> dict:
     return found
 
 
-def _copy_function(function, compiled: bool, made: dict):
-    """Copy a function with the names it uses replaced as above; with `compiled`, compile it for kernels."""
+def _copy_function(function, made: dict):
+    """Copy a function with the names it uses replaced as above."""
     if function in made:
         return made[function]
     used = _find_globals(function)
-    scope = {
-        name: _resolve_global(name, value, compiled, made) for name, value in used.items() if value is not function
-    }
+    scope = {name: _resolve_global(name, value, made) for name, value in used.items() if value is not function}
     scope["__builtins__"] = builtins
     cells = tuple(types.CellType(scope[name]) for name in function.__code__.co_freevars)
     copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells)
-    made[function] = njit(**FAST)(copy) if compiled else copy
-    scope[function.__name__] = made[function]
-    return made[function]
+    made[function] = scope[function.__name__] = copy
+    return copy
 
 
 def _fingerprint(function, seen: set) -> list:
@@ -155,9 +140,6 @@ def _fingerprint(function, seen: set) -> list:
     return out
 
 
-# ---- conversion of functions of named scalars to functions with the signatures that kernels call
-
-
 def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
     """Argument names of a function, in order. Raise ValueError if any of them is not allowed."""
     if not isinstance(function, types.FunctionType):
@@ -172,64 +154,6 @@ def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, .
     return tuple(spec.args)
 
 
-def _compile_expression(signature: str, expression: str, **scope):
-    """Compile a function with a given signature that returns the value of an expression."""
-    text = f"def shim({signature}):\n    return {expression}\n"
-    exec(compile(text, "<contact law>", "exec"), scope)
-    return njit(**FAST)(scope["shim"])
-
-
-def _kernel_functions(functions: dict, arguments: dict, names: tuple[str, ...]) -> dict:
-    """Compiled functions by the names under which `builtin` and `rolling` look them up."""
-
-    def call(role, **given):
-        parts = [
-            given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in arguments[role]
-        ]
-        return f"f({', '.join(parts)})"
-
-    has, out = functions.__contains__, {}
-    here = "kind, q, r_eff, overlap"
-    out["row"] = _compile_expression(
-        "kind, p, a, b", "(" + ", ".join(f"p[a, b, {k}]" for k in range(len(names))) + ",)"
-    )
-    out["normal_force"] = _compile_expression(here, call("normal_force"), f=functions["normal_force"])
-    soft = call("tangential_stiffness") if has("tangential_stiffness") else "q[1] + 0.0 * overlap"
-    out["tangential_stiffness"] = _compile_expression(here, soft, f=functions.get("tangential_stiffness"))
-    wide = call("contact_range") if has("contact_range") else "0.0"
-    out["reach"] = _compile_expression("kind, q, r_eff", wide, f=functions.get("contact_range"))
-    whole = f"{here}, fn"
-    for role in ("cap", "rolling_cap"):
-        if has(role):  # without friction it is zero, and values from a user may be negative
-            value = call(role, normal_force="fn")
-            out[role] = _compile_expression(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_clip_cap)
-        else:
-            out[role] = _compile_expression(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_clip_cap)
-        out[f"{role}_slopes"] = complex_step_slopes(out[role])
-    out["rate_cap"] = out["cap"]
-    if has("rolling_stiffness"):
-        out["rolling_stiffness"] = _compile_expression(
-            here, call("rolling_stiffness"), f=functions["rolling_stiffness"]
-        )
-    if has("normal_energy"):
-        out["normal_energy"] = _compile_expression(here, call("normal_energy"), f=functions["normal_energy"])
-    else:
-        out["normal_energy"] = energy_by_quadrature(out["normal_force"], out["reach"])
-    out["least_force"] = _compile_expression("kind, elastic", "min(elastic, 0.0)")
-    out["masked"] = _compile_expression("kind, touches, value", "value if touches else 0.0")
-    radius = any("r_eff" in taken for taken in arguments.values())
-    out["uses_radius"] = _compile_expression("kind", str(radius))
-    out["acts_across_gaps"] = _compile_expression("kind", str(has("contact_range")))
-    out["rescales"] = _compile_expression("kind", "False")
-    return out
-
-
-@njit(**FAST)
-def _clip_cap(mu, value):
-    """Value of a cap, or zero if there is no friction or the cap is negative."""
-    return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
-
-
 @checked
 def custom(
     *, normal_force: Callable, tangential_stiffness: Callable | None = None, cap: Callable | None = None,
@@ -241,9 +165,9 @@ def custom(
     """Contact law from user-defined functions: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
     Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
-    the law; caps may also take `normal_force`. Functions are compiled into the kernels. Their derivatives are taken by
-    complex-step differentiation, so they must branch on the real part: `if overlap.real < 0.0`. A law is validated
-    when it is created.
+    the law; caps may also take `normal_force`. Derivatives are taken by complex-step differentiation, so functions must
+    branch on the real part: `if overlap.real < 0.0`. A law is validated when it is created, and compiled when it is
+    first used.
 
     Parameters
     ----------
@@ -267,7 +191,7 @@ def custom(
     ------
     ValueError
         with a one-sentence message, if a function has a wrong signature, is not finite or deterministic, does not take
-        complex numbers, or cannot be compiled. A LawWarning reports a force that jumps at the end of the range.
+        complex numbers. A LawWarning reports a force that jumps at the end of the range.
 
     Source
     ------
@@ -328,10 +252,7 @@ def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str) -
     kind = Kind(int.from_bytes(digest[:8], "big") >> 2 | 1 << 61)
     if kind not in USER_LAWS:
         made: dict = {}
-        compiled = {role: _copy_function(function, True, made) for role, function in given.items()}
-        made = {}
-        plain = {role: _copy_function(function, False, made) for role, function in given.items()}
-        COMPILED[kind] = _kernel_functions(compiled, arguments, names)
+        plain = {role: _copy_function(function, made) for role, function in given.items()}
         USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments)
     USER_LAWS[kind] = USER_LAWS[kind]._replace(name=name)
     return kind

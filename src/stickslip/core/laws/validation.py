@@ -1,18 +1,12 @@
-"""Validation of new user-defined laws: evaluation on a grid of overlaps and radii in Python, then compilation."""
+"""Validation of new user-defined laws: evaluation on a grid of overlaps and radii in Python."""
 
-import contextlib
-import linecache
-import re
 import traceback
 import warnings
 
-import numba
 import numpy as np
-from numba.core.types import complex128, float64
 
-from ... import kernel_cache
 from .builtin import KT, STEP, Law
-from .dispatch import COMPILED, HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, find_user_law
+from .kinds import HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, find_user_law
 
 MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
@@ -50,7 +44,6 @@ def validate_law(law: Law, size: float) -> Law:
         for role in own.functions:
             _check_function(own, role, values, points)
         jump = _describe_jump(own, values, points, ranges)
-    _compile(law.kind, own, values)
     if jump:
         warnings.warn(jump, LawWarning, stacklevel=4)
     return law
@@ -169,41 +162,6 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
         f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
         f"when contacts close and open there, and energy is conserved only as far as the time step resolves the jump"
     )
-
-
-def _compile(kind, own: UserLaw, values: dict) -> None:
-    """Compile each function, once for all processes. An error from Numba is reported in one sentence."""
-    mark = kernel_cache.folder() / "laws" / f"{int(kind):x}-{kernel_cache.digest('stickslip.core.laws.user')}"
-    if mark.exists():
-        return
-    functions, many = COMPILED[kind], numba.types.UniTuple(float64, len(values))
-    for role in own.functions:
-        name = "reach" if role == "contact_range" else role
-        function, here = functions[name], (numba.types.int64, many, float64)
-        force = (float64,) if "normal_force" in ROLES[role] else ()
-        tries = [(*here, float64, *force), (*here, complex128, *force)] if name != "reach" else [here]
-        tries += [(*here, float64, complex128)] if force else []
-        for one in tries:
-            try:
-                with warnings.catch_warnings(action="ignore"):
-                    function.compile(one)
-            except Exception as problem:  # Numba does not derive all of its errors from NumbaError
-                raise ValueError(f"{role} cannot be compiled, {_summarize_numba_error(str(problem))}; {HELP}") from None
-    with contextlib.suppress(OSError):  # if the disk is full, the next process compiles them again
-        mark.parent.mkdir(parents=True, exist_ok=True)
-        mark.touch()
-
-
-def _summarize_numba_error(message: str) -> str:
-    """Innermost location that Numba reports, and its message."""
-    lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
-    places = re.findall(r'File "([^"]+)", line (\d+)', message) or re.findall(r"Raised from (.+) \((\d+)\)", message)
-    said = next(
-        (s for s in lines if re.match(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)", s)), lines[0]
-    )
-    line = linecache.getline(places[-1][0], int(places[-1][1])).strip() if places else ""
-    shown = f"line {places[-1][1]}: {line!r} " if line else ""
-    return f"{shown}({said.partition(' Raised from ')[0][:200]})"
 
 
 def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:

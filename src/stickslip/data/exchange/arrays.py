@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
-from ...core.laws.dispatch import Kind
+from ...core.laws.kinds import Kind
 from ...core.state import State
 from ...core.units import Units, current_units, units_from
 from .. import archive

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.arguments import checked
-from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import SHARP, Law, laws_equal, with_values
 from ...core.laws.user import from_file

@@ -11,7 +11,7 @@ from ...builtin_laws import NAMES
 from ...core.arguments import checked
 from ...core.contacts.forces import forces
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
-from ...core.laws.dispatch import Kind, describe_law, restore_kind
+from ...core.laws.kinds import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
 from ...core.readable import pluralize, readable
 from ...core.state import State

@@ -3,9 +3,11 @@
 import numpy as np
 
 from ...core.readable import pluralize
+from ...ensemble import Workers
 from ...loading.protocols import stable_window
 from ...loading.threshold import KineticThreshold
 from ..claims import Claim, claim, format_value
+from ..realizations import Report, Task, run_realizations, silent
 from .arrest import ARREST_LOADS, Arrest
 from .fronts import Front
 from .measures import (
@@ -63,31 +65,37 @@ TOLERANCE = {
 
 def evaluate_claims(
     main: DiskArrayResult, quarter: DiskArrayResult, arrests: list[Arrest], threshold: KineticThreshold,
-    report=lambda share, words: None,
+    workers: Workers = None, report: Report = silent,
 ) -> list[Claim]:  # fmt: skip
     """Evaluate all claims, those of the main scenario first.
 
     Parameters
     ----------
     arrests, threshold : of the main scenario
-    report : called as report(share done, words) during the ramps with other load steps
+    report : called as report(stage, share done, words) during the ramps with other load steps
     """
-    printed = _spectrum_claims(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics_claims(main)
+    suffix = "@quarter"
+    tasks = [
+        Task("claims about spectra", (result, *about), about[0], None)
+        for result, *about in ((main, "", 0.05), (quarter, suffix, 0.07))
+    ]
+    ramps = run_realizations(_spectrum_claims, tasks, stage="claims", workers=workers, report=report)
+    printed_spectra, quarter_spectra = ramps.complete
+    printed = printed_spectra + _dynamics_claims(main)
     printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
     printed += _front_claims(main) + _ratio_claims(main) + _mode_claims(main) + _sliding_claims(main, "")
-    suffix = "@quarter"
     return [
-        *printed, *_spectrum_claims(quarter, suffix, 0.07, lambda s, w: report(0.5 + 0.5 * s, w)),
-        _stability(quarter, suffix), *_backward_claims(quarter, suffix), *_sliding_claims(quarter, suffix),
+        *printed, *quarter_spectra, _stability(quarter, suffix), *_backward_claims(quarter, suffix),
+        *_sliding_claims(quarter, suffix),
     ]  # fmt: skip
 
 
-def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report) -> list[Claim]:
+def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, tell) -> list[Claim]:
     protocol, paths = make_protocol(result.scenario, result.law), {}
     for k, step in enumerate(COARSER):
 
         def heard(_, share: float, words: str, k=k, step=step) -> None:
-            report((k + share) / len(COARSER), f"load step {step:g}: {words}")
+            tell((k + share) / len(COARSER), f"load step {step:g}{suffix}: {words}")
 
         paths[step] = push_disk_array(result.scenario, step=step, report=heard)[2]
     step = result.scenario.load.step

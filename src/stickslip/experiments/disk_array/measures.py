@@ -8,7 +8,8 @@ from ...loading.protocols import Equilibrium, Protocol, dominant_family, fit_gro
 from ...solve.spectrum import Spectrum
 from ..claims import standard_error
 from . import fronts
-from .simulate import DiskArrayResult, Ensemble, FreeRun
+from .free_runs import FreeRun
+from .simulate import DiskArrayResult, Ensemble
 
 BLOCKS = 8  # blocks in the late half of a run, for the error of its mean; each is long compared with the modes' beats
 LATE = 4  # a run is divided into this many parts; the mean M of the last one is compared with that of the first

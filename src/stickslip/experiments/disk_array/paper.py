@@ -10,15 +10,19 @@ I0 = 1. It is labelled as a hypothesis everywhere.
 
 from typing import NamedTuple
 
-from ...data.checkpoint import UNFINISHED
+from ...data.checkpoint import UNFINISHED, Checkpoint
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...loading.threshold import KineticThreshold
 from ..claims import Claim, note_quick_run
+from ..realizations import Report, Task, run_realizations, silent
 from .arrest import Arrest, find_arrests, kick_array
 from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims
 from .scenario import DiskArrayScenario
-from .simulate import DiskArrayResult, Report, silent, simulate_disk_array
+from .simulate import BIRTHS, FREE, RAMP, DiskArrayResult, add_sliding, open_checkpoint, simulate_before_sliding
+
+MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # the name of a stage
+SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # of the work before sliding, in a quick run
 
 
 class Reproduction(NamedTuple):
@@ -77,15 +81,26 @@ def reproduce(
     workers : number of processes for the realizations, or the address of a Dask scheduler
     report : called as report(stage, share done, words)
     """
-    main = simulate_disk_array(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
-    quarter = simulate_disk_array(
-        quarter_scenario(quick=quick, seed=seed),
-        folder=folder and folder / UNFINISHED / "quarter",
-        workers=workers,
-        report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
+    ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)
+    folders = folder, folder and folder / UNFINISHED / "quarter"
+    kept = [open_checkpoint(*here) for here in zip(folders, ones, strict=True)]
+    tasks = [Task(name, (name, *one), name, None) for name, *one in zip(MODELS, ones, kept, strict=True)]
+    report(PUSHED, 0.0, f"models: {', '.join(MODELS)}")
+    main, quarter = run_realizations(_before_sliding, tasks, stage=PUSHED, workers=workers, report=report).complete
+    main = add_sliding(main, kept[0], workers, report)
+    quarter = add_sliding(
+        quarter, kept[1], workers, lambda stage, share, words: report(f"{stage} (quarter)", share, words)
     )
     threshold = kick_array(main, quick=quick, folder=folder, workers=workers, report=report)
     arrests = find_arrests(main, folder)
     report("claims", 0.0, "births by bisection, for four load steps")
-    claims = evaluate_claims(main, quarter, arrests, threshold, lambda share, words: report("claims", share, words))
+    claims = evaluate_claims(main, quarter, arrests, threshold, workers, report)
     return Reproduction(main, quarter, arrests, threshold, note_quick_run(claims) if quick else claims)
+
+
+def _before_sliding(name: str, scenario: DiskArrayScenario, kept: Checkpoint | None, tell) -> DiskArrayResult:
+    def report(stage: str, share: float, words: str) -> None:
+        begin, end = SHARES[stage]
+        tell(begin + (end - begin) * share, f"{name}: {stage}, {words}")
+
+    return simulate_before_sliding(scenario, kept, report=report)

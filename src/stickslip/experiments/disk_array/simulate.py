@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws.builtin import Law, damping_model
-from ...core.outcome import NotInEquilibriumError, Outcome, Status
+from ...core.laws.builtin import Law
+from ...core.outcome import Outcome, Status
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
@@ -19,51 +19,18 @@ from ...loading.protocols import (
     Growth,
     Protocol,
     equilibrium,
-    fit_growth,
-    free_run,
     load_path,
-    perturbed,
     ramp,
     track_pairs,
 )
-from ...solve.spectrum import Spectrum, damped_growth, spectrum
+from ...solve.spectrum import Spectrum, spectrum
 from ..experiment import result_of
 from ..realizations import Report, Task, run_realizations, silent
 from . import EXPERIMENT, fronts
-from .scenario import DiskArrayScenario, Dynamics
+from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
+from .scenario import DiskArrayScenario
 
-BIRTHS = "births and deaths of pairs"  # name of a stage
-SLIDING_THRESHOLD = 0.1  # the array slides once every disk has moved by this many mean diameters
-
-
-class FreeRun(NamedTuple):
-    """Newtonian dynamics from the equilibrium at one load."""
-
-    load: float
-    time: np.ndarray  # (T,) [time]
-    msd: np.ndarray  # (T,) M(t) = Σ|Δr|² [length²]
-    center: np.ndarray  # (T, 2) [length]
-    kinetic_energy: np.ndarray  # (T,) [energy]
-    touching: np.ndarray  # (T,)
-    breach: np.ndarray  # (N,) first time at the Coulomb limit of each wall contact; NaN if never [time]
-    first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach the Coulomb limit; NaN if none
-    predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
-    predicted_frequency: float  # [1/time]
-    growth: Growth | None
-    saturation: float  # mean of M over the last half of the run [length²]
-    slid: bool
-
-
-class Trajectory(NamedTuple):
-    """Finely sampled motion of all disks around the transition."""
-
-    load: float
-    time: np.ndarray  # (T,) [time]
-    position: np.ndarray  # (T, N, 2) [length]
-    angle: np.ndarray  # (T, N) [rad]
-    first_limit: float  # first time that any contact reached the Coulomb limit
-    breach: np.ndarray  # (N,) [time]
-    slide: np.ndarray  # (N,) first displacement by SLID diameters [time]
+RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free runs"  # names of stages
 
 
 class Ensemble(NamedTuple):
@@ -146,7 +113,7 @@ def push_disk_array(
         seen.append(point)
         fastest = point.spectrum.growth_rate.max()
         words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
-        report("quasi-static ramp", len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
+        report(RAMP, len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
 
     return state, law, ramp(state, loads, make_protocol(scenario, law), tell, kept=kept)
 
@@ -165,103 +132,6 @@ def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list
 def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
     """Return the first point on a path at a given load."""
     return min(path, key=lambda point: abs(point.load - load))
-
-
-def diameter(state: State) -> float:
-    """Mean diameter of the grains, used as the unit of displacements [length]."""
-    return 2 * float(state.grains.radius.mean())
-
-
-def fastest_period(point: Equilibrium) -> float:
-    """Period of the fastest mode, used as the unit of sampling [time]."""
-    return 2 * np.pi / float(point.spectrum.frequency.max())
-
-
-def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
-    """Growth rate and frequency of the fastest-growing mode of a free run, with its drag and dashpots [1/time]."""
-    if how.drag or how.spin_drag or damping_model(law):
-        fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
-        return max(0.0, float(fastest.real)), abs(float(fastest.imag))
-    modes = point.spectrum
-    k = int(np.argmax(modes.growth_rate))
-    return float(modes.growth_rate[k]), float(modes.frequency[k])
-
-
-def check_time_step(point: Equilibrium, dt: float) -> None:
-    """Raise ValueError if velocity Verlet cannot follow the fastest mode."""
-    longest = 2 / float(point.spectrum.frequency.max())
-    if dt >= longest:
-        raise ValueError(
-            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet is unstable above "
-            f"{longest:.3g}; use at most {0.2 * longest:.1g}"
-        )
-
-
-def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
-    """Run Newtonian dynamics from one equilibrium with a tiny random velocity."""
-    how = scenario.dynamics
-    check_time_step(point, how.dt)
-    start = perturbed(point.state, scenario.seed, how.seed_velocity)
-    _, record, outcome = free_run(
-        start,
-        law,
-        duration=how.duration,
-        dt=how.dt,
-        sample=fastest_period(point) / 5,
-        drag=how.drag,
-        spin_drag=how.spin_drag,
-    )
-    if outcome.broken:
-        raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
-    rate, frequency = predicted_growth(point, law, how)
-    growth = None
-    if rate > 0 and frequency > 0:
-        scale = diameter(start) ** 2
-        growth = fit_growth(record.time, record.msd / scale, growth_rate=rate, frequency=frequency)
-    late = record.time >= record.time[0] + 0.5 * how.duration
-    moved = np.abs(record.position[-1, :, 0] - start.grains.position[:, 0])
-    limits = record.events[record.events["kind"] == "limit"][:1]
-    first = np.array([[e["time"], e["i"], e["j"]] for e in limits], float).reshape(-1, 3)
-    return FreeRun(
-        point.load,
-        record.time,
-        record.msd,
-        record.center[:, :2],
-        record.kinetic_energy,
-        record.touching,
-        fronts.breach_times(record.events, start),
-        first[0] if len(first) else np.full(3, np.nan),
-        rate,
-        frequency,
-        growth,
-        float(record.msd[late].mean()),
-        bool((moved > SLIDING_THRESHOLD * diameter(start)).all()),
-    )
-
-
-def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
-    """Repeat a free run, bit for bit, with fine sampling from before the first slip until well after sliding begins."""
-    if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
-        return None
-    how = scenario.dynamics
-    period = fastest_period(point)
-    begin = max(0.0, float(known.first_limit[0]) - 30 * period)
-    options = {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt}
-    start = perturbed(point.state, scenario.seed, how.seed_velocity)
-    before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **options)
-    length = min(how.duration - begin, 600 * period)
-    _, record, _ = free_run(before, law, duration=length, sample=period / 20, **options)
-    along = record.position[:, :, 0] - point.state.grains.position[:, 0]
-    slide = fronts.crossing_times(record.time, along, [SLIDING_THRESHOLD * diameter(point.state)])[0]
-    return Trajectory(
-        point.load,
-        record.time,
-        record.position[:, :, :2],
-        record.angle[:, :, 2],
-        float(known.first_limit[0]),
-        known.breach,
-        slide,
-    )
 
 
 def run_sliding(
@@ -361,9 +231,26 @@ def simulate_disk_array(
     >>> [len(point.spectrum.pairs) for point in simulate_disk_array(short).path]
     [0, 1, 1]
     """
-    kept = checkpoint_in(
-        folder, scenario, FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status
-    )
+    kept = open_checkpoint(folder, scenario)
+    result = simulate_before_sliding(scenario, kept, sensitivity, report)
+    return add_sliding(result, kept, workers, report)
+
+
+def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpoint | None:
+    """Location of what a run saves, after a check of what is there; None without a folder."""
+    nouns = (FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
+    kept = checkpoint_in(folder, scenario, *nouns)
+    if kept:
+        kept.check()
+        kept.announce()
+    return kept
+
+
+def simulate_before_sliding(
+    scenario: DiskArrayScenario, kept: Checkpoint | None, sensitivity: bool = False, report: Report = silent
+) -> DiskArrayResult:
+    """Run a scenario without the realizations of sliding, in this process."""
+    kept = kept and kept.if_visible()
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
     heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
@@ -375,24 +262,32 @@ def simulate_disk_array(
     for k, load in enumerate(scenario.dynamics.loads):
         point, count = point_at_load(path, load), len(scenario.dynamics.loads)
         rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
-        report("free runs", k / count, rate)
+        report(FREE, k / count, rate)
         free_runs[load] = load_or_compute(
             kept, f"free-run-{load!r}", lambda point=point: run_free(point, law, scenario)
         )
-        report("free runs", (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
+        report(FREE, (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
             known = free_runs[load]
             trajectory = load_or_compute(
                 kept, "trajectory", lambda point=point, known=known: resample_transition(point, law, scenario, known)
             )
-    sliding = {}
-    if scenario.sliding.loads:
-        points = [point_at_load(path, load) for load in scenario.sliding.loads]
-        sliding = run_sliding(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
     return DiskArrayResult(
-        scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, sliding
+        scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, {}
     )
+
+
+def add_sliding(
+    result: DiskArrayResult, kept: Checkpoint | None, workers: Workers = None, report: Report = silent
+) -> DiskArrayResult:
+    """Run the realizations of sliding from loads on the path of a result."""
+    scenario = result.scenario
+    if not scenario.sliding.loads:
+        return result
+    points = [point_at_load(result.path, load) for load in scenario.sliding.loads]
+    sliding = run_sliding(points, result.law, scenario, workers, report, kept=kept and kept.of("sliding"))
+    return result._replace(sliding=sliding)
 
 
 def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:

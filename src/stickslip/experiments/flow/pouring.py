@@ -7,18 +7,10 @@ import numpy as np
 from ...builtin_laws import BY_NAME
 from ...core.arguments import checked
 from ...core.control import rigid
-from ...core.laws.builtin import (
-    Law,
-    elastic_constants,
-    for_pair,
-    force_exponent,
-    normal_energy,
-    normal_force,
-    tangential_stiffness,
-    tangents,
-)
-from ...core.laws.dispatch import Kind
+from ...core.laws.builtin import Law, elastic_constants, for_pair
+from ...core.laws.kinds import Kind
 from ...core.laws.validation import largest_stiffness
+from ...core.laws.values import evaluate
 from ...core.readable import pluralize, readable
 from ...core.sizes import Size, require_sizes
 from ...core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
@@ -271,13 +263,13 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     that of a fall through the region, plus the largest prescribed velocity. A force on a plate or wall may cause a
     larger overlap.
     """
-    q, lightest, r_eff = tuple(law.table[0, 0].tolist()), float(mass.min()), float(radius.min()) / 2
-    depth = _largest_overlap(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
+    lightest, r_eff = float(mass.min()), float(radius.min()) / 2
+    depth = _largest_overlap(scenario, law, r_eff, float(mass[: len(radius)].max()))
     if isinstance(law.kind, Kind):
-        stiffness = largest_stiffness(law, q, r_eff, depth)
+        stiffness = largest_stiffness(law, law.table[0, 0].tolist(), r_eff, depth)
     else:
-        normal, _ = tangents(law.kind, q, r_eff, depth)
-        stiffness = max(float(normal), float(tangential_stiffness(law.kind, q, r_eff, depth)))
+        slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=depth, r_eff=r_eff)
+        stiffness = max(slopes[0], tangential)
     unit = float(np.sqrt(lightest / stiffness))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
@@ -290,7 +282,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     return dt
 
 
-def _largest_overlap(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float) -> float:
+def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: float) -> float:
     """Return the overlap [length] at which a contact bears the largest force and stores the collision energy."""
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
@@ -306,11 +298,7 @@ def _largest_overlap(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest
     low, high = 0.0, 2 * r_eff
     for _ in range(60):  # at most a radius, beyond which no law is meaningful
         middle = 0.5 * (low + high)
-        force = float(normal_force(law.kind, q, r_eff, middle))
-        if isinstance(law.kind, Kind):
-            stored = float(normal_energy(law.kind, q, r_eff, middle))
-        else:
-            stored = force * middle / (force_exponent(law.kind) + 1)
+        force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
 

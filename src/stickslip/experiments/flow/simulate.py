@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.contacts.forces import forces, unbalanced_forces
-from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import without_walls
 from ...core.dynamics.run import run
 from ...core.laws.builtin import Law

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
-from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import MU, Law, rescales
 from ...core.measure import branch_vectors, touching
 from ...core.state import SLIDE, STICK, State, empty_contacts
@@ -200,7 +200,7 @@ def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
 
 def history_size(law: Law) -> int:
     """Number of doubles that a pair style stores for a contact."""
-    return 4 if rescales(law.kind) else 3
+    return 4 if rescales(law) else 3
 
 
 def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
@@ -254,7 +254,7 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
 
 def _contact_radii(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
     """What `mindlin_rescale` stores besides the slip, the contact radius √(δ R_eff): (rows, 1), otherwise (rows, 0)."""
-    if not rescales(law.kind):
+    if not rescales(law):
         return np.zeros((len(rows), 0))
     r, c = state.grains.radius, state.contacts
     i, j = c.i[rows], c.j[rows]

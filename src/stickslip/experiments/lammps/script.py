@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from ...core.dynamics.coefficients import driven_bodies
-from ...core.laws.builtin import LINEAR, NO_TENSION, Law, rescales
+from ...core.laws.builtin import NO_TENSION, Law, rescales
 from ...data.exchange.frame import wrapped_into
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
 from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
-from .supported import WITHOUT_RADIUS, parameters_of
+from .supported import is_linear, lacks_radius, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
 SAMPLE, PLACES = "sample.*.restart", "places.*.dump"
@@ -141,7 +141,7 @@ neigh_modify delay 0 every 1 check yes{exclude}
 def _coefficients(law: Law, q, radius: float) -> list[float]:
     """k_n, k_t, γ_n, γ_t and μ as LAMMPS multiplies them, by √R_eff for Hertz's law."""
     kn, kt, mu, damping_n, damping_t = q
-    share = np.sqrt(radius) if law.kind in WITHOUT_RADIUS else 1.0
+    share = np.sqrt(radius) if lacks_radius(law) else 1.0
     return [kn / share, kt / share, damping_n, damping_t, mu]
 
 
@@ -149,9 +149,9 @@ def pair_commands(law: Law, leg: Leg) -> str:
     """Pair style of a law: `gran/hooke/history`, `gran/hertz/history` or, for a rescaled law, `granular`."""
     radius = 0.5 * float(leg.state.grains.radius[0])
     numbers = _coefficients(law, parameters_of(law, leg.state), radius)
-    if rescales(law.kind):
+    if rescales(law):
         return f"pair_style granular\npair_coeff * * {_granular(law, *numbers)}"
-    style = "hooke" if law.kind == LINEAR else "hertz"
+    style = "hooke" if is_linear(law) else "hertz"
     return f"pair_style gran/{style}/history {digits(*numbers)} 1{_tension_option(law)}\npair_coeff * *"
 
 
@@ -176,8 +176,8 @@ def _wall_commands(leg: Leg) -> str:
 
 def _granular(law: Law, kn: float, kt: float, damping_n: float, damping_t: float, mu: float) -> str:
     """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n."""
-    normal, damping = ("hooke", "mass_velocity") if law.kind == LINEAR else ("hertz", "viscoelastic")
-    tangential = "mindlin_rescale" if rescales(law.kind) else "linear_history" if law.kind == LINEAR else "mindlin"
+    normal, damping = ("hooke", "mass_velocity") if is_linear(law) else ("hertz", "viscoelastic")
+    tangential = "mindlin_rescale" if rescales(law) else "linear_history" if is_linear(law) else "mindlin"
     share = damping_t / damping_n if damping_n > 0 else 0.0
     return (
         f"{normal} {digits(kn, damping_n)} tangential {tangential} {digits(kt, share, mu)} damping {damping}"

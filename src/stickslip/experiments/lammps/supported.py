@@ -2,15 +2,10 @@
 
 import numpy as np
 
-from ...builtin_laws import NAMES
+from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ...core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
-    HERTZ_MINDLIN,
-    HERTZ_MINDLIN_REFF,
-    HERTZ_MINDLIN_REFF_RESCALED,
-    HERTZ_MINDLIN_RESCALED,
-    LINEAR,
     MASS,
     NO_TENSION,
     SHARP,
@@ -19,19 +14,24 @@ from ...core.laws.builtin import (
     damping_model,
     rescales,
 )
-from ...core.laws.dispatch import Kind
+from ...core.laws.kinds import Kind
 from ...core.state import State
 from ...data.schema import ScenarioError
 from .cell import needs_forces, tilts_of
 from .leg import Leg, inertia_factor, is_held, members_of
 
-DASHPOTS = {
-    LINEAR: MASS, HERTZ_MINDLIN: VISCOELASTIC, HERTZ_MINDLIN_REFF: VISCOELASTIC, HERTZ_MINDLIN_RESCALED: VISCOELASTIC,
-    HERTZ_MINDLIN_REFF_RESCALED: VISCOELASTIC,
-}  # fmt: skip
-WITHOUT_RADIUS = (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED)
 MAX_KNOTS = 64  # of the course of a velocity within one leg
 STAY = 'or use engine = "stickslip"'
+
+
+def is_linear(law: Law) -> bool:
+    """Return True if the normal force of a built-in law is linear in the overlap."""
+    return BUILTIN_LAWS[law.kind].exponent == 1
+
+
+def lacks_radius(law: Law) -> bool:
+    """Return True for Hertz's law without the √R_eff by which LAMMPS multiplies it."""
+    return not (is_linear(law) or BUILTIN_LAWS[law.kind].uses_radius)
 
 
 def check_law(law: Law, state: State) -> None:
@@ -40,28 +40,28 @@ def check_law(law: Law, state: State) -> None:
         raise ScenarioError(f"LAMMPS was given a law written in Python, which it cannot evaluate: {STAY[3:]}")
     if law.coulomb != SHARP:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
-    if law.kind not in DASHPOTS:
-        raise ScenarioError(f"LAMMPS was given a contact law that it does not have: use hertz_mindlin_reff, {STAY}")
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
     q = parameters_of(law, state)
-    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and damping_model(law) & ~NO_TENSION != DASHPOTS[law.kind]:
+    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and damping_model(law) & ~NO_TENSION != (
+        MASS if is_linear(law) else VISCOELASTIC
+    ):
         raise ScenarioError(
             f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
             f"viscoelastic dashpots or linear with mass_velocity ones, {STAY}"
         )
-    if (rescales(law.kind) or len(state.walls.mass)) and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
-        what = "a rescaled law" if rescales(law.kind) else "walls and a law"
+    if (rescales(law) or len(state.walls.mass)) and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
+        what = "a rescaled law" if rescales(law) else "walls and a law"
         raise ScenarioError(
             f"LAMMPS was given {what} with damping_t but without damping_n, although it expresses damping_t as a "
             f"multiple of damping_n: give both or neither"
         )
-    if law.kind in WITHOUT_RADIUS and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
+    if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
         raise ScenarioError(
             f"LAMMPS multiplies Hertz's law by √R_eff, which is constant for grains of one size only: use "
             f"hertz_mindlin_reff, {STAY}"
         )
-    if rescales(law.kind) and len(state.walls.mass):
+    if rescales(law) and len(state.walls.mass):
         raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
 
 

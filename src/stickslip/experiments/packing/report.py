@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ...builtin_laws import NAMES
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names, with_values
-from ...core.laws.dispatch import Kind, find_user_law
+from ...core.laws.kinds import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State

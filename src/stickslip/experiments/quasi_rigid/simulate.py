@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
 from ...core.contacts.forces import forces
-from ...core.contacts.mechanics import HELD
+from ...core.contacts.memory import HELD
 from ...core.control import between, stress_controlled
 from ...core.laws.builtin import KN, Law
 from ...core.measure import branch_vectors, contact_forces, touching

@@ -8,7 +8,6 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ... import compilation
 from ..terminal import STYLE, can_redraw, console
 from .loop import Progress
 from .measures import Row, in_a_word
@@ -31,13 +30,9 @@ def screen() -> "Iterator[_Live | _Lines]":
     """Context manager for what shows the progress, `show(done)`, and that of one frame, `report`."""
     if can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
-            shown = _Live(live)
-            with compilation.announced_to(shown.compiling):
-                yield shown
+            yield _Live(live)
     else:
-        lines = _Lines()
-        with compilation.announced_to(lines.compiling):
-            yield lines
+        yield _Lines()
 
 
 class _Live:
@@ -54,10 +49,6 @@ class _Live:
 
     def report(self, stage: str, share: float, words: str, left: float | None = None) -> None:
         self.stage = f"{stage} {share:.0%}"
-        self._draw()
-
-    def compiling(self, kernel: str | None) -> None:
-        self.stage = f"{compilation.headline()} {kernel}" if kernel else ""
         self._draw()
 
     def _draw(self) -> None:
@@ -94,7 +85,7 @@ class _Lines:
     """A line for each frame that was computed."""
 
     def __init__(self):
-        self.said, self.begun, self.compiled = 0, False, False
+        self.said, self.begun = 0, False
 
     def show(self, done: Progress) -> None:
         for note in done.notes[self.said :]:
@@ -108,11 +99,6 @@ class _Lines:
 
     def report(self, stage: str, share: float, words: str, left: float | None = None) -> None:
         """Nothing: a frame has one line."""
-
-    def compiling(self, kernel: str | None) -> None:
-        if kernel and not self.compiled:
-            self.compiled = True
-            console.print(f"{compilation.headline()} …")
 
 
 def _aligned(words: list[str]) -> str:

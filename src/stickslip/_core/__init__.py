@@ -1,0 +1,1 @@
+"""Sources of the compiled core, and the script that builds it."""

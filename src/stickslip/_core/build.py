@@ -1,0 +1,326 @@
+"""Build the compiled core: one shared library for each level of processors, beside the sources.
+
+    python src/stickslip/_core/build.py [--force] [--verbose] [--sanitize address,undefined --out DIR]
+
+Every source is compiled for every level, by the C++ compiler of the machine or else by that of the package `ziglang`.
+Each library holds a stamp with the digest of its sources, and is built again only if the digest differs. This file
+needs the standard library alone, because it also runs before the package is installed.
+"""
+
+import argparse
+import ctypes
+import hashlib
+import importlib.util
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+HERE = Path(__file__).resolve().parent
+SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
+MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
+MACOS, GLIBC = "11.0", "2.28"  # the oldest systems that run the libraries, if the machine's own compiler agrees
+ZIGLANG = "ziglang>=0.17"  # the package that holds a compiler
+NO_COMPILER = (
+    "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "
+    f"or run {shlex.join([sys.executable, '-m', 'pip', 'install', ZIGLANG])}"
+)
+_X86 = {
+    "base": ["-march=x86-64"],
+    "avx2": ["-march=x86-64-v3"],
+    "avx512": ["-march=x86-64-v4", "-mprefer-vector-width=512"],
+}
+_MARCH = _X86 if MACHINE == "x86_64" else {"base": []}
+LEVELS = tuple(_MARCH)  # lowest first
+FLAGS = [
+    "-std=c++17", "-O3", "-fPIC", "-fvisibility=hidden", "-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics",
+    "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off",
+    "-Wall", "-Wextra", "-Wno-psabi", "-Wno-bitwise-instead-of-logical", "-Werror=return-type",
+]  # fmt: skip
+_SANITIZE = ["-O1", "-g", "-fno-omit-frame-pointer", "-fno-sanitize-recover=all"]
+_PROBE = '#include <math.h>\nextern "C" double probe(double x) { return exp(x); }\n'
+_MARK = "stickslip core "  # begins the stamp in a library
+_STAMP = """\
+extern "C" __attribute__((visibility("default"))) const char core_stamp[];
+const char core_stamp[] = {};
+"""
+
+
+class BuildError(RuntimeError):
+    """The core cannot be built or used. The message is one sentence with the remedy."""
+
+
+class Compiler(NamedTuple):
+    """A C++ compiler."""
+
+    command: list[str]
+    version: str
+
+    @property
+    def is_zig(self) -> bool:
+        """Whether this is the compiler of the package `ziglang`."""
+        return Path(self.command[0]).stem == "zig"
+
+    def compile(self, level: str) -> list[str]:
+        """Return the command and flags that compile a source for a level."""
+        if not self.is_zig:
+            return [*self.command, *_apple(), *FLAGS, *_MARCH[level]]
+        march = [re.sub("^-march=x86-64-?", "-mcpu=x86_64_", flag).rstrip("_") for flag in _MARCH[level]]
+        # without a target it compiles for the processor at hand
+        return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, "-fno-sanitize=undefined", "-g0"]
+
+    def link(self, sanitize: str = "") -> list[str]:
+        """Return the command and flags that link objects into a library, without those that change floating point."""
+        if not self.is_zig:
+            strict = ["-Wl,--no-undefined,--as-needed"] if sys.platform == "linux" and not sanitize else []
+            return [*self.command, *_apple(), "-shared", "-pthread", *strict]
+        if sys.platform == "linux":  # `cc` compiles a runtime library first, for 17 s; Python has loaded libc and libm
+            return [*self.command, "ld.lld", "-shared"]
+        return [*self.command, "cc", "-target", _zig_target(), "-shared", "-pthread"]
+
+
+def _apple() -> list[str]:
+    return ["-arch", platform.machine(), f"-mmacosx-version-min={MACOS}"] if sys.platform == "darwin" else []
+
+
+def _zig_target() -> str:
+    linux = f"linux-gnu.{GLIBC}" if platform.libc_ver()[0] == "glibc" else "linux-musl"
+    return f"{MACHINE}-" + {"darwin": f"macos.{MACOS}", "win32": "windows-gnu"}.get(sys.platform, linux)
+
+
+def _ziglang() -> list[list[str]]:
+    found = importlib.util.find_spec("ziglang")
+    return [[str(Path(found.origin).with_name("zig"))]] if found and found.origin else []
+
+
+def find_compiler() -> Compiler | None:
+    """Find the first C++ compiler that works: that of CXX, of the path, or of the package `ziglang`.
+
+    CXX=ziglang asks for the last. On Windows, those of the path are not tried.
+    """
+    asked = shlex.split(os.environ.get("CXX", ""))
+    if asked == ["ziglang"]:
+        candidates = _ziglang()
+    else:
+        names = () if sys.platform == "win32" else ("c++", "g++", "clang++")
+        candidates = [*([asked] if asked else []), *([name] for name in names), *_ziglang()]
+    for command in candidates:
+        if found := _working(command):
+            return found
+        if command == asked:
+            print(f"CXX={shlex.join(asked)} does not compile: other compilers are tried", file=sys.stderr)
+    return None
+
+
+def _working(command: list[str]) -> Compiler | None:
+    """Return the compiler of a command if it makes a library for the highest level."""
+    if not shutil.which(command[0]):
+        return None
+    compiler = Compiler(command, "")
+    with tempfile.TemporaryDirectory() as name:
+        source, target, library = (Path(name) / f"probe{suffix}" for suffix in (".cpp", ".o", SUFFIX))
+        source.write_text(_PROBE)
+        for words in (
+            [*compiler.compile(LEVELS[-1]), "-c", source, "-o", target], [*compiler.link(), target, "-o", library]
+        ):  # fmt: skip
+            if _run(words).returncode:
+                return None
+    says = _run([*command, *(["c++"] if compiler.is_zig else []), "--version"]).stdout.partition("\n")[0].strip()
+    return compiler._replace(version=f"ziglang: {says}" if compiler.is_zig else says)
+
+
+def _run(words: list) -> subprocess.CompletedProcess:
+    return subprocess.run([*map(str, words)], capture_output=True, text=True, errors="replace")
+
+
+def digest(folder: Path = HERE) -> str:
+    """Digest of the sources in a folder and of the flags."""
+    found = hashlib.sha256(json.dumps([FLAGS, _MARCH]).encode())
+    for path in [*_headers(folder), *sorted(folder.glob("*.cpp"))]:
+        found.update(f"\0{path.name}\0".encode() + path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def _headers(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.h"))
+
+
+def library_path(level: str, folder: Path | None = None) -> Path:
+    """Path of the library of a level, beside the sources or in the folder that STICKSLIP_CORE names."""
+    return Path(folder or os.environ.get("STICKSLIP_CORE") or HERE) / f"core-{level}{SUFFIX}"
+
+
+def stamp(path: Path) -> dict[str, str]:
+    """What a library says of itself: digest, compiler, command, target and sanitizers; empty if there is none."""
+    if not path.exists():
+        return {}
+    found = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", path.read_bytes())
+    return json.loads(found[1]) if found else {}
+
+
+def library(level: str) -> Path:
+    """Path of the library of a level. An error if there is none, or if it was built from other sources."""
+    path, remedy = library_path(level), f"{shlex.join([sys.executable, str(HERE / 'build.py')])} builds it"
+    if not path.exists():
+        raise BuildError(f"the compiled core {path} does not exist: {remedy}")
+    if stamp(path).get("digest") != digest():
+        raise BuildError(f"the compiled core {path} was built from other sources than those in {HERE}: {remedy}")
+    return path
+
+
+def best_level() -> str:
+    """Highest level that this processor runs, or the lower one that STICKSLIP_LEVEL names."""
+    highest = ctypes.CDLL(str(library("base"))).core_processor_level()
+    usable = LEVELS[: highest + 1]
+    asked = os.environ.get("STICKSLIP_LEVEL") or usable[-1]
+    if asked not in usable:
+        raise BuildError(f"STICKSLIP_LEVEL is {asked}: this processor runs {' and '.join(usable)}")
+    return asked
+
+
+def platform_tag() -> str:
+    """Tag of the platform for a wheel with these libraries."""
+    if sys.platform == "darwin":
+        return f"macosx_{MACOS}_{platform.machine()}".replace(".", "_")
+    if stamp(library_path("base", HERE)).get("target", "").endswith(GLIBC):
+        return f"manylinux_{GLIBC}_{MACHINE}".replace(".", "_")
+    return sysconfig.get_platform().replace("-", "_").replace(".", "_")
+
+
+def build(
+    folder: Path = HERE, out: Path | None = None, *, sanitize: str = "", force: bool = False, verbose: bool = False
+) -> str:
+    """Build the libraries of all levels, if they are not those of the sources, and return what was done in one line.
+
+    Parameters
+    ----------
+    folder : sources
+    out : where libraries and objects go; the folder of the sources if not given
+    sanitize : sanitizers of the compiler, separated by commas
+    force : build even if the libraries are up to date
+    verbose : print commands, and all that the compiler says of an error
+    """
+    start, out = time.perf_counter(), out or folder
+    wanted = {"digest": digest(folder), "sanitize": sanitize}
+    if asked := os.environ.get("CXX"):
+        wanted["asked"] = asked
+    if not force and all(wanted.items() <= stamp(library_path(level, out)).items() for level in LEVELS):
+        return "the compiled core is up to date"
+    compiler = find_compiler()
+    if compiler is None:
+        raise BuildError(NO_COMPILER)
+    if sanitize and compiler.is_zig:
+        raise BuildError("sanitizers need GCC or Clang: set CXX to one of them")
+    made = {"asked": asked or "", "compiler": compiler.version, "command": shlex.join(compiler.command)}
+    made |= {"target": _zig_target() if compiler.is_zig else ""}
+    if force:
+        shutil.rmtree(out / ".objects", ignore_errors=True)
+    _compile_and_link(compiler, folder, out, wanted | made, verbose)
+    return f"the compiled core was built in {time.perf_counter() - start:.1f} s by {compiler.version}"
+
+
+def _compile_and_link(compiler: Compiler, folder: Path, out: Path, made: dict[str, str], verbose: bool) -> None:
+    objects = out / ".objects"
+    objects.mkdir(parents=True, exist_ok=True)
+    stamp_source = objects / "stamp.cpp"
+    _replace(stamp_source, _STAMP.format(json.dumps(_MARK + json.dumps(made))).encode())
+    extra = [f"-fsanitize={made['sanitize']}", *_SANITIZE] if made["sanitize"] else []
+    shared = b"".join(path.read_bytes() for path in _headers(folder)) + compiler.version.encode()
+    sources = sorted([stamp_source, *folder.glob("*.cpp")], key=lambda path: -path.stat().st_size)
+
+    def compile_source(source: Path, level: str) -> Path:
+        text = source.read_bytes()
+        first = text.partition(b"\n")[0].decode()
+        own = shlex.split(first.removeprefix("// build:")) if first.startswith("// build:") else []
+        words = [*compiler.compile(level), *own, *extra]
+        key = hashlib.sha256(shared + text + "\0".join(words).encode()).hexdigest()[:16]
+        target = objects / f"{source.stem}-{level}-{key}.o"
+        if not target.exists():
+            _make(target, [*words, "-c", source], objects, verbose)
+        return target
+
+    jobs = [(source, level) for source in sources for level in reversed(LEVELS)]
+    with ThreadPoolExecutor(_cores()) as pool:
+        made_objects = list(pool.map(lambda job: compile_source(*job), jobs))
+        for level in LEVELS:
+            own = [target for target, job in zip(made_objects, jobs, strict=True) if job[1] == level]
+            words = [*compiler.link(made["sanitize"]), *extra, *sorted(own)]
+            _make(library_path(level, out), words, objects, verbose)
+    for path in set(objects.glob("*.o")) - set(made_objects):
+        path.unlink(missing_ok=True)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _make(target: Path, words: list, scratch: Path, verbose: bool) -> None:
+    """Run a compiler or linker in a way that a target that exists is complete."""
+    part = scratch / f".{os.getpid()}-{target.name}"
+    words = [*words, "-o", part]
+    if verbose:
+        print(shlex.join(map(str, words)))
+    run = _run(words)
+    if run.returncode:
+        part.unlink(missing_ok=True)
+        raise BuildError(run.stderr if verbose else _first_error(run.stderr))
+    if run.stderr:
+        print(run.stderr, end="", file=sys.stderr)
+    os.replace(part, target)
+
+
+def _first_error(text: str) -> str:
+    """One sentence from what a compiler or linker says."""
+    if found := re.search(r"^(.+?):(\d+):(?:\d+:)? (?:fatal )?error: (.*)$", text, flags=re.MULTILINE):
+        return f"the core was not built: {found[1]}, line {found[2]}: {found[3]}"
+    lines = [line for line in text.splitlines() if re.search("error|undefined", line)] or text.splitlines() or [""]
+    return f"the core was not built: {lines[0].strip()}"
+
+
+def _replace(path: Path, content: bytes) -> None:
+    part = path.with_name(f".{os.getpid()}-{path.name}")
+    part.write_bytes(content)
+    os.replace(part, path)
+
+
+def preload(sanitize: str) -> str:
+    """Runtime libraries of sanitizers, which LD_PRELOAD must name before Python loads a library that needs them."""
+    compiler, names = find_compiler(), {"address": "asan", "undefined": "ubsan", "thread": "tsan"}
+    asked = [f"-print-file-name=lib{names[one]}.so" for one in sanitize.split(",") if one in names]
+    return ":".join(_run([*compiler.command, one]).stdout.strip() for one in asked) if compiler else ""
+
+
+def main() -> None:
+    """Build the core from the command line."""
+    parser = argparse.ArgumentParser(description="Build the compiled core.")
+    parser.add_argument("--force", action="store_true", help="even if it is up to date")
+    parser.add_argument("--verbose", action="store_true", help="print commands and all messages of the compiler")
+    parser.add_argument("--find", action="store_true", help="print the compiler only; the exit status is 1 without one")
+    parser.add_argument("--sanitize", default="", metavar="address,undefined", help="sanitizers; needs --out")
+    parser.add_argument("--out", type=Path, help="folder for the libraries")
+    given = parser.parse_args()
+    if given.sanitize and not given.out:
+        parser.error("--sanitize needs --out: Python cannot load such libraries without their runtime")
+    if given.find:
+        found = find_compiler()
+        sys.exit(print(found.version) if found else NO_COMPILER)
+    try:
+        print(build(HERE, given.out, sanitize=given.sanitize, force=given.force, verbose=given.verbose))
+    except (BuildError, OSError) as error:
+        sys.exit(str(error))
+    if given.sanitize:
+        print(f"STICKSLIP_CORE={given.out} LD_PRELOAD={preload(given.sanitize)} loads it")
+
+
+if __name__ == "__main__":
+    main()

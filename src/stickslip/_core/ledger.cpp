@@ -1,0 +1,210 @@
+// One step of the energy ledger, see `core/dynamics/ledger.py`.
+#include <math.h>
+
+#include "blocks.h"
+#include "pairs.h"
+
+enum Column { KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, VISCOUS, DRAG, NONPOTENTIAL };  // of a row
+
+struct End {  // a contact at one end of a step
+  Pair pair;
+  double depth;               // overlap plus range
+  double stored, energy;      // of the normal and of the tangential spring
+  double given[2], slope[2];  // k_t and Coulomb limit, and derivatives of `energy` with respect to them
+  double friction;            // tangential force without its dashpot
+  double power;               // of the dashpots
+  Vec<double> force, turn;    // on i, and torque/R
+};
+
+struct Kept {  // memory of a contact before and after a step, zero where it does not touch
+  Vec<double> old, now;
+  bool known, closed;  // whether it touched
+};
+
+static double length(Vec<double> v) { return root(dot(v, v)); }
+
+static Vec<double> transform(const double *m, Vec<double> v) {
+  return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+          m[6] * v.x + m[7] * v.y + m[8] * v.z};
+}
+
+// Components of v that are free, or those that are not.
+static Vec<double> only(const uint8_t *free, bool wanted, Vec<double> v) {
+  return {free[0] == wanted ? v.x : 0.0, free[1] == wanted ? v.y : 0.0, free[2] == wanted ? v.z : 0.0};
+}
+
+static Vec<double> surface_velocity(int dim, const Bodies &bodies, const Pair &pair, int64_t i, int64_t j) {
+  Vec<double> v = vector_at(dim, bodies.velocity, i) - vector_at(dim, bodies.velocity, j);
+  return at_contact(pair.n, v + transform(bodies.rate, pair.r), surface_rotation(dim, bodies, bodies.spin, i, j));
+}
+
+// Energy of the tangential spring, and its derivatives.
+static void store_energy(const Law &law, Vec<double> slip, End &end) {
+  double stiffness = end.given[0], limit = end.given[1], square = dot(slip, slip);
+  end.energy = 0.5 * stiffness * square;
+  end.slope[0] = 0.5 * square;
+  if (!law.smooth || !(limit > 0.0)) return;
+  double x = stiffness * root(square) / limit;  // ∫ k s (1 + x − x²) ds, x = k s/limit
+  end.energy = stiffness * square * (0.5 + x / 3.0 - x * x / 4.0);
+  end.slope[0] = square * (0.5 + x / 3.0 - x * x / 4.0 + x * (1.0 / 3.0 - x / 2.0));
+  end.slope[1] = -stiffness * square * x * (1.0 / 3.0 - x / 2.0) / limit;
+}
+
+// Contact c of the list `after` the step, with the bodies and the slip at one end of the step.
+static End evaluate(const LedgerStep &step, const Bodies &bodies, const double *shift, int64_t c, Vec<double> slip) {
+  const Law &law = *step.law;
+  int dim = static_cast<int>(step.dim);
+  End end = {};
+  Pair pair = end.pair = pair_at(law, dim, bodies, *step.after, shift, c);
+  const double *q = pair.q, edge = range(law, q, pair.r_eff), overlap = pair.touches ? pair.overlap : 0.0 - edge;
+  Elastic<double> spring = elastic(law, q, pair.r_eff, overlap);
+  end.depth = pair.overlap + edge;
+  end.given[0] = spring.stiffness;
+  if (!pair.touches) return end;
+  double fn = spring.force, vn = 0.0, factor = 0.0;
+  Vec<double> v = {};
+  if (law.damping) {
+    v = surface_velocity(dim, bodies, pair, step.after->i[c], step.after->j[c]);
+    vn = dot(v, pair.n);
+    v = v - vn * pair.n;
+    factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap);
+    fn = with_dashpot(law, spring.force, factor * q[DAMPING_N], vn);
+  }
+  double limit = end.given[1] = cap(law, q, pair.r_eff, overlap, fn, law.rate && law.damping);
+  Vec<double> t = tangential_force(law.smooth, spring.stiffness, limit, slip), whole = t;
+  if (law.damping) whole = with_tangential_dashpot(t, factor * q[DAMPING_T], limit, v);
+  end.stored = normal_energy(law, q, pair.r_eff, overlap);
+  store_energy(law, slip, end);
+  end.friction = length(t);
+  end.power = (spring.force - fn) * vn - dot(whole - t, v);
+  end.force = fn * pair.n + whole;
+  end.turn = -1.0 * cross(pair.n, whole);
+  return end;
+}
+
+static double rolling_stiffness(const Law &law, const Pair &pair) {
+  return pair.touches ? call(law.rolling, pair.q, pair.r_eff, pair.overlap, 0.0).first : 0.0;
+}
+
+// Work of the loads f in a motion d of body a: of its free components from `first`, or of those that are not.
+static double work(const LedgerStep &step, bool free, int64_t a, int first, Vec<double> f, Vec<double> d) {
+  return dot(f, only(step.free + 6 * a + first, free, d));
+}
+
+static Vec<double> rotation(const LedgerStep &step, int64_t a) {
+  return vector_at(3, step.now->angle, a) - vector_at(3, step.old->angle, a);
+}
+
+// Add a step of rolling; `fraction` is that of the step during which the contact touched.
+static void add_rolling(const LedgerStep &step, int64_t c, Kept psi, const End &old, const End &now, Vec<double> mid,
+                        double fraction) {
+  int dim = static_cast<int>(step.dim);
+  int64_t i = step.after->i[c], j = step.after->j[c];
+  double k1 = rolling_stiffness(*step.law, now.pair), size1 = dot(psi.now, psi.now);
+  step.row[TANGENTIAL] += 0.5 * k1 * size1;
+  if (step.first) return;
+  double k0 = rolling_stiffness(*step.law, old.pair), size0 = dot(psi.old, psi.old);
+  step.row[NONPOTENTIAL] += 0.25 * (size1 + size0) * (k1 - k0);
+  Vec<double> turned = relative_angle(dim, step.now->angle, i, j) - relative_angle(dim, step.old->angle, i, j);
+  if (psi.known || psi.closed) {
+    double slid = length(onto_plane(now.pair.n, mid, psi.old + fraction * turned) - psi.now);
+    step.row[COULOMB] += 0.5 * (k1 * root(size1) + k0 * root(size0)) * slid;
+  }
+  Vec<double> moment = 0.5 * (k1 * psi.now + k0 * psi.old);
+  step.row[EXTERNAL] += work(step, false, i, 3, moment, rotation(step, i));
+  step.row[EXTERNAL] -= work(step, false, j, 3, moment, rotation(step, j));
+}
+
+// Distance slid; `fade` is the factor by which the law shortened the slip.
+static double slid_distance(const LedgerStep &step, int64_t c, Kept slip, const End &now, Vec<double> d,
+                            Vec<double> mid, double fraction, double fade) {
+  int dim = static_cast<int>(step.dim);
+  int64_t i = step.after->i[c], j = step.after->j[c];
+  double half = step.law->rate ? 1.0 : 0.5 * (1.0 + fade);
+  Vec<double> roll = surface_rotation(dim, *step.now, step.now->angle, i, j) -
+                     surface_rotation(dim, *step.old, step.old->angle, i, j);
+  Vec<double> increment = half * slip_increment(now.pair.n, mid, d, roll);
+  double slid = length(fade * onto_plane(now.pair.n, mid, slip.old) + fraction * increment - slip.now);
+  if (step.law->rescaled && !slip.closed) return 0.0;
+  return slid / half;  // the slid distance was shortened like the slip
+}
+
+// Energy created by a tangential spring whose stiffness or limit changed, or whose slip was rescaled.
+static double nonpotential(const Law &law, Kept slip, const End &old, const End &now, double fade) {
+  double sum = 0.0;
+  if (law.rescaled) {
+    sum += 0.5 * (now.friction * length(slip.now) + old.friction * length(slip.old)) * log(fade);
+    if (slip.known && !slip.closed)  // the slip has vanished: replaces the terms that follow
+      sum += 0.5 * (old.given[0] * old.slope[0] + old.given[1] * old.slope[1]) - old.energy;
+  }
+  for (int k = 0; k < 2; ++k) sum += 0.5 * (now.slope[k] + old.slope[k]) * (now.given[k] - old.given[k]);
+  return sum;
+}
+
+// Work of the contact on the cell and on imposed motions, up to the sign.
+static double imposed_work(const LedgerStep &step, int64_t c, const End &old, const End &now) {
+  int64_t i = step.after->i[c], j = step.after->j[c];
+  Vec<double> force = now.force + old.force, turn = now.turn + old.turn;
+  double sum = dot(now.force, transform(step.strain, now.pair.r)) + dot(old.force, transform(step.strain, old.pair.r));
+  sum += work(step, false, i, 0, force, vector_at(3, step.way, i));
+  sum -= work(step, false, j, 0, force, vector_at(3, step.way, j));
+  sum += work(step, false, i, 3, turn, step.now->radius[i] * rotation(step, i));
+  sum += work(step, false, j, 3, turn, step.now->radius[j] * rotation(step, j));
+  return 0.5 * sum;
+}
+
+static Kept kept(const LedgerStep &step, double *const memory[2], int64_t width, int64_t m, int64_t c) {
+  Kept out = {{}, {}, m >= 0, step.after->mode[c] != OPEN};
+  if (out.known) out.old = {memory[0][width * m], memory[0][width * m + 1], memory[0][width * m + 2]};
+  if (out.closed) out.now = {memory[1][width * c], memory[1][width * c + 1], memory[1][width * c + 2]};
+  return out;
+}
+
+// Add contact c, which is row m of the list before the step, or −1 if it did not touch.
+static void add_contact(const LedgerStep &step, int64_t m, int64_t c) {
+  const Law &law = *step.law;
+  double *slips[2] = {step.before->slip, step.after->slip}, *rolls[2] = {step.before->rolling, step.after->rolling};
+  Kept slip = kept(step, slips, 3, m, c);
+  End now = evaluate(step, *step.now, step.shift_now, c, slip.now);
+  End old = step.first ? End{} : evaluate(step, *step.old, step.shift_old, c, slip.old);
+  // LAMMPS counts the whole step of a contact that closes or opens
+  bool whole = law.rate || slip.known == slip.closed || now.depth == old.depth;
+  double fraction = whole ? 1.0 : larger(now.depth, old.depth) / fabs(now.depth - old.depth);
+  Vec<double> d = now.pair.r - old.pair.r, mid = mid_normal(now.pair.n, law.rate ? 0.0 : now.pair.inverse, d);
+  step.row[NORMAL] += now.stored;
+  step.row[TANGENTIAL] += now.energy;
+  if (law.rolling) add_rolling(step, c, kept(step, rolls, 7, m, c), old, now, mid, fraction);
+  if (step.first) return;
+  bool stays = slip.known && slip.closed, touched = slip.known || slip.closed;
+  double fade = law.rescaled && stays ? contact_radius_ratio(now.depth, now.depth - old.depth) : 1.0;
+  step.row[NONPOTENTIAL] += nonpotential(law, slip, old, now, fade);
+  step.row[VISCOUS] += 0.5 * step.dt * (now.power + old.power);
+  step.row[EXTERNAL] -= imposed_work(step, c, old, now);
+  if (touched)
+    step.row[COULOMB] +=
+        0.5 * (now.friction + old.friction) * slid_distance(step, c, slip, now, d, mid, fraction, fade);
+}
+
+static void add_body(const LedgerStep &step, int64_t a) {
+  double mass = step.mass[a], inertia = step.inertia[a], half = 0.5 * step.dt;
+  Vec<double> v = vector_at(3, step.now->velocity, a), w = vector_at(3, step.now->spin, a);
+  step.row[KINETIC] += 0.5 * mass * dot(v, v) + 0.5 * inertia * dot(w, w);
+  if (step.first) return;
+  Vec<double> v0 = vector_at(3, step.old->velocity, a), w0 = vector_at(3, step.old->spin, a);
+  step.row[EXTERNAL] -= 0.5 * mass * (dot(v, transform(step.strain, v)) + dot(v0, transform(step.strain, v0)));
+  step.row[EXTERNAL] += work(step, true, a, 0, vector_at(3, step.force, a), vector_at(3, step.way, a));
+  step.row[EXTERNAL] += work(step, true, a, 3, vector_at(3, step.torque, a), rotation(step, a));
+  step.row[DRAG] += half * step.drag * mass * (work(step, true, a, 0, v, v) + work(step, true, a, 0, v0, v0));
+  step.row[DRAG] += half * step.spin_drag * inertia * (work(step, true, a, 3, w, w) + work(step, true, a, 3, w0, w0));
+}
+
+void add_ledger_step(const LedgerStep *step) {
+  const Contacts &before = *step->before, &after = *step->after;
+  for (int64_t a = 0; a < step->old->len_radius; ++a) add_body(*step, a);
+  int64_t m = 0, count = before.count[0];
+  for (int64_t c = 0; c < after.count[0]; ++c) {
+    while (m < count && before.key[m] < after.key[c]) ++m;
+    bool known = m < count && before.key[m] == after.key[c] && before.mode[m] != OPEN;
+    add_contact(*step, known ? m : -1, c);
+  }
+}

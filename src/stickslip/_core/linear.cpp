@@ -1,0 +1,172 @@
+// build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
+// Linearisation of contacts and of their rolling moments, and sums over all contacts.
+#include "elastic.h"
+#include "rolling.h"
+
+// ---- forces
+
+struct Tangent {
+  double secant, along, by_overlap, by_force;  // φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n
+};
+
+// Coefficients of the tangential force φ = k_t |u| (mobilisation) ≤ `limit` at |u| = `stretch`; `slope`: derivatives of
+// the springs with respect to δ, `edge`: of the limit with respect to F_n and δ.
+static Tangent friction_tangent(bool smooth, double stiffness, Slopes<double> slope, double limit, Slopes<double> edge,
+                                double stretch, bool slides) {
+  if (slides || limit <= 0.0) {
+    return {stretch > 0.0 ? limit / stretch : 0.0, 0.0, edge.first * slope.first + edge.second, edge.first};
+  }
+  double x = stiffness * stretch / limit, h = smooth ? mobilisation(x) : 1.0, g = smooth ? mobilisation_tangent(x) : 0.0;
+  double turned = x * x * g, whole = h + x * g, by_force = -edge.first * turned;
+  double changed = by_force * slope.first - edge.second * turned;
+  return {stiffness * h, stiffness * whole, slope.second * stretch * whole + changed, by_force};
+}
+
+// Memory of contact c carried to the present positions; writes the slip and the way since it was committed.
+template <int DIM>
+static Transport<double> transported(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
+                                     const Linearisation &out, int64_t c) {
+  Transport<double> rest = {{}, {}, pair.n, 1.0};
+  if (contacts.mode[c] == OPEN) return rest;
+  Vec<double> rolled = surface_rotation(DIM, bodies, bodies.angle, contacts.i[c], contacts.j[c]);
+  Vec<double> slip = vector_at(3, contacts.slip, c), way = pair.r - vector_at(3, contacts.pair, c);
+  Vec<double> turn = rolled - vector_at(3, contacts.roll, c);
+  store(out.before + 3 * c, slip), store(out.way + 3 * c, way), store(out.turn + 3 * c, turn);
+  return transport_slip(law, false, pair.n, pair.inverse, pair.overlap, way, turn, slip);
+}
+
+template <int DIM>
+static void linearise_contact(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
+                              int64_t memory, const Linearisation &out, int64_t c) {
+  const double *q = pair.q, r_eff = pair.r_eff, overlap = pair.overlap;
+  Elastic<double> spring = elastic(law, q, r_eff, overlap);
+  Slopes<double> slope = tangents(law, q, r_eff, overlap);
+  double limit = cap(law, q, r_eff, overlap, spring.force);
+  Slopes<double> edge = cap_slopes(law, q, r_eff, overlap, spring.force);
+  Transport<double> moved = transported<DIM>(law, bodies, contacts, pair, out, c);
+  bool slid = contacts.mode[c] == SLIDE, rescaled = law.rescaled;
+  Vec<double> a = moved.slip, d = moved.increment;
+  bool slides = return_mapping<DIM>(rescaled, memory, spring.stiffness, limit, a, d, Ratio<double>{1.0, 1.0}, slid,
+                                    moved.fade).slides;
+  bool weighted = DIM == 3 && slides && slid && limit > 0.0;
+  if (weighted) {
+    Ratio<double> weight = turning_weight(rescaled, spring.stiffness, limit, a, d, moved.fade);
+    d = (weight.part / weight.whole) * d;
+  }
+  Vec<double> slip = a + d;
+  Tangent tangent =
+      friction_tangent(law.smooth, spring.stiffness, slope, limit, edge, root(dot(slip, slip)), slides);
+  double factor = damping_factor(law, r_eff, pair.m_eff, overlap);
+  store(out.normal + 3 * c, pair.n), store(out.slip + 3 * c, slip);
+  out.inverse[c] = pair.inverse, out.weighted[c] = weighted;
+  out.closed[c] = 1.0, out.remembers[c] = contacts.mode[c] != OPEN, out.slides[c] = slides;
+  out.force_n[c] = spring.force, out.slope_n[c] = slope.first;
+  out.stiffness_t[c] = spring.stiffness, out.slope_t[c] = slope.second, out.mu[c] = edge.first, out.limit[c] = limit;
+  out.secant[c] = tangent.secant, out.along[c] = tangent.along;
+  out.by_overlap[c] = tangent.by_overlap, out.by_force[c] = tangent.by_force;
+  out.fade[c] = moved.fade, out.fading[c] = moved.fade < 1.0 ? 0.5 * moved.fade / overlap : 0.0;
+  out.damping_n[c] = factor * q[DAMPING_N], out.damping_t[c] = factor * q[DAMPING_T];
+}
+
+void linearise(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+               int64_t memory, const Linearisation *out) {
+  for (int64_t c = 0; c < *contacts->count; c++) {
+    Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
+    if (!pair.touches) continue;
+    (dim == 3 ? linearise_contact<3> : linearise_contact<2>)(*law, *bodies, *contacts, pair, memory, *out, c);
+  }
+}
+
+// ---- rolling moments
+
+// Rolling stiffness k_r and dk_r/dδ.
+static Slopes<double> rolling_stiffness(const Law &law, const Pair &pair) {
+  return call(law.rolling, pair.q, pair.r_eff, pair.overlap, 0.0);
+}
+
+template <int DIM>
+static void linearise_moment(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
+                             int64_t memory, const MomentLinearisation &out, int64_t c) {
+  const double *own = contacts.rolling + ROLLING * c, *q = pair.q;
+  Vec<double> a = {}, d = {};
+  if (contacts.mode[c] != OPEN) {
+    Vec<double> way = relative_angle(DIM, bodies.angle, contacts.i[c], contacts.j[c]) - vector_at(3, own + ANCHOR, 0);
+    Vec<double> mid = mid_normal(pair.n, pair.inverse, pair.r - vector_at(3, contacts.pair, c));
+    store(out.before + 3 * c, vector_at(3, own, 0)), store(out.way + 3 * c, way);
+    a = onto_plane(pair.n, mid, vector_at(3, own, 0)), d = onto_plane(pair.n, mid, way);
+  }
+  double force = elastic(law, q, pair.r_eff, pair.overlap).force;
+  Slopes<double> found = rolling_stiffness(law, pair);
+  double stiffness = found.first, limit = call(law.rolling_cap, q, pair.r_eff, pair.overlap, force).first;
+  bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, memory, stiffness, limit, a, d,
+                                                              Ratio<double>{1.0, 1.0}, slid, 1.0).slides;
+  if (slides) {
+    Slopes<double> edge = call(law.rolling_slopes, q, pair.r_eff, pair.overlap, force);
+    out.by_force[c] = edge.first;
+    out.by_overlap[c] = edge.first * tangents(law, q, pair.r_eff, pair.overlap).first + edge.second;
+    if (stiffness > 0.0) {
+      out.reach[c] = limit / stiffness;
+      out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * found.second) / stiffness;
+      out.reach_by_force[c] = edge.first / stiffness;
+    }
+    if (DIM == 3 && slid && limit > 0.0) {
+      Ratio<double> weight = turning_weight(false, stiffness, limit, a, d, 1.0);
+      out.weighted[c] = 1.0;
+      d = (weight.part / weight.whole) * d;
+    }
+  }
+  Vec<double> turned = a + d;
+  double size = root(dot(turned, turned));
+  if (slides) {
+    out.secant[c] = size > 0.0 ? limit / size : 0.0;
+  } else {
+    out.secant[c] = out.along[c] = stiffness;
+    out.by_overlap[c] = found.second * size;
+  }
+}
+
+void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                       const double *shift, int64_t memory, const MomentLinearisation *out) {
+  for (int64_t c = 0; c < *contacts->count; c++) {
+    Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
+    if (!pair.touches) continue;
+    (dim == 3 ? linearise_moment<3> : linearise_moment<2>)(*law, *bodies, *contacts, pair, memory, *out, c);
+  }
+}
+
+double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                     const double *inverse_inertia, double *total) {
+  double most = 0.0;
+  for (int64_t c = 0; c < *contacts->count; c++) {
+    Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
+    if (!pair.touches) continue;
+    double k = 2.0 * rolling_stiffness(*law, pair).first;
+    int64_t ends[] = {contacts->i[c], contacts->j[c]};
+    for (int64_t a : ends) most = larger(most, total[a] += k * inverse_inertia[a]);
+  }
+  return most;
+}
+
+// ---- sums
+
+void add_virial(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
+                double *out) {
+  int64_t grains = bodies->len_radius - bodies->len_normal;
+  for (int64_t c = 0; c < *contacts->count; c++) {
+    if (contacts->mode[c] == OPEN || contacts->j[c] >= grains) continue;
+    ElasticPair pair = elastic_pair(*law, dim, *bodies, *contacts, shift, c);
+    double f[] = {pair.force.x, pair.force.y, pair.force.z}, r[] = {pair.r.x, pair.r.y, pair.r.z};
+    for (int a = 0; a < 3; a++)
+      for (int b = 0; b < 3; b++) out[3 * a + b] += f[a] * r[b];
+  }
+}
+
+double elastic_energy(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                      const double *shift) {
+  double total = 0.0;
+  for (int64_t c = 0; c < *contacts->count; c++) {
+    Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
+    if (pair.touches) total += normal_energy(*law, pair.q, pair.r_eff, pair.overlap);
+  }
+  return total;
+}

@@ -1,0 +1,254 @@
+#include "motion.h"
+
+#include <math.h>
+
+namespace {
+
+constexpr double NOT_FINITE_SQUARE = 1e300;  // returned for NaN
+
+typedef double Eight __attribute__((vector_size(64)));
+typedef int64_t Eight64 __attribute__((vector_size(64)));
+
+// Sums of loads for a range of bodies, one entry of `code` after another. There is no branch on the first row of a body,
+// because it is unpredictable.
+struct Stream {
+  const Blocks &blocks;
+  const double *external;
+  bool loaded;  // `external` has a row for each body
+  double *total;
+  int64_t body, origin;
+  Eight sums;
+
+  void add(uint32_t word) {
+    alignas(64) static const double signs[2][8] = {{-1, -1, -1, 1, 1, 1, 1, 1}, {1, 1, 1, 1, 1, 1, 1, 1}};
+    alignas(64) static const int64_t kept[2][8] = {{-1, -1, -1, -1, -1, -1, -1, -1}, {}};
+    Eight row, sign, begin;
+    Eight64 mask;
+    __builtin_memcpy(&row, reinterpret_cast<const char *>(blocks.load.data) + (word & ~(ROW - 1)), sizeof row);
+    __builtin_memcpy(&sign, signs[(word & IS_I) / IS_I], sizeof sign);
+    __builtin_memcpy(&mask, kept[word & IS_FIRST], sizeof mask);
+    body += word & IS_FIRST;
+    Eight64 before = (Eight64)sums & mask;
+    if (loaded) {
+      __builtin_memcpy(&begin, external + WIDTH * body, sizeof begin);
+      before |= (Eight64)begin & ~mask;
+    }
+    sums = (Eight)before + row * sign;
+    __builtin_memcpy(total + WIDTH * (body - origin), &sums, sizeof sums);
+  }
+};
+
+// Sums rows for each body, beginning with the external load, in the order of `code`. The two halves of the bodies are
+// interleaved, because each addition waits for the previous one.
+template <bool LOADED, bool FAR>
+void sum_rows(const Moving &moving, const Blocks &blocks, int64_t first, int64_t last, double *total) {
+  const uint32_t *start = blocks.start.data, *code = blocks.code.data;
+  const int64_t middle = (first + last) / 2, begin = start[first], half = start[middle], end = start[last];
+  Stream one{blocks, moving.external, LOADED, total, first - 1, first, {}};
+  Stream two{blocks, moving.external, LOADED, total, middle - 1, first, {}};
+  const int64_t both = half - begin < end - half ? half - begin : end - half;
+  auto fetch = [&](int64_t e) {
+    if (FAR)
+      __builtin_prefetch(reinterpret_cast<const char *>(blocks.load.data) + (code[e + PREFETCH_DISTANCE] & ~(ROW - 1)));
+  };
+  for (int64_t k = 0; k < both; ++k) {
+    fetch(begin + k);
+    one.add(code[begin + k]);
+    fetch(half + k);
+    two.add(code[half + k]);
+  }
+  for (int64_t e = begin + both; e < half; ++e) fetch(e), one.add(code[e]);
+  for (int64_t e = half + both; e < end; ++e) fetch(e), two.add(code[e]);
+}
+
+// Sums f ⊗ r over the contacts in which a body is i.
+void sum_virial(const Moving &moving, const Blocks &blocks, int64_t first, int64_t last) {
+  int64_t g = first - 1;
+  for (int64_t e = blocks.start.data[first]; e < int64_t(blocks.start.data[last]); ++e) {
+    uint32_t word = blocks.code.data[e];
+    if (word & IS_FIRST) {
+      ++g;
+      for (int k = 0; k < 9; ++k) moving.virial[9 * g + k] = 0.0;
+    }
+    if (word & IS_I)
+      for (int k = 0; k < 3; ++k)
+        for (int m = 0; m < 3; ++m)
+          moving.virial[9 * g + 3 * k + m] += blocks.load.data[WIDTH * (word / ROW) + k] * blocks.pair.data[3 * (word / ROW) + m];
+  }
+}
+
+// External loads and those of all contacts, for at most CHUNK bodies.
+void sum_loads(const Step &step, const Blocks &blocks, int64_t first, int64_t last, double *total) {
+  const Moving &moving = step.moving;
+  const bool far = moving.len_tile > 2;  // with one tile, all data are near
+  const bool loaded = moving.len_external > 1;
+  auto sum = loaded ? (far ? sum_rows<true, true> : sum_rows<true, false>)
+                    : (far ? sum_rows<false, true> : sum_rows<false, false>);
+  sum(moving, blocks, first, last, total);
+  if (step.flow) sum_virial(moving, blocks, first, last);
+  for (int64_t g = first; g < last; ++g) {
+    const double *torque = moving.torque + (moving.len_torque > 1 ? 3 * g : 0), radius = moving.body[BODY * g + RADIUS];
+    for (int k = 0; k < 3; ++k) total[WIDTH * (g - first) + 3 + k] = torque[k] + radius * total[WIDTH * (g - first) + 3 + k];
+  }
+}
+
+void store_forces(const Moving &moving, const double *total, int64_t first, int64_t last) {
+  for (int64_t g = first; g < last; ++g)
+    for (int k = 0; k < 6; ++k) moving.force[6 * g + k] = total[WIDTH * (g - first) + k];
+}
+
+struct Transform {
+  const double *m;
+  void operator()(double *v) const {
+    const double x = v[0], y = v[1], z = v[2];
+    for (int k = 0; k < 3; ++k) v[k] = m[3 * k] * x + m[3 * k + 1] * y + m[3 * k + 2] * z;
+  }
+};
+
+// Ends a step with half a kick (implicit drag), and begins the next with half a kick (explicit drag) and the drift.
+template <int DIM>
+inline double move_body(const Step &step, int64_t g, const double *f) {
+  const Moving &moving = step.moving;
+  const Pace &pace = step.pace;
+  const Flow *flow = step.flow;
+  const bool half = !step.fresh, go_on = step.go_on, whole = moving.whole[g];
+  double *body = moving.body + BODY * g;
+  const uint8_t *free = moving.free + 6 * g;
+  const double kick[2] = {body[KICK], body[KICK_T]}, keep[2] = {pace.keep, pace.keep_t};
+  const double slow[2] = {pace.slow, pace.slow_t};
+  double rate[6];  // velocity and spin
+  for (int k = 0; k < 3; ++k) rate[k] = body[VELOCITY + k], rate[3 + k] = body[SPIN + k];
+  constexpr bool exists[6] = {true, true, DIM == 3, DIM == 3, DIM == 3, true};
+  auto turn = [&] {  // half a step of the term −L v
+    double v[3] = {rate[0], rate[1], rate[2]};
+    Transform{flow->matrix + 9 * TURN}(v);
+    for (int k = 0; k < 3; ++k)
+      if (free[k]) rate[k] = v[k];
+  };
+  auto imposed = [&](int when, int k) {  // mean over the step (0) or at its end (1)
+    return flow->rate[6 * g + k] * flow->factor[when * (flow->courses + 1) + flow->follows[6 * g + k]];
+  };
+  if (flow && half) turn();
+  for (int k = 0; k < 6; ++k)
+    if (exists[k] && (whole || free[k])) {
+      if (half) rate[k] = (rate[k] + kick[k / 3] * f[k]) * slow[k / 3];
+      if (go_on) rate[k] = keep[k / 3] * rate[k] + kick[k / 3] * f[k];
+    }
+  if (flow && go_on) turn();
+  if (flow && !whole && (half || go_on))
+    for (int k = 0; k < 6; ++k)
+      if (!free[k]) rate[k] = imposed(!go_on, k);
+  if (half || go_on)
+    for (int k = 0; k < 3; ++k) {
+      if (exists[k]) body[VELOCITY + k] = rate[k];
+      if (exists[3 + k]) body[SPIN + k] = rate[3 + k];
+    }
+  if (!go_on) return 0.0;
+  const double dt = pace.dt;
+  double to[3];
+  if (flow) {
+    for (int k = 0; k < 3; ++k) to[k] = body[k] + 0.5 * dt * rate[k];
+    Transform{flow->matrix + 9 * STRETCH}(to);
+    for (int k = 0; k < 3; ++k) to[k] += 0.5 * dt * rate[k];
+  } else {
+    for (int k = 0; k < 3; ++k) to[k] = body[k] + dt * rate[k];
+  }
+  double square = 0.0, *origin = moving.origin + 4 * g;
+  if (flow) Transform{flow->matrix + 9 * STRETCH}(origin);
+  for (int k = 0; k < DIM; ++k) {
+    const double moved = to[k] - origin[k];
+    square += moved * moved;
+    body[k] = to[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    if (exists[3 + k]) moving.angle[3 * g + k] += dt * rate[3 + k];
+  if (step.predict) {
+    double *ahead = moving.ahead + BODY_AHEAD * g;
+    if (flow) turn();
+    for (int k = 0; k < 6; ++k) {
+      if (!exists[k]) continue;
+      double value = whole || free[k] ? slow[k / 3] * (rate[k] + kick[k / 3] * f[k]) : rate[k];
+      if (flow && !whole && !free[k]) value = imposed(1, k);
+      ahead[k < 3 ? VELOCITY_AHEAD + k : SPIN_AHEAD + k - 3] = value;
+    }
+  }
+  square *= origin[3];
+  return square < NOT_FINITE_SQUARE ? square : NOT_FINITE_SQUARE;
+}
+
+// Loads of bodies `first` to `last` are rows of `stride` numbers.
+template <int DIM>
+double move_all(const Step &step, int64_t first, int64_t last, const double *load, int64_t stride) {
+  double far = 0.0;
+  for (int64_t g = first; g < last; ++g) {
+    const double square = move_body<DIM>(step, g, load + stride * (g - first));
+    far = far < square ? square : far;
+  }
+  return far;
+}
+
+double move_bodies(const Step &step, int64_t first, int64_t last, const double *load, int64_t stride) {
+  return (step.dim == 3 ? move_all<3> : move_all<2>)(step, first, last, load, stride);
+}
+
+// The force on each member of a group becomes the sum over its members, in the order of their numbers.
+void sum_over_groups(const Moving &moving) {
+  for (int64_t g = 0; g + 1 < moving.len_members; ++g)
+    for (int k = 0; k < 3; ++k) {
+      double total = 0.0;
+      for (int64_t e = moving.members[g]; e < moving.members[g + 1]; ++e) total += moving.force[6 * moving.member[e] + k];
+      for (int64_t e = moving.members[g]; e < moving.members[g + 1]; ++e) moving.force[6 * moving.member[e] + k] = total;
+    }
+}
+
+}  // namespace
+
+double end_step(const Step &step, const Blocks &blocks, int64_t first, int64_t last, double *total) {
+  double far = 0.0;
+  for (int64_t begin = first; begin < last; begin += CHUNK) {
+    const int64_t end = begin + CHUNK < last ? begin + CHUNK : last;
+    sum_loads(step, blocks, begin, end, total);
+    const double square = move_bodies(step, begin, end, total, WIDTH);
+    far = far < square ? square : far;
+    if (!step.go_on) store_forces(step.moving, total, begin, end);
+  }
+  return far;
+}
+
+double end_last_tile(const Step &step, const Blocks *blocks, const Pull *pull, double *total) {
+  const Moving &moving = step.moving;
+  const int64_t first = moving.tile[moving.len_tile - 1], last = moving.len_order;
+  if (blocks)
+    for (int64_t begin = first; begin < last; begin += CHUNK) {
+      const int64_t end = begin + CHUNK < last ? begin + CHUNK : last;
+      sum_loads(step, *blocks, begin, end, total);
+      store_forces(moving, total, begin, end);
+    }
+  if (pull) add_springs(*pull, first, moving);
+  sum_over_groups(moving);
+  return move_bodies(step, first, last, moving.force + 6 * first, 6);
+}
+
+double begin_step(const Step &step, int64_t first, int64_t last) {
+  return move_bodies(step, first, last, step.moving.force + 6 * first, 6);
+}
+
+double largest_unbalanced(const Moving &moving, const Pace &pace, double drag, double spin_drag, int64_t *worst) {
+  double most = 0.0;
+  *worst = -1;
+  for (int64_t g = 0; g < moving.len_order; ++g)
+    for (int k = 0; k < 6; ++k) {
+      const double *body = moving.body + BODY * g, kick = body[k < 3 ? KICK : KICK_T];
+      if (!moving.free[6 * g + k] || !(kick > 0.0)) continue;
+      const double force = moving.force[6 * g + k], rate = body[k < 3 ? VELOCITY + k : SPIN + k - 3];
+      const double resisted = (k < 3 ? drag : spin_drag) * fabs(rate) * 0.5 * pace.dt / kick;
+      double size = fabs(force) > resisted ? fabs(force) : resisted;
+      size = (size + 0.0 * force * rate) / (k < 3 ? 1.0 : body[RADIUS]);
+      if (!isfinite(size)) {
+        *worst = moving.order[g];
+        return NAN;
+      }
+      if (size > most) most = size, *worst = moving.order[g];
+    }
+  return most;
+}

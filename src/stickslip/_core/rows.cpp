@@ -1,0 +1,175 @@
+// build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
+#include "events.h"
+#include "mechanics.h"
+#include "rolling.h"
+
+namespace {
+
+inline Vec<double> at(Vectors rows, int64_t body) {
+  const double *v = rows.data + rows.stride * body;
+  return {v[0], v[1], v[2]};
+}
+
+template <int DIM>
+inline Vec<double> flat(Vec<double> v) {
+  return {v.x, v.y, DIM == 3 ? v.z : 0.0};
+}
+
+template <int DIM>
+inline Vec<double> rolled(Vectors rows, const double *radius, int64_t i, int64_t j) {
+  Vec<double> sum = radius[i] * at(rows, i) + radius[j] * at(rows, j);
+  return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
+}
+
+inline Vec<double> transform(const double *m, Vec<double> a) {
+  return {m[0] * a.x + m[1] * a.y + m[2] * a.z, m[3] * a.x + m[4] * a.y + m[5] * a.z,
+          m[6] * a.x + m[7] * a.y + m[8] * a.z};
+}
+
+inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
+
+inline void write(double *to, Vec<double> v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
+
+inline void add(double *to, double sign, Vec<double> v) {
+  to[0] += sign * v.x;
+  to[1] += sign * v.y;
+  to[2] += sign * v.z;
+}
+
+inline bool equal(Vec<double> a, Vec<double> b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
+  if (contacts.mode[c] == OPEN) return;
+  contacts.mode[c] = OPEN;
+  contacts.reached[c] = false;
+  write(contacts.slip + 3 * c, {0.0, 0.0, 0.0});
+  if (law.rolling) forget_rolling(contacts.rolling + ROLLING * c);
+  record_event(sweep.events, OPENED, contacts, c, sweep.position.data + sweep.position.stride * contacts.i[c]);
+}
+
+template <int DIM>
+void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
+  const Bodies &bodies = sweep.bodies;
+  const Motion *motion = sweep.motion;
+  const int64_t grains = bodies.len_radius - bodies.len_normal, i = contacts.i[c], j = contacts.j[c];
+  const int16_t *image = contacts.image + 3 * c;
+  Vec<double> r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j)), n;
+  for (int k = 0; k < 3; ++k)
+    if (image[k]) r = r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
+  const bool wall = j >= grains;
+  double overlap, inverse;
+  if (wall) {
+    n = flat<DIM>(read(bodies.normal + 3 * (j - grains)));
+    inverse = 0.0;
+    overlap = bodies.radius[i] - dot(r, n);
+  } else {
+    const double distance = root(dot(r, r));
+    inverse = 1.0 / distance;
+    n = inverse * r;
+    overlap = bodies.radius[i] + bodies.radius[j] - distance;
+  }
+  if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
+  const double *q = parameters(law, bodies.material[i], bodies.material[j]);
+  double r_eff = 1.0, m_eff = 1.0, edge = 0.0;
+  if (needs_radius(law))
+    r_eff = wall ? bodies.radius[i] : bodies.radius[i] * bodies.radius[j] / (bodies.radius[i] + bodies.radius[j]);
+  if (needs_mass(law)) {
+    const double sum = bodies.inverse_mass[i] + bodies.inverse_mass[j];
+    m_eff = sum > 0.0 ? 1.0 / sum : 0.0;
+  }
+  if (law.range) {
+    edge = -range(law, q, r_eff);
+    if (overlap <= edge) return open_contact(law, sweep, contacts, c);
+  }
+  const int8_t before = contacts.mode[c];
+  Vec<double> d{}, roll{}, v{}, angle{}, mean{};
+  Ratio<double> fraction = {1.0, 1.0};
+  bool hold;
+  if (motion) {
+    hold = motion->hold;
+    mean = flat<DIM>(at(motion->velocity, i) - at(motion->velocity, j));
+    if (motion->gradient) mean = transform(motion->back, mean + transform(motion->gradient, r));
+    d = motion->dt * mean;
+    roll = motion->dt * rolled<DIM>(motion->spin, bodies.radius, i, j);
+    if (before == OPEN && !law.rate) fraction = touching_fraction(n, inverse, overlap - edge, d);
+  } else {
+    angle = rolled<DIM>(sweep.angle, bodies.radius, i, j);
+    Vec<double> was = flat<DIM>(read(contacts.pair + 3 * c)), turned = read(contacts.roll + 3 * c);
+    if (DIM == 2) turned = {0.0, 0.0, turned.z};
+    hold = sweep.memory == FROZEN && before != OPEN && equal(r, was) && equal(angle, turned);
+    if (before != OPEN) d = r - was, roll = angle - turned;
+  }
+  Vec<double> s = flat<DIM>(read(contacts.slip + 3 * c));
+  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s);
+  if (hold) moved.slip = s, moved.increment = {0.0, 0.0, 0.0};
+  Elastic<double> spring = elastic(law, q, r_eff, overlap);
+  double fn = spring.force, damping = 0.0;
+  if (law.damping) {
+    v = law.rate ? mean : flat<DIM>(at(sweep.velocity, i) - at(sweep.velocity, j));
+    if (!law.rate && sweep.gradient) v = v + transform(sweep.gradient, r);
+    v = at_contact(n, v, rolled<DIM>(sweep.spin, bodies.radius, i, j));
+    const double vn = dot(v, n), factor = damping_factor(law, r_eff, m_eff, overlap);
+    v = v - vn * n;
+    fn = with_dashpot(law, fn, factor * q[DAMPING_N], vn);
+    damping = factor * q[DAMPING_T];
+  }
+  const double limit = cap(law, q, r_eff, overlap, fn, law.rate && law.damping);
+  Loads<double, bool> out =
+      contact_loads<DIM>(law, bool(law.rate), sweep.memory, hold, fn, spring.stiffness, damping, limit, overlap, moved,
+                         fraction, before == SLIDE && !law.rate, v);
+  const double *place = sweep.position.data + sweep.position.stride * i;
+  if (!(hold && before != OPEN)) {
+    write(contacts.slip + 3 * c, out.slip);
+    const int8_t after = out.slides ? SLIDE : STICK;
+    contacts.mode[c] = after;
+    if (before == OPEN) record_event(sweep.events, CLOSED, contacts, c, place);
+    // not only if the mode changes: a contact may have slid while its limit was zero
+    if (after == SLIDE && limit > 0.0 && !contacts.reached[c]) {
+      contacts.reached[c] = true;
+      record_event(sweep.events, REACHED_LIMIT, contacts, c, place);
+    }
+    if (!motion) write(contacts.pair + 3 * c, r), write(contacts.roll + 3 * c, angle);
+  }
+  double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
+  if (law.rolling) {
+    const RollingStep own = {at(sweep.angle, i) - at(sweep.angle, j),
+                             motion ? motion->dt * (at(motion->spin, i) - at(motion->spin, j)) : Vec<double>{},
+                             motion != nullptr, hold, before != OPEN};
+    const Vec<double> moment =
+        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, contacts.rolling + ROLLING * c);
+    add(torque_i, -1.0, moment);
+    add(torque_j, 1.0, moment);
+  }
+  const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
+  add(sweep.force + sweep.stride * i, 1.0, f);
+  add(sweep.force + sweep.stride * j, -1.0, f);
+  add(torque_i, bodies.radius[i], turn);
+  add(torque_j, bodies.radius[j], turn);
+  if (sweep.virial) {
+    double *virial = sweep.virial + 9 * i;
+    add(virial, f.x, r);
+    add(virial + 3, f.y, r);
+    add(virial + 6, f.z, r);
+  }
+}
+
+template <int DIM>
+void sweep_all(const Law &law, const Sweep &sweep, const Contacts &contacts) {
+  for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM>(law, sweep, contacts, c);
+}
+
+}  // namespace
+
+void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Contacts &contacts) {
+  (dim == 3 ? sweep_all<3> : sweep_all<2>)(law, sweep, contacts);
+}
+
+void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
+                       const double *vectors, int64_t memory, double *force, double *torque) {
+  Sweep sweep = {memory, nullptr, {bodies->position, 3}, {bodies->angle, 3}, {bodies->velocity, 3}, {bodies->spin, 3},
+                 bodies->rate, *bodies, vectors, force, torque, 3, nullptr, nullptr};
+  sweep_contacts(*law, dim, sweep, *contacts);
+}
+
+uint8_t needs_radius(const Law *law) { return needs_radius(*law); }
+uint8_t needs_mass(const Law *law) { return needs_mass(*law); }

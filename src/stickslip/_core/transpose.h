@@ -1,0 +1,84 @@
+// Transposition between rows of bodies and planes of lanes, four at a time; compilers move one number at a time instead,
+// which takes longer than evaluating the contact law.
+#pragma once
+#include "evaluate.h"
+
+typedef double Four __attribute__((vector_size(32)));
+typedef int64_t Four64 __attribute__((vector_size(32)));
+
+#if defined(__clang__)
+#define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, Four64{__VA_ARGS__})
+#endif
+
+inline Four four(const double *from) {
+  Four value;
+  __builtin_memcpy(&value, from, sizeof value);
+  return value;
+}
+
+inline void store_four(double *to, Four value) { __builtin_memcpy(to, &value, sizeof value); }
+
+inline void transpose(Four rows[4]) {
+  Four low = SHUFFLE(rows[0], rows[1], 0, 4, 2, 6), high = SHUFFLE(rows[0], rows[1], 1, 5, 3, 7);
+  Four low_two = SHUFFLE(rows[2], rows[3], 0, 4, 2, 6), high_two = SHUFFLE(rows[2], rows[3], 1, 5, 3, 7);
+  rows[0] = SHUFFLE(low, low_two, 0, 1, 4, 5);
+  rows[1] = SHUFFLE(high, high_two, 0, 1, 4, 5);
+  rows[2] = SHUFFLE(low, low_two, 2, 3, 6, 7);
+  rows[3] = SHUFFLE(high, high_two, 2, 3, 6, 7);
+}
+
+// x_i − x_j and R_i + R_j of the pairs of a block.
+template <int DIM>
+inline void gather_positions(const uint32_t *i, const uint32_t *j, const double *body, double *scratch) {
+  const Four sign = {1.0, 1.0, 1.0, -1.0};
+  for (int64_t at = 0; at < LANES; at += 4) {
+    Four rows[4];
+    for (int q = 0; q < 4; ++q) rows[q] = four(body + i[at + q] * BODY) - sign * four(body + j[at + q] * BODY);
+    transpose(rows);
+    for (int k = 0; k < DIM; ++k) store_four(scratch + PAIR + k * LANES + at, rows[k]);
+    store_four(scratch + RADII + at, rows[3]);
+  }
+}
+
+// v_i − v_j and R_i ω_i + R_j ω_j of the pairs of a block, from rows with velocity and spin at the given columns.
+template <int DIM>
+inline void gather_rates(const uint32_t *i, const uint32_t *j, const double *body, const double *rates, int64_t stride,
+                         int64_t velocity, int64_t spin, double *motion, double *roll) {
+  for (int64_t at = 0; at < LANES; at += 4) {
+    Four moves[4], turns[4];
+    for (int q = 0; q < 4; ++q) {
+      const double *one = rates + i[at + q] * stride, *other = rates + j[at + q] * stride;
+      moves[q] = four(one + velocity) - four(other + velocity);
+      turns[q] = body[j[at + q] * BODY + RADIUS] * four(other + spin) + body[i[at + q] * BODY + RADIUS] * four(one + spin);
+    }
+    transpose(moves);
+    transpose(turns);
+    for (int k = 0; k < DIM; ++k) store_four(motion + k * LANES + at, moves[k]);
+    for (int k = DIM == 3 ? 0 : 2; k < 3; ++k) store_four(roll + k * LANES + at, turns[k]);
+  }
+}
+
+template <int DIM>
+inline void gather_motion(bool predict, const uint32_t *i, const uint32_t *j, const double *body, const double *ahead,
+                          double *scratch) {
+  gather_rates<DIM>(i, j, body, body, BODY, VELOCITY, SPIN, scratch + MOTION, scratch + ROLL);
+  if (predict)
+    gather_rates<DIM>(i, j, body, ahead, BODY_AHEAD, VELOCITY_AHEAD, SPIN_AHEAD, scratch + MOTION_AHEAD,
+                      scratch + ROLL_AHEAD);
+}
+
+// Six planes of scratch, forces and −n × F_t, to rows of loads; two numbers of each are zero.
+inline void scatter_loads(const double *scratch, double *load) {
+  for (int64_t at = 0; at < LANES; at += 4) {
+    Four first[4], second[4] = {four(scratch + 4 * LANES + at), four(scratch + 5 * LANES + at), Four{}, Four{}};
+    for (int k = 0; k < 4; ++k) first[k] = four(scratch + k * LANES + at);
+    transpose(first);
+    transpose(second);
+    for (int q = 0; q < 4; ++q) {
+      store_four(load + (at + q) * WIDTH, first[q]);
+      store_four(load + (at + q) * WIDTH + 4, second[q]);
+    }
+  }
+}

@@ -1,0 +1,94 @@
+"""Kinds of contact laws, and the registry of laws that users have defined in this process."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ...builtin_laws import BUILTIN_LAWS
+
+HELP = "see `stickslip docs contact_laws`"
+ROLES = {  # arguments that a function of each name may take, in addition to parameters of the law
+    "normal_force": ("overlap", "r_eff"),
+    "normal_energy": ("overlap", "r_eff"),
+    "tangential_stiffness": ("overlap", "r_eff"),
+    "cap": ("normal_force", "overlap", "r_eff"),
+    "contact_range": ("r_eff",),
+    "rolling_stiffness": ("overlap", "r_eff"),
+    "rolling_cap": ("normal_force", "overlap", "r_eff"),
+}
+
+
+class UserLaw(NamedTuple):
+    """Description of a user-defined law."""
+
+    name: str
+    names: tuple[str, ...]  # of all parameters, in the order of the law's table
+    source: str  # text, as far as it is known
+    file: str  # path, if the source is the text of a whole file; else empty
+    functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …
+    arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
+
+
+USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
+
+
+class Kind(int):
+    """Kind of a user-defined law: a digest of everything that determines its values."""
+
+
+def check_kind(kind: int) -> None:
+    """Raise ValueError if a number is neither that of a built-in law nor the kind of a user-defined one."""
+    if not isinstance(kind, Kind) and not 0 <= kind < len(BUILTIN_LAWS):
+        raise ValueError(
+            f"a law of kind {kind} was given: built-in laws have kinds 0 to {len(BUILTIN_LAWS) - 1}; create a law "
+            f"with a function of stickslip.laws"
+        )
+
+
+def find_user_law(kind: int) -> UserLaw:
+    """Description of a user-defined law.
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, if the law was not created in this process.
+    """
+    if int(kind) not in USER_LAWS:
+        raise ValueError(
+            f"the law with digest {int(kind):x} is user-defined and not known to this process: create it with "
+            f"laws.custom or laws.from_file first"
+        )
+    return USER_LAWS[int(kind)]
+
+
+def describe_law(law) -> dict:
+    """Record of a user-defined law without its numbers. It identifies the law and can be read, but is not run."""
+    own = find_user_law(law.kind)
+    return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
+
+
+def restore_kind(kind: int, about: dict) -> Kind:
+    """Kind of a user-defined law from its record, if the law was created in this process. Its text is never run.
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, if neither the law nor another with the same text has been created.
+    """
+    if kind in USER_LAWS:
+        return Kind(kind)
+    same = [k for k, own in USER_LAWS.items() if own.source == about.get("source") and "\n" in own.source]
+    if same and " ".join(USER_LAWS[same[0]].names) == about.get(
+        "parameters"
+    ):  # digests differ between versions of Python
+        return same[0]
+    raise ValueError(
+        f"it was computed with {about.get('name', 'a law')!r}, a user-defined contact law (digest {int(kind):x}). "
+        f"Code is never run from a results file: create that law first, with laws.from_file or --law"
+    )
+
+
+def evaluate_role(kind: Kind, role: str, values, **given):
+    """Evaluate a function of a law in plain Python; `values` are its parameters in the order of the table."""
+    own = find_user_law(kind)
+    values = dict(zip(own.names, values, strict=True)) | given
+    return own.functions[role](*(values[name] for name in own.arguments[role]))

@@ -1,1 +1,0 @@
-"""Vectorised evaluation of many contacts, and the layout of bodies in memory."""

@@ -1,0 +1,165 @@
+"""States, results and nested containers as trees of nodes, which files can hold, and back.
+
+A node has attributes and either arrays and strings, or other nodes by name. The class of a NamedTuple or enum is the
+attribute `noun`, that of a tuple or list `sequence`, and that of the keys of a dictionary `keys`. Contact lists are
+stored without unused capacity, but with all of their memory.
+"""
+
+import json
+import struct
+from collections.abc import Iterable
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.laws.builtin import Law
+from ..core.laws.kinds import Kind, describe_law, restore_kind
+from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
+from ..core.text import SentenceError
+from ..core.units import Fields, Units, in_units, units_of
+from .older_contacts import restore_contacts
+
+_NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
+_LENGTH = struct.Struct("<Q")  # of the outline of a tree in bytes
+
+
+class ArchiveError(SentenceError):
+    """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
+
+
+class Node(NamedTuple):
+    """A group of nodes, or an array; text is an array of strings."""
+
+    attrs: dict[str, str]
+    content: "dict[str, Node] | np.ndarray | None"
+
+
+def make_node(value, units: Units | None = None, unit: str | None = None) -> Node:
+    """Node of a value; arrays with a known unit have the attribute `units`."""
+    if isinstance(value, Contacts):
+        value = trimmed(value)
+    if isinstance(value, Enum):
+        return Node({"noun": type(value).__name__}, np.array(value.name))
+    if hasattr(value, "_asdict"):
+        known = units_of(type(value))
+        content = {key: make_node(item, units, known.get(key)) for key, item in sorted(value._asdict().items())}
+        if isinstance(value, Law) and isinstance(value.kind, Kind):
+            content["own"] = make_node(describe_law(value), units)
+        return Node({"noun": type(value).__name__}, content)
+    if isinstance(value, dict):
+        numbers = [key for key in value if not isinstance(key, str)]
+        named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
+        known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
+        content = {key: make_node(item, units, known.get(key)) for key, item in sorted(named.items())}
+        return Node({"keys": type(numbers[0]).__name__} if numbers else {}, content)
+    if isinstance(value, tuple | list) and not _is_homogeneous(value):
+        content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
+        return Node({"sequence": type(value).__name__}, content)
+    return _leaf(value, units, unit)
+
+
+def _leaf(value, units: Units | None, unit: str | None) -> Node:
+    if value is None:
+        return Node({}, None)
+    if isinstance(value, bytes):
+        return Node({"sequence": "bytes"}, np.frombuffer(value, np.uint8))
+    array = np.asarray(value)
+    attrs = {"sequence": type(value).__name__} if isinstance(value, tuple | list) else {}
+    if array.dtype.kind in "fc" and unit:
+        attrs["units"] = in_units(unit, units)
+    return Node(attrs, array)
+
+
+def _is_homogeneous(value) -> bool:
+    """Return True if a sequence can be stored as one array: all floats, or all integers."""
+    return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
+
+
+def trimmed(contacts: Contacts) -> Contacts:
+    """Contact list without the unused capacity after its last pair."""
+    count = int(contacts.count[0])
+    parts = {name: getattr(contacts, name) for name in PER_PAIR}
+    return contacts._replace(**{name: part[:count] for name, part in parts.items() if part is not None})
+
+
+def known_nouns(nouns: Iterable[type]) -> dict[str, type]:
+    """Classes that `restore` may build, by name: states and laws, and those given."""
+    return {noun.__name__: noun for noun in (*_NOUNS, *nouns)}
+
+
+def restore(node: Node, known: dict[str, type]):
+    """Value of a node; classes that are not known become dictionaries and strings."""
+    noun = known.get(node.attrs.get("noun", ""))
+    if not isinstance(node.content, dict):
+        value = _restore_leaf(node)
+        return noun[value] if noun else value
+    tree = {name: restore(child, known) for name, child in node.content.items()}
+    if "sequence" in node.attrs:
+        made = list(tree.values())
+        return tuple(made) if node.attrs["sequence"] == "tuple" else made
+    if "keys" in node.attrs:
+        number = {"float": float, "int": int}[node.attrs["keys"]]
+        return {number(name): value for name, value in tree.items()}
+    if noun is Law and "own" in tree:
+        tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
+    made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
+    if noun in (State, Law):
+        made.check_entries()
+    return made
+
+
+def _restore_leaf(node: Node):
+    if node.content is None:
+        return None
+    if "sequence" in node.attrs:
+        return {"tuple": tuple, "list": list, "bytes": bytes}[node.attrs["sequence"]](node.content.tolist())
+    return node.content if node.content.ndim else node.content.item()
+
+
+def _restore_kind(kind: int, about: dict) -> Kind:
+    try:
+        return restore_kind(kind, about)
+    except ValueError as problem:
+        raise ArchiveError(f"this archive cannot be read: {problem}") from None
+
+
+def units_within(node: Node, path: str = "") -> dict[str, str]:
+    """Units of the arrays in a tree, keyed by path."""
+    if not isinstance(node.content, dict):
+        return {path: node.attrs["units"]} if "units" in node.attrs else {}
+    inner = (units_within(child, f"{path}/{name}" if path else name) for name, child in node.content.items())
+    return {name: unit for units in inner for name, unit in units.items()}
+
+
+def to_bytes(node: Node) -> bytes:
+    """Bytes of a tree: an outline in JSON, then the arrays."""
+    arrays: list[bytes] = []
+
+    def outline(node: Node):
+        if isinstance(node.content, dict):
+            return node.attrs, {name: outline(child) for name, child in node.content.items()}
+        if node.content is None:
+            return node.attrs, None
+        if node.content.dtype.kind in "OV":
+            raise TypeError(f"arrays of {node.content.dtype} cannot be saved")
+        arrays.append(node.content.tobytes())
+        return node.attrs, node.content.dtype.str, node.content.shape
+
+    words = json.dumps(outline(node)).encode()
+    return b"".join([_LENGTH.pack(len(words)), words, *arrays])
+
+
+def from_bytes(data: bytes) -> Node:
+    """Tree of nodes from its bytes."""
+    place = _LENGTH.size + _LENGTH.unpack_from(data)[0]
+
+    def rebuilt(attrs, content, *shape) -> Node:
+        nonlocal place
+        if not shape:
+            return Node(attrs, content and {name: rebuilt(*child) for name, child in content.items()})
+        array = np.frombuffer(data, content, int(np.prod(shape[0])), place).reshape(shape[0])
+        place += array.nbytes
+        return Node(attrs, array.copy())
+
+    return rebuilt(*json.loads(data[_LENGTH.size : place]))

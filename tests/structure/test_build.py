@@ -1,0 +1,190 @@
+"""The build of the compiled core, tried on a folder with two sources."""
+
+import ctypes
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stickslip._core import build
+
+API = 'extern "C" __attribute__((visibility("default")))'
+SOURCES = {
+    "version.h": "#define VERSION 3\n",
+    "level.h": "#if defined(__AVX512F__)\n#define LEVEL 2\n#elif defined(__AVX2__)\n#define LEVEL 1\n"
+    "#else\n#define LEVEL 0\n#endif\n",
+    "version.cpp": f'#include "version.h"\n{API} int version(void) {{ return VERSION; }}\n',
+    "fused.cpp": '// build: -DSCALE=7 -ffp-contract=fast\n#include <math.h>\n#include "level.h"\n'
+    f"{API} double scaled(double x) {{ return SCALE * exp(x); }}\n"
+    f"{API} int level(void) {{ return LEVEL; }}\n",
+}
+
+
+@pytest.fixture
+def trial(tmp_path, monkeypatch):
+    """A folder of sources."""
+    for name in ("CXX", "STICKSLIP_CORE", "STICKSLIP_LEVEL"):
+        monkeypatch.delenv(name, raising=False)
+    for name, text in SOURCES.items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def loaded(folder, level="base"):
+    library = ctypes.CDLL(str(build.library_path(level, folder)))
+    library.scaled.argtypes, library.scaled.restype = [ctypes.c_double], ctypes.c_double
+    return library
+
+
+def check_levels(folder):
+    build.build()
+    for number, level in enumerate(build.LEVELS[: build.LEVELS.index(build.best_level()) + 1]):
+        library = loaded(folder, level)
+        assert (library.version(), library.level()) == (3, number)
+        assert library.scaled(0.0) == 7.0  # the flag in the first line of its source
+
+
+def changed(folder, work):
+    """Names of objects and libraries that a piece of work wrote."""
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    work()
+    now = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.suffix in (".o", build.SUFFIX)}
+    return sorted(path.name.partition("-")[0] for path, time in now.items() if before.get(path) != time)
+
+
+def test_the_library_of_every_level_holds_every_source(trial):
+    assert "was built in" in build.build(trial)
+    check_levels(trial)
+    stamps = [build.stamp(build.library_path(level, trial)) for level in build.LEVELS]
+    assert {one["digest"] for one in stamps} == {build.digest(trial)}
+    assert stamps[0]["compiler"] == build.find_compiler().version
+    assert not list(trial.rglob(".[0-9]*"))  # nothing half written
+
+
+def test_only_what_changed_is_compiled(trial):
+    levels = len(build.LEVELS)
+    build.build(trial)
+    assert changed(trial, lambda: build.build(trial)) == []
+    (trial / "version.cpp").write_text(SOURCES["version.cpp"].replace("VERSION;", "VERSION + 1;"))
+    assert changed(trial, lambda: build.build(trial)) == sorted(["core", "stamp", "version"] * levels)
+    (trial / "version.h").write_text("#define VERSION 4\n")
+    assert changed(trial, lambda: build.build(trial)) == sorted(["core", "fused", "stamp", "version"] * levels)
+    assert loaded(trial).version() == 5
+    assert len(list(trial.rglob("*.o"))) == 3 * levels  # none of older sources
+    assert changed(trial, lambda: build.build(trial, force=True)) == sorted(
+        ["core", "fused", "stamp", "version"] * levels
+    )
+
+
+def test_an_error_in_a_source_is_one_sentence_with_its_line(trial):
+    (trial / "wrong.cpp").write_text("int first;\nint second = third;\n")
+    with pytest.raises(build.BuildError) as error:
+        build.build(trial)
+    assert str(error.value).startswith(f"the core was not built: {trial / 'wrong.cpp'}, line 2: ")
+    assert "third" in str(error.value) and "\n" not in str(error.value)
+    assert not build.library_path("base", trial).exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere linkers say it in other words")
+def test_a_function_that_no_source_has_is_noticed_when_linking(trial):
+    (trial / "open.cpp").write_text(
+        f'extern "C" int elsewhere(void);\n{API} int open(void) {{ return elsewhere(); }}\n'
+    )
+    with pytest.raises(build.BuildError, match=r"^the core was not built: .*elsewhere"):
+        build.build(trial)
+
+
+def test_without_a_compiler_one_sentence_says_what_to_install(trial, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(trial))
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    with pytest.raises(
+        build.BuildError, match=r"^no C\+\+ compiler works here: install .* or run .* 'ziglang>=[\d.]+'$"
+    ) as error:
+        build.build(trial)
+    assert "\n" not in str(error.value)
+    monkeypatch.setattr(sys, "argv", ["build.py", "--find"])  # what the Makefile asks
+    with pytest.raises(SystemExit, match=r"^no C\+\+ compiler works here"):
+        build.main()
+
+
+def test_a_compiler_that_does_not_work_is_passed_over(trial, monkeypatch, capsys):
+    """One that ends with an error, and one that is not there."""
+    (trial / "c++").write_text("#!/bin/sh\nexit 1\n")
+    (trial / "c++").chmod(0o755)
+    monkeypatch.setenv("PATH", str(trial), prepend=os.pathsep)
+    assert build.find_compiler().command != ["c++"]
+    monkeypatch.setenv("CXX", "no-such-compiler -O2")
+    assert build.find_compiler().command not in (["c++"], ["no-such-compiler", "-O2"])
+    assert "CXX=no-such-compiler -O2 does not compile: other compilers are tried\n" in capsys.readouterr().err
+
+
+def test_another_compiler_in_cxx_builds_again(trial, monkeypatch):
+    build.build(trial)
+    monkeypatch.setenv("CXX", f"{build.find_compiler().command[0]} -DVERSION_OF_CXX")
+    assert "was built" in build.build(trial)
+    assert "-DVERSION_OF_CXX" in build.stamp(build.library_path("base", trial))["command"]
+    assert "up to date" in build.build(trial)
+
+
+def test_the_level_is_that_of_the_processor_or_a_lower_one(monkeypatch):
+    build.build()
+    monkeypatch.delenv("STICKSLIP_LEVEL", raising=False)
+    best = build.best_level()
+    if sys.platform == "linux" and build.MACHINE == "x86_64":
+        flags = set(Path("/proc/cpuinfo").read_text().partition("\nflags")[2].partition("\n")[0].split())
+        v3 = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"} <= flags
+        v4 = v3 and {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags
+        assert best == build.LEVELS[v3 + v4]
+    for level in build.LEVELS[: build.LEVELS.index(best) + 1]:
+        monkeypatch.setenv("STICKSLIP_LEVEL", level)
+        assert build.best_level() == level
+    monkeypatch.setenv("STICKSLIP_LEVEL", "avx1024")
+    with pytest.raises(build.BuildError, match=f"^STICKSLIP_LEVEL is avx1024: this processor runs base.*{best}$"):
+        build.best_level()
+
+
+def test_a_core_of_other_sources_is_refused_with_the_command_that_builds_it(trial, monkeypatch):
+    monkeypatch.setenv("STICKSLIP_CORE", str(trial))
+    remedy = rf": .*python\S* {build.HERE / 'build.py'} builds it$"
+    with pytest.raises(build.BuildError, match=f"does not exist{remedy}"):
+        build.library("base")
+    build.build(trial)
+    with pytest.raises(build.BuildError, match=f"was built from other sources than those in {build.HERE}{remedy}"):
+        build.library("base")
+
+
+@pytest.mark.slow
+def test_the_compiler_of_the_package_index_builds_for_each_level(trial, monkeypatch):
+    """Left alone it compiles for the processor at hand."""
+    pytest.importorskip("ziglang")
+    monkeypatch.setenv("CXX", "ziglang")
+    build.build(trial)
+    assert build.stamp(build.library_path("base", trial))["compiler"].startswith("ziglang: clang")
+    monkeypatch.delenv("CXX")
+    check_levels(trial)
+
+
+OUTSIDE = f"""
+#include <stdlib.h>
+{API} int outside(int n) {{ int *a = (int *)malloc(4 * sizeof(int)); a[n] = 1; int got = a[n]; free(a); return got; }}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="LD_PRELOAD")
+def test_a_sanitizer_stops_at_an_index_beyond_the_end(trial):
+    (trial / "outside.cpp").write_text(OUTSIDE)
+    compiler = build.find_compiler()
+    if compiler.is_zig:
+        pytest.skip("sanitizers need GCC or Clang")
+    build.build(trial, trial / "out", sanitize="address,undefined")
+    call = f"import ctypes; ctypes.CDLL({str(build.library_path('base', trial / 'out'))!r}).outside(%d)"
+    env = os.environ | {"LD_PRELOAD": build.preload("address,undefined"), "ASAN_OPTIONS": "detect_leaks=0"}
+    inside, beyond = (
+        subprocess.run([sys.executable, "-c", call % n], env=env, capture_output=True, text=True) for n in (3, 4)
+    )
+    assert inside.returncode == 0, inside.stderr
+    assert beyond.returncode != 0 and re.search(r"outside.cpp:3.* runtime error|heap-buffer-overflow", beyond.stderr)
