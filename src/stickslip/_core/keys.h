@@ -1,0 +1,17 @@
+// Keys of pairs: (i, j, image) in one integer with the same order.
+#pragma once
+#include "core.h"
+
+constexpr int64_t BODY_BITS = 21, IMAGE_BITS = 7, IMAGE_OFFSET = 1 << (IMAGE_BITS - 1);  // see `core.fields`
+
+inline int64_t pack_key(int64_t i, int64_t j, int64_t a, int64_t b, int64_t c) {
+  constexpr int64_t BODIES = 1 << BODY_BITS, IMAGES = 1 << IMAGE_BITS;
+  return (((i * BODIES + j) * IMAGES + a + IMAGE_OFFSET) * IMAGES + b + IMAGE_OFFSET) * IMAGES + c + IMAGE_OFFSET;
+}
+
+struct Pairs {
+  int64_t *key;
+  int64_t *row;  // (N + 1,) first row of each grain
+  int64_t grains;
+  bool too_far;
+};
