@@ -1,7 +1,5 @@
 """The two example laws, cohesive and rolling: forces, memory, exact Jacobian, runs, energy, on disk."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -261,17 +259,3 @@ def test_collisions_of_a_user_defined_law_are_refused():
     law = example("rolling")
     with pytest.raises(ValueError, match="supports built-in laws only"):
         ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1)
-
-
-@SLOW
-def test_kernels_of_a_law_are_found_on_disk_by_another_process():
-    code = (
-        "import numpy as np, stickslip as ss\n"
-        "from stickslip.core.contacts.forces import evaluate\n"
-        f"law = ss.laws.from_file({str(EXAMPLES / 'cohesive_law.py')!r})\n"
-        "ss.forces(ss.assembly(ss.disks([[0, 0], [1.01, 0]], 0.5), cell=ss.box(dim=2)), law)\n"
-        "found = evaluate.stats\n"
-        "print(sum(found.cache_hits.values()), sum(found.cache_misses.values()))\n"
-    )
-    runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True) for _ in range(2)]
-    assert runs[1].stdout.split() == ["1", "0"], runs[1].stderr

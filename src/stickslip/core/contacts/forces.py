@@ -11,7 +11,7 @@ from ..arguments import checked
 from ..control import spring_forces
 from ..fields import Field, check_entry
 from ..laws.builtin import Law
-from ..laws.compiled import law_struct
+from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
@@ -133,7 +133,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         rolling=None if contacts.rolling is None else contacts.rolling.copy(),
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
-    here, struct = bodies(state), law_struct(law)
+    here, struct = bodies(state), law_struct(law, members=FORCES)
     core.evaluate_contacts(struct, state.cell.dim, here, trial, state.cell.vectors, memory, loads.force, loads.torque)
     if state.control.cell_free.any():
         shift = shifts(trial, state.cell.vectors)

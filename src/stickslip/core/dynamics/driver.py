@@ -18,7 +18,7 @@ from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
 from ..fields import pack_keys
 from ..flow import PULL, RATE, SINCE, VECTORS
 from ..laws.builtin import Law
-from ..laws.compiled import law_struct
+from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..state import OPEN, Instant, State, deforms
 from .cell_motion import make_frame, needs_frame, remaining_skin
@@ -65,7 +65,7 @@ class _Run:
     ):  # fmt: skip
         self.state, self.law, self.plan, self.steps = state, law, plan, steps
         self.imposed, self.deforming = needs_frame(state), deforms(state)
-        self.struct = core.fill("Law", law_struct(law, rate=rate > 0))
+        self.struct = core.fill("Law", law_struct(law, rate=rate > 0, members=FORCES))
         rolls, watched = bool(self.struct.rolling), len(writing.events) > 0
         self.by_rows = state.n_bodies < MIN_BODIES or rolls
         self.threads = 1 if self.by_rows else _thread_count(len(state.grains.radius), threads, watched)

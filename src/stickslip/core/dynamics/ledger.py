@@ -19,7 +19,7 @@ from ..contacts.forces import Bodies
 from ..contacts.geometry import shifts
 from ..control import spring_forces
 from ..laws.builtin import Law
-from ..laws.compiled import law_struct
+from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import readable
 from .coefficients import Plan
@@ -69,7 +69,7 @@ def open_books(samples: int, bodies: Bodies, state, law: Law, rate: bool) -> Boo
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull, walls = spring_forces(state.control, bodies.position, state.time), state.walls.mass
     mass, inertia = np.append(state.grains.mass, walls), np.append(state.grains.inertia, np.zeros(len(walls)))
-    struct = core.fill("Law", law_struct(law, rate=rate))
+    struct = core.fill("Law", law_struct(law, rate=rate, members=(*FORCES, "energy")))
     return Books(
         _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, struct, mass, inertia
     )  # fmt: skip
