@@ -63,7 +63,7 @@ def test_a_temporary_folder_of_kernels_is_removed(tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "tmp").mkdir()
     places = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path / "tmp")}
-    code = "from stickslip.friction import kernel; print(kernel.rates.stats.cache_path)"
+    code = "from stickslip.core.contacts import geometry; print(geometry.shifts.stats.cache_path)"
     env = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "STICKSLIP_KERNELS")} | places
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
     assert done.stdout.startswith(str(tmp_path / "tmp" / "stickslip-kernels-")), done.stderr
@@ -93,23 +93,23 @@ def changed(path: Path, old: str, new: str) -> None:
 
 def test_a_changed_docstring_recompiles_nothing_and_a_changed_constant_does(copied):
     code = """
-from stickslip.friction import kernel
-value = kernel.total(1.0)
-print(value, sum(kernel.total.stats.cache_hits.values()))
+from stickslip.core.contacts import geometry
+value = geometry.total(1.0)
+print(value, sum(geometry.total.stats.cache_hits.values()))
 """
-    with open(copied / "friction" / "kernel.py", "a") as file:
+    with open(copied / "core" / "contacts" / "geometry.py", "a") as file:
         file.write('\n\n@njit(cache=True)\ndef total(x):\n    """Add a half."""\n    return x + 0.5\n')
     assert printed(code, copied) == ["1.5", "0"]
     assert printed(code, copied) == ["1.5", "1"]
-    changed(copied / "friction" / "kernel.py", '"""Compiled', '"""Some lines\n\nmore.\n\nCompiled')
-    changed(copied / "friction" / "kernel.py", '"""Add a half."""', '"""Add one half."""  # a comment')
+    changed(copied / "core" / "contacts" / "geometry.py", '"""Geometry', '"""Some lines\n\nmore.\n\nGeometry')
+    changed(copied / "core" / "contacts" / "geometry.py", '"""Add a half."""', '"""Add one half."""  # a comment')
     assert printed(code, copied) == ["1.5", "1"]
-    changed(copied / "friction" / "kernel.py", "x + 0.5", "x + 0.25")
+    changed(copied / "core" / "contacts" / "geometry.py", "x + 0.5", "x + 0.25")
     assert printed(code, copied) == ["1.25", "0"]
 
 
 def test_kernels_are_keyed_by_the_modules_that_they_import(copied):
-    names = ("core.contacts.forces", "core.contacts.jacobian", "core.dynamics.ledger", "friction.kernel")
+    names = ("core.contacts.forces", "core.contacts.jacobian", "core.dynamics.ledger", "core.contacts.geometry")
     code = f"from stickslip.kernel_cache import digest\nfor name in {names}: print(digest('stickslip.' + name))"
     before = printed(code, copied)
     for file in ("contacts/forces.py", "laws/builtin.py", "dynamics/ledger.py"):
@@ -131,10 +131,10 @@ def test_kernels_are_keyed_by_the_modules_that_they_import(copied):
 
 def test_functions_of_one_name_have_kernels_of_their_own(copied):
     """Numba tells them apart by their line, which a comment shifts; here it is their code."""
-    with open(copied / "friction" / "kernel.py", "a") as file:
+    with open(copied / "core" / "contacts" / "geometry.py", "a") as file:
         for factor in (2, 3):
             file.write(f"\n\n@njit(cache=True)\ndef times(x):\n    return {factor} * x\n\n\ntimes_{factor} = times\n")
-    code = "from stickslip.friction import kernel; print(kernel.times_2(7), kernel.times_3(7))"
+    code = "from stickslip.core.contacts import geometry; print(geometry.times_2(7), geometry.times_3(7))"
     assert printed(code, copied) == ["14", "21"]
     assert printed(code, copied) == ["14", "21"]
 

@@ -31,8 +31,7 @@ class Machine:
             "cells": np.array(np.broadcast_arrays(*rows), float), "number": len(fault.depth), "states": fault.states,
             "weights": STAGES, "five": DOP853.E5, "three": DOP853.E3,
         }  # fmt: skip
-        self._arrays: list = []  # that the struct refers to
-        self._fault = core.fill("Fault", values, self._arrays)
+        self._fault = core.fill("Fault", values)
 
     def rates(self, y, w, out, power) -> bool:
         """Rates of the unknowns, and powers per unit length; return False if a velocity cannot be found.
@@ -55,7 +54,7 @@ class Machine:
             the last ones are those at the end
         """
         values = {"y": y, "trial": trial, "w": w, "stages": stages, "powers": powers, "length": length}
-        step = core.fill("FaultStep", values, [])
+        step = core.fill("FaultStep", values)
         core.fault_trial(self._fault, step, 1)
         for stage in range(1, NUMBER + 1):
             if not core.fault_stage(self._fault, step, stage, self.transfer(trial[0])):
