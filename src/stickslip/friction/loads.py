@@ -37,7 +37,7 @@ def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ..
     Examples
     --------
     >>> velocity_steps([1e-6, 1e-5], distance=1e-4)[1]
-    LoadStep: duration = 10, velocity = 1e-05, normal = 1
+    LoadStep: duration = 10; velocity = 1e-05; normal = 1
     """
     require_positive(distance=distance)
     for v in velocities:

@@ -11,7 +11,7 @@ from ..core.library import core
 from . import laws
 from .loads import Legs
 
-DONE, RUNAWAY, STEPS_SPENT = 0, 1, 2  # codes of the end of a history
+DONE = 0  # code of a complete history; the others are in the order of `ratestate.End`
 
 
 class Slider(NamedTuple):
