@@ -1,10 +1,11 @@
-"""The header of the compiled core agrees with the tables of the Python side, and the loader refuses what does not fit."""
+"""The header of the compiled core agrees with the tables of Python, and the loader refuses what does not fit."""
 
 import numpy as np
 import pytest
 
 from stickslip.core.contacts.forces import Bodies
 from stickslip.core.contacts.memory import FREE, FROZEN, HELD
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.fields import FIELDS
 from stickslip.core.library import _DTYPES, core
 from stickslip.core.state import OPEN, SLIDE, STICK
@@ -40,6 +41,6 @@ def test_constants_are_those_of_python():
     ],
 )
 def test_arrays_of_another_type_or_layout_are_refused(change, words):
-    contacts = make_packing(2).contacts
+    contacts = with_neighbor_list(make_packing(2)).contacts
     with pytest.raises(TypeError, match=words):
         core.fill("Contacts", contacts._replace(slip=change(contacts.slip)))
