@@ -16,7 +16,7 @@ RADII = {
     "ratio 50": lambda rng, n: 0.01 * np.exp(rng.uniform(0, np.log(50), n)),
     "two sizes": lambda rng, n: np.where(rng.random(n) < 0.1, 0.5, 0.03),
     "one large": lambda rng, n: np.append(np.full(n - 1, 0.04), 0.4),
-    "one wider than the cell": lambda rng, n: np.append(np.full(n - 1, 0.04), 1.1),
+    "one wider than the cell": lambda rng, n: np.append(np.full(n - 1, 0.04), 1.5),
     "one small": lambda rng, n: np.append(np.full(n - 1, 0.2), 0.004),
     "ratio 1e6": lambda rng, n: 0.5 * np.exp(rng.uniform(-np.log(1e6), 0, n)),
 }
@@ -24,7 +24,7 @@ RADII = {
 
 def sample(radii, dim, seed):
     """Grains in a sheared cell of size 2, some boxes away from home, periodic along random axes, and walls."""
-    rng, n = np.random.default_rng(seed), 120
+    rng, n = np.random.default_rng(seed), 60
     vectors = np.diag(rng.uniform(1.5, 2.5, 3)) + np.triu(rng.uniform(-0.5, 0.5, (3, 3)), 1).T
     if dim == 2:
         vectors[2] = vectors[:, 2] = 0, 0, 1
@@ -41,7 +41,7 @@ def pairs_within_range(state):
     """All pairs closer than the skin, by comparing everything with everything."""
     x, radius, n, found = body_positions(state), body_radii(state), len(state.grains.radius), set()
     reach = radius[:n, None] + radius[:n] + state.contacts.skin
-    for image in itertools.product(*(range(-4, 5) if periodic else (0,) for periodic in state.cell.periodic)):
+    for image in itertools.product(*(range(-5, 6) if periodic else (0,) for periodic in state.cell.periodic)):
         apart = x[:n, None] - x[:n] + np.array(image) @ state.cell.vectors
         for i, j in np.argwhere((apart**2).sum(axis=2) < reach**2):
             if i < j or (i == j and image > (0, 0, 0)):
@@ -62,7 +62,7 @@ def listed(contacts):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("radii", RADII)
 def test_pairs_equal_a_comparison_of_everything_with_everything(radii, dim, seed):
     state = sample(radii, dim, seed)
