@@ -20,17 +20,17 @@ def of(**law):
 @pytest.mark.parametrize(
     ("law", "words"),
     [
-        ({}, "law has no damping: give gamma_n"),
-        ({"gamma_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
+        ({}, "law has no damping: give damping_n"),
+        ({"damping_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
         ({"restitution": 0.98, **MEETING}, "without law.reading: give reading"),
         ({"restitution": 0.98, "reading": "eq8", "size": 3e-3}, "without law.speed"),
-        ({"gamma_n": 1e4, "speed": 25.0}, "law.speed was given without law.restitution"),
+        ({"damping_n": 1e4, "speed": 25.0}, "law.speed was given without law.restitution"),
         ({"restitution": 0.98, "reading": "literal", **MEETING}, "'eq8' or 'collision'"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.0, **MEETING}, "no solution for poisson = 0"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.5, **MEETING}, "no solution for poisson = 0.5"),
         ({"restitution": 0.98, "reading": "eq8", "damping_ratio": 1 / 3, **MEETING}, "restitution = 0.98 with damping"),
         ({"restitution": 0.0, "reading": "collision", **MEETING}, "greater than 0"),
-        ({"gamma_n": -1.0}, "greater than or equal to 0"),
+        ({"damping_n": -1.0}, "greater than or equal to 0"),
     ],
 )  # fmt: skip
 def test_damping_that_is_not_said_one_way_is_refused(law, words):
@@ -44,7 +44,7 @@ def test_a_scenario_without_a_law_is_refused():
 
 
 def test_gamma_is_taken_as_it_is():
-    law = gouge_law(of(gamma_n=123.0, damping_ratio=0.25), 0.5)
+    law = gouge_law(of(damping_n=123.0, damping_ratio=0.25), 0.5)
     assert law.table[0, 0, [DAMPING_N, DAMPING_T]] == pytest.approx([123.0, 30.75])
 
 
