@@ -1,11 +1,16 @@
 """Damping of gouge by name: γ_n, or a restitution with the reading that turns it into γ_n."""
 
+import json
+import pickle
+
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
+from stickslip.data.law_schema import LawTable
 from stickslip.experiments.gouge.sample import damping, gouge_law
+from stickslip.experiments.registry import read_scenario
 from stickslip.solve.collision import eq8_damping
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -41,6 +46,24 @@ def test_damping_that_is_not_said_one_way_is_refused(law, words):
 def test_a_scenario_without_a_law_is_refused():
     with pytest.raises(ss.experiments.ScenarioError, match="law is missing"):
         ss.scenario(experiment="gouge", protocol=SLIDE)
+
+
+def test_old_keys_are_read_from_finished_runs_only(tmp_path):
+    old = {"experiment": "gouge", "protocol": SLIDE, "law": {"gamma_n": 1e4, "restitution": None, "rescaled": True}}
+    (tmp_path / "scenario.json").write_text(json.dumps(old))
+    assert read_scenario(tmp_path / "scenario.json") == of(damping_n=1e4, kind="hertz_mindlin_reff_rescaled")
+    with pytest.raises(ss.experiments.ScenarioError, match="no key 'gamma_n': did you mean 'damping_n'"):
+        ss.scenario(**old)
+
+
+def test_a_law_table_has_the_keys_that_its_experiment_takes():
+    law = of(damping_n=1e4).law
+    assert set(type(law).model_fields) < set(LawTable.model_fields)
+    assert (law.kn, law.wall, law.coulomb, law.damping_ratio) == (None, None, "sharp", 0.5)
+    assert pickle.loads(pickle.dumps(law)) == law
+    for key in ("kn", "wall", "coulomb", "file"):
+        with pytest.raises(ss.experiments.ScenarioError, match=rf"the table \[law\] has no key '{key}'"):
+            of(damping_n=1e4, **{key: 1.0})
 
 
 def test_gamma_is_taken_as_it_is():

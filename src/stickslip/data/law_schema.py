@@ -36,7 +36,7 @@ class LawTable(LawFile):
     mu: NotNegative = Field(0.5, description="friction coefficient between grains")
     damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
         None,
-        description="what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, mass_velocity for others",
+        description="what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, else mass_velocity",
     )
     damping_n: NotNegative | None = Field(
         None, description="γ_n of the normal dashpot, in a unit that depends on `damping`"
