@@ -1,4 +1,4 @@
-"""The compiled core neither reads nor writes beyond arrays, and has no undefined behaviour, in the tests of its parts."""
+"""The compiled core neither reads nor writes beyond arrays, nor has undefined behaviour, in tests of its parts."""
 
 import os
 import subprocess
