@@ -28,7 +28,7 @@ from .ledger import post_step
 from .moving import balance_threads, gather_springs, make_moving_bodies
 from .record import RecordBuffers, with_lost_contacts, write_groups
 
-MIN_BODIES = 8  # number of bodies above which blocks are faster than rows
+MIN_BODIES = 16  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
 # displacement after which blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
 # is the displacement per step at the typical speed, and D a diameter
