@@ -43,7 +43,7 @@ void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, 
   contacts.mode[c] = OPEN;
   contacts.reached[c] = false;
   write(contacts.slip + 3 * c, {0.0, 0.0, 0.0});
-  if (law.rolling) forget_rolling(contacts.rolling + ROLLING * c);
+  if (law.rolling) forget_rolling(contacts.rolling + contacts.width_rolling * c);
   record_event(sweep.events, OPENED, contacts, c, sweep.position.data + sweep.position.stride * contacts.i[c]);
 }
 
@@ -69,7 +69,8 @@ void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int
     overlap = bodies.radius[i] + bodies.radius[j] - distance;
   }
   if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
-  const double *q = parameters(law, bodies.material[i], bodies.material[j]);
+  const Parameters q = {parameters(law, bodies.material[i], bodies.material[j]), memory_at(law, contacts, c)};
+  const int8_t before = contacts.mode[c];
   double r_eff = 1.0, m_eff = 1.0, edge = 0.0;
   if (needs_radius(law))
     r_eff = wall ? bodies.radius[i] : bodies.radius[i] * bodies.radius[j] / (bodies.radius[i] + bodies.radius[j]);
@@ -78,10 +79,9 @@ void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int
     m_eff = sum > 0.0 ? 1.0 / sum : 0.0;
   }
   if (law.range) {
-    edge = -range(law, q, r_eff);
+    edge = -reach(law, q, r_eff, before == OPEN);
     if (overlap <= edge) return open_contact(law, sweep, contacts, c);
   }
-  const int8_t before = contacts.mode[c];
   Vec<double> d{}, roll{}, v{}, angle{}, mean{};
   Ratio<double> fraction = {1.0, 1.0};
   bool hold;
@@ -135,11 +135,13 @@ void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int
     const RollingStep own = {at(sweep.angle, i) - at(sweep.angle, j),
                              motion ? motion->dt * (at(motion->spin, i) - at(motion->spin, j)) : Vec<double>{},
                              motion != nullptr, hold, before != OPEN};
+    double *psi = contacts.rolling + contacts.width_rolling * c;
     const Vec<double> moment =
-        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, contacts.rolling + ROLLING * c);
+        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, psi);
     add(torque_i, -1.0, moment);
     add(torque_j, 1.0, moment);
   }
+  if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add(sweep.force + sweep.stride * i, 1.0, f);
   add(sweep.force + sweep.stride * j, -1.0, f);
