@@ -10,7 +10,6 @@ import numpy as np
 from numba import carray, cfunc, njit
 from rich.console import Console
 
-from stickslip.friction.loads import Legs
 from stickslip.friction.ratestate import RateState, Spring, slider_of
 from stickslip.friction.slider import history
 
@@ -26,7 +25,7 @@ console = Console()
 
 def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
     """ln V/V0 and ln V0 θ/D_c at all times, from stickslip."""
-    legs = Legs(duration, velocity, np.ones(len(duration)))
+    legs = np.stack([duration, velocity, np.ones(len(duration))])
     return history(slider_of(SURFACE, SPRING), (0.0, 0.0, 0.0), legs, times, tolerance)[0][:, :2]
 
 

@@ -53,7 +53,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path):
     """And says how long it will take, and what is out of range; a second run takes what is there."""
     file, out = tmp_path / "gouge.json", tmp_path / "out"
     file.write_text(small().text)
-    done = stickslip("run", file, "--out", out)
+    done = stickslip("run", file, "--out", out, "--workers", "1")
     assert done.returncode == 0, done.stderr
     assert "1 realizations, each of about" in done.stdout
     assert "warning: the thickness of the layer" in " ".join(done.stdout.split())

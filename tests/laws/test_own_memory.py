@@ -184,7 +184,7 @@ def test_a_bridge_forms_at_touch_and_breaks_at_its_range(n):
     energy = 0.25 * start.grains.mass[0] * FAST**2
     lost = energy - 0.25 * start.grains.mass[0] * relative_speed(states[-1]) ** 2
     bond = -evaluate(law, "energy", overlap=1e-12, r_eff=0.25)
-    assert lost == pytest.approx(bond, rel=1e-3)  # what tears the bridge
+    assert lost == pytest.approx(bond, rel=1e-2)  # what tears the bridge
 
 
 def test_rows_and_blocks_agree_on_bonds():
@@ -231,3 +231,43 @@ def test_the_bridge_is_that_of_rabinovich():
     np.testing.assert_allclose(
         -evaluate(law, "force", overlap=-gap, r_eff=0.25), form(gap) - form(np.array(0.1)), rtol=1e-12
     )
+
+
+def jkr(**parameters):
+    return ss.laws.from_file(EXAMPLES / "jkr_law.py", **parameters)
+
+
+def test_the_adhesive_law_is_that_of_johnson_kendall_and_roberts():
+    law, work, r_eff = jkr(), 1e-3, 0.25
+    modulus = 0.75
+    pull_off = (r_eff / 4 * np.sqrt(2 * np.pi * work / modulus)) ** (2 / 3)
+    a = np.geomspace(1.001 * pull_off, 0.2, 400)
+    overlap = a**2 / r_eff - np.sqrt(2 * np.pi * work * a / modulus)
+    force = 4 * modulus * a**3 / (3 * r_eff) - np.sqrt(8 * np.pi * work * modulus * a**3)
+    found = evaluate(law, "force", overlap=overlap, r_eff=r_eff)
+    np.testing.assert_allclose(found, force, rtol=0, atol=1e-10 * np.abs(force).max())
+    fine = np.linspace(overlap[0], 0.01, 100_001)
+    assert evaluate(law, "force", overlap=fine, r_eff=r_eff).min() == pytest.approx(
+        -1.5 * np.pi * work * r_eff, rel=1e-8
+    )
+    reach = evaluate(law, "range", overlap=0.0, r_eff=r_eff)
+    end = evaluate(law, "force", overlap=-reach * (1 - 1e-9), r_eff=r_eff)
+    assert end == pytest.approx(-5 / 6 * np.pi * work * r_eff, rel=1e-3)  # displacement, not force, is imposed
+    weak, hertz = jkr(work=1e-8), ss.laws.hertz_mindlin_reff(kn=1.0, kt=0.8)
+    for name in ("force", "stiffness"):
+        values = [evaluate(one, name, overlap=[0.01, 0.02], r_eff=r_eff) for one in (weak, hertz)]
+        np.testing.assert_allclose(*values, rtol=2e-2)
+
+
+def test_the_energy_of_pull_off_is_booked():
+    law, start = jkr(mu=0.0), moving_pairs(gap=0.001, speed=0.05)
+    energy = 0.25 * start.grains.mass[0] * 0.05**2
+    defects = []
+    for dt in (8e-3, 2e-3):
+        end, record, _ = ss.run(start, law, round(10 / dt), dt, every=1, ledger=True)
+        defects.append(np.abs(record.ledger.defect).max() / energy)
+    assert (end.contacts.mode == ss.OPEN).all() and relative_speed(end) > 0
+    bond = -evaluate(law, "energy", overlap=1e-12, r_eff=0.25)
+    lost = energy - 0.25 * start.grains.mass[0] * relative_speed(end) ** 2
+    assert lost == pytest.approx(bond, rel=1e-2)
+    assert defects[1] < 1e-4 and defects[1] < 0.3 * defects[0]

@@ -37,9 +37,10 @@ IDS = {
                                "sliding-velocity-slope", "backward-front-speed", "backward-front-speed-free")),
 }  # fmt: skip
 
-# a quick reproduction whose realizations of sliding, which nothing here depends on, are few
+# a quick reproduction with few realizations: nothing here depends on their number
 FEWER = """
-from stickslip.experiments.disk_array import paper
+from stickslip.experiments.disk_array import arrest, paper
+arrest.REALIZATIONS[True] = 4
 def fewer(make, **less):
     def made(**how):
         one = make(**how)

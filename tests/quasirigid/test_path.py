@@ -1,5 +1,7 @@
 """The piecewise-linear path: closed forms, convergence in the increment, and slow dynamics of the same packing."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -17,9 +19,15 @@ from stickslip.quasirigid.status import Alternative, Verdict, contact_status
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 
 
-@pytest.fixture(scope="module")
+@cache
+def box_of(seed):
+    """Made once for all tests, none of which writes to it."""
+    return biaxial_box(60, seed=seed)
+
+
+@pytest.fixture
 def boxed():
-    return biaxial_box(60, seed=1)
+    return box_of(1)
 
 
 def stable_boxes(wall, factor, increment):
@@ -28,7 +36,7 @@ def stable_boxes(wall, factor, increment):
     Which seeds lead to one differs among processors.
     """
     for seed in range(1, 20):
-        state, law = biaxial_box(60, seed=seed)
+        state, law = box_of(seed)
         path = load_path(state, law, with_load(state.control, 60 + wall, factor), increment=increment)
         if path.complete and "reaches the cone" in {e.kind for e in path.events}:
             yield state, law
@@ -209,7 +217,7 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
     """The creeping case of earlier versions, and one in which a chain of disks lost its force contact by contact."""
     alike, kinds = [], set()
     for seed, wall, factor in CASES:
-        state, law = biaxial_box(60, seed=seed)
+        state, law = box_of(seed)
         end, rng = with_load(state.control, 60 + wall, factor), np.random.default_rng(seed)
         blurred = end._replace(force=end.force * (1 + 1e-12 * rng.normal(size=end.force.shape)))
         paths = [load_path(state, law, *leg) for leg in ((end,), (blurred,))]
@@ -286,7 +294,7 @@ def test_slow_dynamics_follow_paths_on_which_rattlers_return():
     """Within a sixth: drag moves rattlers, which no balance places, and wedges them at another load."""
     off = []
     for seed in range(1, 20):
-        state, law = biaxial_box(60, seed=seed)
+        state, law = box_of(seed)
         end = with_load(state.control, 60 + TOP, 3.0)
         path = load_path(state, law, end)
         until = min([1.5 * e.load for e in path.events if e.kind == "is wedged and carries load again"], default=np.inf)

@@ -32,10 +32,11 @@ void prefetch_pairs(const Blocks &blocks, const double *body, int64_t b) {
 
 template <int DIM>
 void gather_pair_vectors(const Flow *flow, const Blocks &blocks, const double *body, int64_t b, double *scratch) {
-  gather_positions<DIM>(blocks.i.data + LANES * b, blocks.j.data + LANES * b, body, scratch);
+  const int64_t used = blocks.used.data[b];
+  gather_positions<DIM>(used, blocks.i.data + LANES * b, blocks.j.data + LANES * b, body, scratch);
   if (blocks.at.data[b] < 0 || blocks.wall.data[b]) return;
   const double *shift = blocks.vector.data + blocks.at.data[b], *h = flow ? flow->matrix + 9 * VECTORS : nullptr;
-  for (int64_t l = 0; l < LANES; l += W) {
+  for (int64_t l = 0; l < used; l += W) {
     Real p = load(shift + l), q = load(shift + LANES + l), r = load(shift + 2 * LANES + l);
     for (int k = 0; k < DIM; ++k) {
       double *to = scratch + PAIR + k * LANES + l;
@@ -52,9 +53,9 @@ inline Vec<Real> transform(const double *m, Vec<Real> a) {
 // Adds the contribution L r of a deforming cell to relative velocities: (1 + ½ dt L)⁻¹ (Δv + L r), with r at the end of
 // the step, is the change of r during the step divided by dt.
 template <int DIM>
-void add_flow(const Flow &flow, bool predict, double *scratch) {
+void add_flow(const Flow &flow, bool predict, int64_t used, double *scratch) {
   const double *rate = flow.matrix + 9 * RATE, *back = flow.matrix + 9 * INVERSE_HALF;
-  for (int64_t l = 0; l < LANES; l += W) {
+  for (int64_t l = 0; l < used; l += W) {
     Vec<Real> r = planes<DIM>(scratch + PAIR + l);
     Vec<Real> v = transform(back, planes<DIM>(scratch + MOTION + l) + transform(rate, r));
     Vec<Real> ahead = transform(flow.matrix + 9 * RATE_AHEAD, r);
@@ -74,6 +75,7 @@ struct Block {
   const double *scratch;
   const int64_t *modes;
   bool predict;
+  int64_t used;  // lanes
 };
 
 struct Geometry {
@@ -136,18 +138,18 @@ inline NormalForce normal_force(const Block &block, const Geometry &at, int64_t 
 template <int DIM>
 void evaluate_user_law(const Block &block, double *scratch) {
   const Law &law = block.law;
-  for (int64_t l = 0; l < LANES; l += W) store(scratch + OVERLAP + l, geometry<DIM>(block, l).overlap);
+  for (int64_t l = 0; l < block.used; l += W) store(scratch + OVERLAP + l, geometry<DIM>(block, l).overlap);
   double unused[LANES];
   const double *size = block.size ? block.size : unused;
   if (!block.size)
     for (double &value : unused) value = 1.0;
-  reinterpret_cast<LawFunction>(law.force)(block.q, LANES, size, scratch + OVERLAP, scratch + OVERLAP,
+  reinterpret_cast<LawFunction>(law.force)(block.q, block.used, size, scratch + OVERLAP, scratch + OVERLAP,
                                            nullptr, scratch + ELASTIC, scratch + STIFFNESS);
   if (!law.cap) return;
-  for (int64_t l = 0; l < LANES; l += W)
+  for (int64_t l = 0; l < block.used; l += W)
     store(scratch + TOTAL + l, normal_force<DIM>(block, geometry<DIM>(block, l), l).total);
   double second[LANES];
-  reinterpret_cast<LawFunction>(law.cap)(block.q, LANES, size, scratch + OVERLAP, scratch + TOTAL, nullptr,
+  reinterpret_cast<LawFunction>(law.cap)(block.q, block.used, size, scratch + OVERLAP, scratch + TOTAL, nullptr,
                                          scratch + LIMIT, second);
 }
 
@@ -159,7 +161,7 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
   double *slips = blocks.slip.data + 3 * LANES * b;
   int64_t *modes = blocks.mode.data + LANES * b;
   const Mask held = Mask{} - int64_t(hold);
-  for (int64_t l = 0; l < LANES; l += W) {
+  for (int64_t l = 0; l < block.used; l += W) {
     Geometry at = geometry<DIM>(block, l);
     NormalForce normal = normal_force<DIM>(block, at, l);
     Mask before = load(modes + l), open = before == OPEN;
@@ -199,7 +201,7 @@ template <int DIM>
 bool is_idle(const Block &block, const int64_t *modes) {
   Real least = Real{} + 1.0;
   Mask held = {};
-  for (int64_t l = 0; l < LANES; l += W) {
+  for (int64_t l = 0; l < block.used; l += W) {
     Vec<Real> r = planes<DIM>(block.scratch + PAIR + l);
     Real reach = load(block.scratch + RADII + l), square;
     if (block.law.range && !block.law.bonds) reach += load(block.scratch + EDGE + l);
@@ -223,7 +225,7 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
   const int64_t share = (end - begin) / (last - first > 1 ? last - first : 1) + 1;
   for (int64_t b = first; b < last; ++b) {
     if (crossing) {
-      prefetch_pairs(blocks, body, b + 1 < last ? b + 1 : b);
+      if (moving.len_tile > 2) prefetch_pairs(blocks, body, b + 1 < last ? b + 1 : b);
     } else {
       for (int64_t at = begin * BODY; at < (begin + share < end ? begin + share : end) * BODY; at += 8)
         __builtin_prefetch(body + at, 1);
@@ -231,31 +233,32 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
     }
     gather_pair_vectors<DIM>(flow, blocks, body, b, scratch);
     const double *q = parameters(law, blocks.material.data[2 * b], blocks.material.data[2 * b + 1]);
+    const int64_t used = blocks.used.data[b];
     Block block = {law, q, needs_radius(law) ? blocks.size.data + LANES * b : nullptr,
                    needs_mass(law) ? blocks.mass.data + LANES * b : nullptr,
                    blocks.wall.data[b] ? blocks.vector.data + blocks.at.data[b] : nullptr, scratch,
-                   blocks.mode.data + LANES * b, predict};
+                   blocks.mode.data + LANES * b, predict, used};
     if (law.range) {
       double unused[LANES];
-      reinterpret_cast<LawFunction>(law.range)(q, LANES, block.size ? block.size : unused, unused, unused,
+      reinterpret_cast<LawFunction>(law.range)(q, used, block.size ? block.size : unused, unused, unused,
                                                nullptr, scratch + EDGE, unused);
     }
     const int64_t place = blocks.place.data[b];
     if (is_idle<DIM>(block, blocks.mode.data + LANES * b)) {
-      __builtin_memset(blocks.load.data + WIDTH * place, 0, sizeof(double) * WIDTH * LANES);
-      if (flow) __builtin_memset(blocks.pair.data + 3 * place, 0, sizeof(double) * 3 * LANES);
+      __builtin_memset(blocks.load.data + WIDTH * place, 0, sizeof(double) * WIDTH * used);
+      if (flow) __builtin_memset(blocks.pair.data + 3 * place, 0, sizeof(double) * 3 * used);
       continue;
     }
-    gather_motion<DIM>(predict, blocks.i.data + LANES * b, blocks.j.data + LANES * b, body, moving.ahead, scratch);
+    gather_motion<DIM>(predict, used, blocks.i.data + LANES * b, blocks.j.data + LANES * b, body, moving.ahead, scratch);
     if (flow) {
-      add_flow<DIM>(*flow, predict, scratch);
-      for (int64_t l = 0; l < LANES; ++l)
+      add_flow<DIM>(*flow, predict, used, scratch);
+      for (int64_t l = 0; l < used; ++l)
         for (int64_t k = 0; k < 3; ++k)
           blocks.pair.data[3 * (place + l) + k] = k < DIM ? scratch[PAIR + k * LANES + l] : 0.0;
     }
     if (law.force) evaluate_user_law<DIM>(block, scratch);
     evaluate_block<DIM>(block, blocks, b, dt, hold, scratch);
-    scatter_loads(scratch, blocks.load.data + WIDTH * place);
+    scatter_loads(used, scratch, blocks.load.data + WIDTH * place);
   }
 }
 

@@ -14,6 +14,7 @@ constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, th
 // the code of a row of loads that a body sums is ROW times its number, plus flags. IS_I: the body is i of that pair, so
 // that the force keeps its sign; IS_FIRST: this is the first row of the body
 constexpr uint32_t IS_FIRST = 1, IS_I = 2, ROW = 64;
+constexpr int32_t MOST_LANES = 8;  // in a vector, at any level
 constexpr int64_t PREFETCH_DISTANCE = 16;  // rows; `code` is that much longer than needed
 
 struct Blocks {  // zero-initialised; T tiles, K blocks
@@ -21,6 +22,7 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<uint32_t> i, j;      // (K LANES,) in memory order
   Buffer<int32_t> row;        // (K LANES,) row in the list of contacts, −1 for padding
   Buffer<int64_t> material;   // (K, 2)
+  Buffer<int32_t> used;       // (K,) lanes that hold pairs, rounded up to whole vectors
   Buffer<uint8_t> wall;       // (K,) all pairs of the block are with walls
   Buffer<int32_t> at;         // (K,) start of a block's vectors, −1: no pair is with a wall or across a boundary
   Buffer<double> vector;      // (V 3 LANES,) periodic shift (with a frame: the image), or the wall's normal

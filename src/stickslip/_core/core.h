@@ -430,14 +430,6 @@ struct Slider {
   int64_t evolution;  // see `friction.laws`
 };
 
-// Legs of constant velocity of the load point, and of constant normal stress
-struct Legs {
-  double *duration;
-  double *velocity;
-  double *normal;
-  int64_t len_duration;
-};
-
 struct Fault {
   int64_t form;
   int64_t evolution;
@@ -476,9 +468,10 @@ API void state_history(int64_t evolution, double s, int64_t count, const double 
 // Time derivatives of w, s and s2 (3,), and their Jacobian (3, 3)
 API void slider_rates(const Slider *slider, const double *logs, double velocity, double normal, double *out,
                       double *jacobian);
-// w, s and s2 at ascending times (N, 3); returns a code, see `friction.slider`
-API int64_t slider_history(const Slider *slider, const Legs *legs, const double *start, const double *times,
-                           int64_t count, double tolerance, double *out, double *reached);
+// Logarithms at ascending times (N, 3) from those at the start, and from durations, velocities and normal stresses of
+// legs (3, L); returns a code, see `friction.slider`
+API int64_t slider_history(const Slider *slider, double w, double s, double s2, const double *legs, int64_t many,
+                           const double *times, int64_t count, double tolerance, double *out, double *reached);
 // Rates of the unknowns and powers; false if a velocity cannot be found
 API uint8_t fault_rates(const Fault *fault, const double *transferred, const double *y, double *w, double *out,
                         double *power);

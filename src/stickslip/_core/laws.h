@@ -111,7 +111,7 @@ inline double normal_energy(const Law &law, Parameters q, double r_eff, double o
 template <class T>
 inline T damping_factor(const Law &law, T r_eff, T m_eff, T overlap) {
   T factor = T{} + 1.0;
-  if (law.damping == VISCOELASTIC) factor = m_eff * root(larger(overlap * r_eff, T{}));
+  if (law.damping == VISCOELASTIC) factor = m_eff * root(overlap * r_eff);
   if (law.damping == MASS_DAMPING) factor = m_eff;
   return law.range ? select(overlap > 0.0, factor, T{}) : factor;  // across a gap nothing is damped
 }

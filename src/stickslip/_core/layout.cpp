@@ -18,7 +18,7 @@ Blocks *new_blocks(void) { return static_cast<Blocks *>(calloc(1, sizeof(Blocks)
 
 void clear_blocks(Blocks *blocks) {
   Blocks &b = *blocks;
-  release_all(b.i, b.j, b.row, b.material, b.wall, b.at, b.vector, b.size, b.mass, b.slip, b.mode, b.place, b.cross,
+  release_all(b.i, b.j, b.row, b.material, b.used, b.wall, b.at, b.vector, b.size, b.mass, b.slip, b.mode, b.place, b.cross,
               b.inner, b.load, b.pair, b.start, b.code);
   b = Blocks{};
 }

@@ -1,6 +1,6 @@
 // Time steps of all grains. Contacts are evaluated by rows (few grains, or a law with rolling) or by blocks.
 //
-// By rows, all bodies are in the last tile, and samples are written here. By blocks, a step first evaluates the contacts
+// By rows, all bodies are in the last tile. By blocks, a step first evaluates the contacts
 // between bodies of different threads. Then each thread goes through its tiles. It evaluates a tile's contacts, both with
 // later tiles and within the tile, and moves the tile's grains while they are in the processor's cache.
 #include <math.h>
@@ -61,7 +61,7 @@ void evaluate_by_rows(const Run &run, bool hold, double time) {
   Vectors velocity = motion.velocity, spin = motion.spin;
   if (run.predict) velocity = {moving.ahead + VELOCITY_AHEAD, BODY_AHEAD}, spin = {moving.ahead + SPIN_AHEAD, BODY_AHEAD};
   Events events = {run.writing.events, run.writing.event_count, run.writing.len_events, time};
-  Sweep sweep = {FREE, &motion, {body, BODY}, {moving.angle, 3}, velocity, spin,
+  Sweep sweep = {FREE, true, motion, {body, BODY}, {moving.angle, 3}, velocity, spin,
                  matrix ? matrix + 9 * RATE_AHEAD : nullptr, run.bodies, matrix ? matrix + 9 * VECTORS : run.vectors,
                  moving.force, moving.force + 3, 6, matrix ? moving.virial : nullptr,
                  run.writing.len_events ? &events : nullptr};
@@ -127,15 +127,15 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
                 int64_t *before, int64_t slots) {
   const Writing &writing = run.writing;
   const bool watch = writing.len_events > 0, by_rows = !run.blocks;
-  const auto sampling = [&] { return by_rows && writing.every > 0 && at.step % writing.every == 0; };
+  const auto sampling = [&] { return writing.every > 0 && at.step % writing.every == 0; };
+  const auto checking = [&] { return tolerance > 0.0 && at.step % CHECK_EVERY == 0; };
   double limit = 1.0;
   while (true) {
     const double time = start + double(at.step) * run.pace.dt;
     if (!at.ended) {
       const int64_t most = by_rows ? run.contacts.count[0] : 2 * slots;
       if (watch && writing.event_count[0] + most > writing.len_events) return FULL;
-      bool go_on = at.step < stop && !run.flow;
-      go_on = go_on && (by_rows ? at.step % CHECK_EVERY > 0 && !sampling() : !watch);
+      const bool go_on = at.step < stop && !run.flow && !sampling() && !checking() && (by_rows || !watch);
       const Step step = {run.dim, run.predict, run.moving, run.pace, run.flow, at.fresh, go_on};
       if (by_rows) {
         evaluate_by_rows(run, at.fresh, time);
@@ -151,12 +151,13 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
     }
     if (at.ended) {
       if (sampling()) {
+        if (!by_rows) commit_blocks(run.blocks, &run.contacts);
         const double *vectors = run.flow ? run.flow->matrix + 9 * VECTORS : run.vectors;
         if (!write_moving_sample(run.law, run.dim, at.step / writing.every, run.moving, run.bodies, run.contacts, vectors,
                                  writing, time))
           return NO_MEMORY;
       }
-      if (tolerance > 0.0 && at.step % CHECK_EVERY == 0) {
+      if (checking()) {
         int64_t worst;
         residual[0] = largest_unbalanced(run.moving, run.pace, run.pace.drag, run.pace.spin_drag, &worst);
         residual[1] = double(worst);

@@ -129,6 +129,7 @@ inline Truncated<T, M> return_mapping(bool rescaled, int64_t memory, T stiffness
   // without slip there is no sliding direction to hold: such contacts slid under a law without friction
   M over = memory == HELD ? M(slid & ((a.x != 0.0) | (a.y != 0.0) | (a.z != 0.0))) : M(pull > bound * bound);
   M slides = (limit == 0.0) | over;
+  if (sizeof(T) == sizeof(double) && !any(slides | (whole != 1.0))) return {b, slides};  // the same bits, sooner
   if (DIM == 3) {
     Ratio<T> weight = turning_weight(rescaled, stiffness, limit, a, d, fade);
     M turns = slides & slid & (limit > 0.0);

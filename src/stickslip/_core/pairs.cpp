@@ -1,7 +1,8 @@
 // Neighbour search: the keys of all pairs within range, sorted.
 //
-// Grains of similar radius share a cell list, see `bins.h`. Pairs of two sizes are sought by the grains of that size for
-// which fewer bins must be read: one large grain reads the bins of the small ones around it, and does not widen them.
+// Grains of similar radius share a cell list, see `bins.h`. Pairs of two sizes are sought by the grains of that size
+// for which fewer bins must be read: one large grain reads the bins of the small ones around it, and does not widen
+// them.
 #include "bins.h"
 #include "keys.h"
 #include <math.h>
@@ -232,12 +233,13 @@ bool Search::search(const Size &from, const Size &to, bool own) {
   Window window, known = {};
   columns = 0;
   for (int64_t k = 0; k < 3; ++k) wide[k] = floor_to_int(bounded(ceil((2 * to.most + skin) * to.dense[k]), 0.0, 1e9));
-  for (int64_t e = entry; e < entry + from.grains && !too_far; ++e) {
+  for (int64_t e = entry; e < entry + from.grains; ++e) {
     find_window(to, e, own ? wide : nullptr, window);
     if (!columns || !window.has_same_columns(known)) {
       if (!find_columns(to, window, own)) return false;
       known = window;
     }
+    if (too_far) return true;
     if (!scan_columns(to, e, window, own, hits) || !add_pairs(e, hits)) return false;
   }
   return true;

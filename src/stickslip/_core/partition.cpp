@@ -175,7 +175,7 @@ bool grow_blocks(const Choice &s, int64_t count) {
   Blocks &b = s.blocks;
   const int64_t slots = count * LANES;
   return grow(b.i, slots) && grow(b.j, slots) && grow(b.row, slots) && grow(b.material, 2 * count) &&
-         grow(b.wall, count) && grow(b.at, count) && grow(b.size, s.by_size ? slots : 0) &&
+         grow(b.used, count) && grow(b.wall, count) && grow(b.at, count) && grow(b.size, s.by_size ? slots : 0) &&
          grow(b.mass, s.by_mass ? slots : 0) && grow(b.slip, 3 * slots) && grow(b.mode, slots) &&
          grow(b.place, count) && grow(b.cross, s.top + 1) && grow(b.inner, s.top + 1) && grow(b.start, s.bodies + 1);
 }
@@ -200,7 +200,8 @@ void fill_block(const Choice &s, int64_t b) {
   const bool wall = one.bucket & 1;
   const uint32_t any = static_cast<uint32_t>(wall ? s.bodies - 1 : 0);
   bool far = false;
-  for (int64_t l = 0; l < LANES; ++l) {
+  int32_t used = 0;
+  for (int32_t l = 0; l < LANES; ++l) {
     const int64_t slot = LANES * b + l, next = l + AHEAD < LANES ? row[l + AHEAD] : -1;
     if (next >= 0) __builtin_prefetch(s.list.slip + 3 * s.picked[next].row);
     const bool real = row[l] >= 0;
@@ -210,6 +211,7 @@ void fill_block(const Choice &s, int64_t b) {
     blocks.j.data[slot] = pair.j;
     blocks.mode.data[slot] = pair.mode;
     far |= pair.far;
+    if (real) used = (l / MOST_LANES + 1) * MOST_LANES;
     if (real) s.slot[pair.row] = static_cast<int32_t>(slot);
     if (s.by_size) {
       const double r = s.moving.body[BODY * pair.i + RADIUS], other = s.moving.body[BODY * pair.j + RADIUS];
@@ -222,6 +224,7 @@ void fill_block(const Choice &s, int64_t b) {
     for (int64_t m = 0; m < 3; ++m)
       blocks.slip.data[(3 * b + m) * LANES + l] = real ? s.list.slip[3 * pair.row + m] : 0.0;
   }
+  blocks.used.data[b] = used;
   blocks.wall.data[b] = wall;
   blocks.at.data[b] = far ? 0 : -1;
   blocks.material.data[2 * b] = s.materials > 1 ? s.material[s.moving.order[one.i]] : 0;

@@ -1,4 +1,4 @@
-// build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
+// build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only -fno-tree-slp-vectorize
 #include "events.h"
 #include "mechanics.h"
 #include "rolling.h"
@@ -30,10 +30,17 @@ inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
 
 inline void write(double *to, Vec<double> v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
 
-inline void add(double *to, double sign, Vec<double> v) {
-  to[0] += sign * v.x;
-  to[1] += sign * v.y;
-  to[2] += sign * v.z;
+template <int DIM>
+inline void add(double *to, double factor, Vec<double> v) {
+  to[0] += factor * v.x;
+  to[1] += factor * v.y;
+  if (DIM == 3) to[2] += factor * v.z;
+}
+
+template <int DIM>
+inline void add_rotation(double *to, double factor, Vec<double> v) {
+  if (DIM == 3) return add<3>(to, factor, v);
+  to[2] += factor * v.z;
 }
 
 inline bool equal(Vec<double> a, Vec<double> b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
@@ -48,9 +55,9 @@ void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, 
 }
 
 template <int DIM>
-void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
+inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
   const Bodies &bodies = sweep.bodies;
-  const Motion *motion = sweep.motion;
+  const Motion &motion = sweep.motion;
   const int64_t grains = bodies.len_radius - bodies.len_normal, i = contacts.i[c], j = contacts.j[c];
   const int16_t *image = contacts.image + 3 * c;
   Vec<double> r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j)), n;
@@ -85,12 +92,12 @@ void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int
   Vec<double> d{}, roll{}, v{}, angle{}, mean{};
   Ratio<double> fraction = {1.0, 1.0};
   bool hold;
-  if (motion) {
-    hold = motion->hold;
-    mean = flat<DIM>(at(motion->velocity, i) - at(motion->velocity, j));
-    if (motion->gradient) mean = transform(motion->back, mean + transform(motion->gradient, r));
-    d = motion->dt * mean;
-    roll = motion->dt * rolled<DIM>(motion->spin, bodies.radius, i, j);
+  if (sweep.stepping) {
+    hold = motion.hold;
+    mean = flat<DIM>(at(motion.velocity, i) - at(motion.velocity, j));
+    if (motion.gradient) mean = transform(motion.back, mean + transform(motion.gradient, r));
+    d = motion.dt * mean;
+    roll = motion.dt * rolled<DIM>(motion.spin, bodies.radius, i, j);
     if (before == OPEN && !law.rate) fraction = touching_fraction(n, inverse, overlap - edge, d);
   } else {
     angle = rolled<DIM>(sweep.angle, bodies.radius, i, j);
@@ -121,42 +128,45 @@ void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int
   if (!(hold && before != OPEN)) {
     write(contacts.slip + 3 * c, out.slip);
     const int8_t after = out.slides ? SLIDE : STICK;
-    contacts.mode[c] = after;
+    if (after != before) contacts.mode[c] = after;
     if (before == OPEN) record_event(sweep.events, CLOSED, contacts, c, place);
     // not only if the mode changes: a contact may have slid while its limit was zero
     if (after == SLIDE && limit > 0.0 && !contacts.reached[c]) {
       contacts.reached[c] = true;
       record_event(sweep.events, REACHED_LIMIT, contacts, c, place);
     }
-    if (!motion) write(contacts.pair + 3 * c, r), write(contacts.roll + 3 * c, angle);
+    if (!sweep.stepping) write(contacts.pair + 3 * c, r), write(contacts.roll + 3 * c, angle);
   }
   double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
   if (law.rolling) {
     const RollingStep own = {at(sweep.angle, i) - at(sweep.angle, j),
-                             motion ? motion->dt * (at(motion->spin, i) - at(motion->spin, j)) : Vec<double>{},
-                             motion != nullptr, hold, before != OPEN};
+                             sweep.stepping ? motion.dt * (at(motion.spin, i) - at(motion.spin, j)) : Vec<double>{},
+                             sweep.stepping, hold, before != OPEN};
     double *psi = contacts.rolling + contacts.width_rolling * c;
     const Vec<double> moment =
         rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, psi);
-    add(torque_i, -1.0, moment);
-    add(torque_j, 1.0, moment);
+    add_rotation<DIM>(torque_i, -1.0, moment);
+    add_rotation<DIM>(torque_j, 1.0, moment);
   }
   if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
-  add(sweep.force + sweep.stride * i, 1.0, f);
-  add(sweep.force + sweep.stride * j, -1.0, f);
-  add(torque_i, bodies.radius[i], turn);
-  add(torque_j, bodies.radius[j], turn);
+  add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
+  add<DIM>(sweep.force + sweep.stride * j, -1.0, f);
+  add_rotation<DIM>(torque_i, bodies.radius[i], turn);
+  add_rotation<DIM>(torque_j, bodies.radius[j], turn);
   if (sweep.virial) {
     double *virial = sweep.virial + 9 * i;
-    add(virial, f.x, r);
-    add(virial + 3, f.y, r);
-    add(virial + 6, f.z, r);
+    add<DIM>(virial, f.x, r);
+    add<DIM>(virial + 3, f.y, r);
+    if (DIM == 3) add<3>(virial + 6, f.z, r);
   }
 }
 
 template <int DIM>
-void sweep_all(const Law &law, const Sweep &sweep, const Contacts &contacts) {
+void sweep_all(const Law &whole, const Sweep &given, const Contacts &list) {
+  const Law law = whole;  // copies, so that the compiler knows that no store changes them
+  const Sweep sweep = given;
+  const Contacts contacts = list;
   for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM>(law, sweep, contacts, c);
 }
 
@@ -168,7 +178,7 @@ void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Conta
 
 void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
                        const double *vectors, int64_t memory, double *force, double *torque) {
-  Sweep sweep = {memory, nullptr, {bodies->position, 3}, {bodies->angle, 3}, {bodies->velocity, 3}, {bodies->spin, 3},
+  Sweep sweep = {memory, false, {}, {bodies->position, 3}, {bodies->angle, 3}, {bodies->velocity, 3}, {bodies->spin, 3},
                  bodies->rate, *bodies, vectors, force, torque, 3, nullptr, nullptr};
   sweep_contacts(*law, dim, sweep, *contacts);
 }

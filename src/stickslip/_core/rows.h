@@ -21,7 +21,8 @@ struct Motion {  // of bodies during a step of a run
 
 struct Sweep {
   int64_t memory;         // see mechanics.h
-  const Motion *motion;   // null: contacts have moved from their committed `pair` and `roll`, which are then updated
+  bool stepping;          // during a run; else contacts have moved from their committed `pair` and `roll`, which are updated
+  Motion motion;          // during a run
   Vectors position, angle, velocity, spin;  // the last two as dashpots use them
   const double *gradient;                   // of the cell's velocity, as dashpots use it; or null
   const Bodies &bodies;                     // radius, material, inverse mass, normals of walls

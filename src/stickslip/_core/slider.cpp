@@ -142,19 +142,19 @@ int64_t integrate_span(const Slider &q, Logs &x, const Leg &leg, double span, do
 
 // Writes x at all times; at the end of a leg, the values are those before the next leg begins.
 template <class Form, class Evolution>
-int64_t integrate(const Slider &q, const Legs &legs, Logs x, const double *times, int64_t count, double tolerance,
-                  double *out, double *reached) {
-  double began = 0.0, before = legs.normal[0];
+int64_t integrate(const Slider &q, Logs x, const double *legs, int64_t many, const double *times, int64_t count,
+                  double tolerance, double *out, double *reached) {
+  double began = 0.0, before = legs[2 * many];
   int64_t k = 0;
   while (k < count && times[k] <= 0.0) put(out + 3 * k++, x);
-  for (int64_t number = 0; number < legs.len_duration; ++number) {
-    Leg leg = {legs.duration[number], legs.velocity[number], legs.normal[number]};
+  for (int64_t number = 0; number < many; ++number) {
+    Leg leg = {legs[number], legs[many + number], legs[2 * many + number]};
     if (leg.normal != before) x = after_normal_jump<Form>(q, x, before, leg.normal);
     before = leg.normal;
     double ends = began + leg.duration, stop = 0.0, t;
     double h = smaller(leg.duration, 0.1 * q.dc / (q.v0 * exp(x.w) + fabs(leg.velocity)));
     for (bool asked = true; asked;) {
-      asked = k < count && (times[k] <= ends || number == legs.len_duration - 1);
+      asked = k < count && (times[k] <= ends || number == many - 1);
       double target = asked ? times[k] - began : leg.duration;
       int64_t code = integrate_span<Form, Evolution>(q, x, leg, target - stop, tolerance, h, t);
       *reached = began + stop + t;
@@ -170,10 +170,10 @@ int64_t integrate(const Slider &q, const Legs &legs, Logs x, const double *times
 
 }  // namespace
 
-int64_t slider_history(const Slider *slider, const Legs *legs, const double *start, const double *times, int64_t count,
-                       double tolerance, double *out, double *reached) {
+int64_t slider_history(const Slider *slider, double w, double s, double s2, const double *legs, int64_t many,
+                       const double *times, int64_t count, double tolerance, double *out, double *reached) {
   return with_laws(slider->form, slider->evolution, [&](auto form, auto law) {
-    return integrate<decltype(form), decltype(law)>(*slider, *legs, take<Logs>(start), times, count, tolerance, out,
+    return integrate<decltype(form), decltype(law)>(*slider, {w, s, s2}, legs, many, times, count, tolerance, out,
                                                     reached);
   });
 }

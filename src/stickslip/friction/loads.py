@@ -17,14 +17,6 @@ class LoadStep(NamedTuple):
     normal: float = 1.0  # normal stress over its reference value
 
 
-class Legs(NamedTuple):
-    """Legs of a load history as arrays."""
-
-    duration: np.ndarray
-    velocity: np.ndarray
-    normal: np.ndarray
-
-
 @checked
 def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ...]:
     """Legs at successive velocities, each over the same load-point displacement.
@@ -116,8 +108,8 @@ def _end_of_line(time, place, factor, first: int, slack: float) -> int:
     return last
 
 
-def leg_arrays(legs) -> Legs:
-    """Check legs and return them as arrays."""
+def leg_arrays(legs) -> np.ndarray:
+    """Check legs and return their durations, velocities and normal factors (3, L)."""
     try:
         table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     except (TypeError, ValueError):
@@ -131,7 +123,7 @@ def leg_arrays(legs) -> Legs:
             raise ValueError(f"leg {k} has the velocity {velocity:g}: give a finite one, 0 for a hold")
         if not (normal > 0 and np.isfinite(normal)):
             raise ValueError(f"leg {k} has {normal:g} times the normal stress: give a positive factor")
-    return Legs(*np.ascontiguousarray(table.T))
+    return np.ascontiguousarray(table.T)
 
 
 def check_times(time) -> None:

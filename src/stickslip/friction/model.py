@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.arguments import checked
 from ..core.readable import readable
-from .loads import Legs, LoadStep, check_times, leg_arrays
+from .loads import LoadStep, check_times, leg_arrays
 from .slider import DONE, build_slider, friction, history, state_history
 
 TOLERANCE = 1e-10
@@ -43,7 +43,7 @@ class Prepared(NamedTuple):
     time: np.ndarray
     friction: np.ndarray
     place: np.ndarray  # displacement of the load point (or slip), for the trend
-    legs: Legs | None
+    legs: np.ndarray | None  # (3, L), see `leg_arrays`
     velocity: np.ndarray | None
     sigma: np.ndarray
     used: np.ndarray  # (N,) True for samples that are fitted
@@ -89,15 +89,15 @@ def prepare(data: Data, windows=None) -> Prepared:
         place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
         return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
     legs = leg_arrays(data.legs)
-    ends = np.cumsum(legs.duration)
+    ends = np.cumsum(legs[0])
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
         raise ValueError(
             f"samples go from {time[0]:g} to {time[-1]:g}, legs from 0 to {ends[-1]:g}: the legs must cover the data"
         )
-    before = float(legs.velocity[0]) if data.before is None else data.before
+    before = float(legs[1, 0]) if data.before is None else data.before
     if not before > 0:
         raise ValueError("the record starts with the load point at rest: give `before`, the slip velocity before it")
-    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs.duration * legs.velocity)])
+    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs[0] * legs[1])])
     return Prepared(np.minimum(time, ends[-1]), friction, place, legs, None, sigma, used, before)
 
 

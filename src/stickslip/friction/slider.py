@@ -9,7 +9,6 @@ import numpy as np
 
 from ..core.library import core
 from . import laws
-from .loads import Legs
 
 DONE = 0  # code of a complete history; the others are in the order of `ratestate.End`
 
@@ -41,8 +40,12 @@ def build_slider(values: dict, law: str, form: str) -> Slider:
     return Slider(**{**given, **cuts, **codes})
 
 
-def history(slider: Slider, start, legs: Legs, times: np.ndarray, tolerance: float) -> tuple[np.ndarray, int, float]:
+def history(slider: Slider, start, legs: np.ndarray, times: np.ndarray, tolerance: float):
     """Integrate w, s and s2 from `start` to `times` (ascending, from the start of the legs).
+
+    Parameters
+    ----------
+    legs : (3, L), see `loads.leg_arrays`
 
     Returns
     -------
@@ -51,7 +54,7 @@ def history(slider: Slider, start, legs: Legs, times: np.ndarray, tolerance: flo
         next leg begins.
     """
     out, reached = np.full((len(times), 3), np.nan), np.zeros(1)
-    code = core.slider_history(slider, legs, np.array(start, float), times, len(times), tolerance, out, reached)
+    code = core.slider_history(slider, *start, legs, legs.shape[1], times, len(times), tolerance, out, reached)
     return out, code, float(reached[0])
 
 

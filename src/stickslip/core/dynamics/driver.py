@@ -28,7 +28,7 @@ from .ledger import post_step
 from .moving import balance_threads, gather_springs, make_moving_bodies
 from .record import RecordBuffers, with_lost_contacts, write_groups
 
-MIN_BODIES = 48  # number of bodies above which blocks are faster than rows
+MIN_BODIES = 8  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
 # displacement after which blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
 # is the displacement per step at the typical speed, and D a diameter
@@ -184,16 +184,10 @@ class _Run:
         core.scatter_bodies(self.moved, here)
         return here
 
-    def record(self, here: Bodies, row: int) -> None:
-        """Write one row of all series; the loop does so itself if it evaluates contacts by rows."""
-        time, cell = self._time(), self.state.cell
-        if not self.by_rows and not core.write_sample(
-            self.struct, cell.dim, row, here, self.listed, cell.vectors, self.buffers, time
-        ):
-            raise MemoryError
-        if self.writing.groups.shape[1]:
-            external, force = self.plan.external, _forces_in_state_order(self.moving)
-            write_groups(self.writing.groups[row], self.state, external, here, force, time)
+    def record_groups(self, here: Bodies, row: int) -> None:
+        """Write one row of the series of rigid groups; the loop itself writes all others."""
+        external, force = self.plan.external, _forces_in_state_order(self.moving)
+        write_groups(self.writing.groups[row], self.state, external, here, force, self._time())
 
     def finish(self, skin: float) -> State:
         """State at the last step, whose list has the given skin."""
@@ -264,8 +258,7 @@ def run_steps(
     """
     current = _Run(state, law, plan, steps, tolerance, writing, books, instant, rate, threads)
     every, stop, code, worst = writing.every, 0, core.MOVED, -1
-    # the loop writes samples itself if contacts are evaluated by rows, but not those of groups
-    sampling = every if writing.groups.shape[1] or not current.by_rows else 0
+    sampling = every if writing.groups.shape[1] else 0  # the loop itself writes all other samples
     while True:
         if code == core.MOVED:
             current.choose_pairs()
@@ -282,7 +275,7 @@ def run_steps(
         if books:
             books = post_step(books, current.state, plan, here, current.contacts, step, every)
         if sampled:
-            current.record(here, step // every)
+            current.record_groups(here, step // every)
         if not np.isfinite(current.residual[0]) and tolerance > 0 and step % core.CHECK_EVERY == 0:
             code = core.NOT_FINITE
         if step == steps or code != core.DONE:

@@ -21,7 +21,7 @@ SMALLEST = {
     "loading": {"test": "shear", "ratio": 0.02, "increment": 0.25},
     "dynamics": {"times": []},
 }
-BETWEEN_WALLS = {  # from 48 bodies on contacts are evaluated in blocks
+BETWEEN_WALLS = {
     "samples": 1,
     "disks": {"number": 60},
     "loading": {"test": "biaxial", "factor": 1.001, "increment": 0.1},
