@@ -1,9 +1,9 @@
 """Wet spheres: Hertz–Mindlin contacts, and liquid bridges that form at touch.
 
-Attraction of a bridge of volume V between equal spheres of radius R at a gap g, without
-a contact angle: 2πγR [1 − (1 + 2V/(πRg²))^(−1/2)], Lian, Thornton & Adams,
-doi:10.1006/jcis.1993.1452, and Rabinovich, Esayanur & Moudgil, doi:10.1021/la0517639.
-It breaks at V^(1/3), and its attraction there is left out.
+Attraction of a bridge of volume V between equal spheres of radius R at a gap g,
+2πγR [1 − (1 + 2V/(πRg²))^(−1/2)] for a contact angle of zero: Rabinovich,
+Esayanur & Moudgil, doi:10.1021/la0517639. It breaks at V^(1/3), as found by Lian,
+Thornton & Adams, doi:10.1006/jcis.1993.1452; the attraction there is subtracted.
 """
 
 from math import pi, sqrt
