@@ -32,7 +32,7 @@ def scene(copies: int) -> tuple[Path, int]:
     from stickslip.experiments.gouge.sample import prepare_sample
 
     whole = scenario(
-        experiment="gouge", law={"gamma_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}]
+        experiment="gouge", law={"damping_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}]
     )  # fmt: skip
     path = STORE / f"gouge-{whole.digest[:16]}-{copies}-{SCHEMA}.pickle"
     if path.exists():
@@ -94,7 +94,7 @@ def run_seconds(workers: int) -> float:
     import stickslip as ss
 
     whole = ss.scenario(
-        experiment="gouge", realizations=4, grains={"number": 150}, law={"gamma_n": 1e4}, preparation={"slip": 1.0},
+        experiment="gouge", realizations=4, grains={"number": 150}, law={"damping_n": 1e4}, preparation={"slip": 1.0},
         protocol=[
             {"kind": "slide-hold-slide", "before": (VELOCITY,), "holds": (0.02,), "approach": 1.0, "branches": 2}
         ],

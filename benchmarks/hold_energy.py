@@ -29,6 +29,7 @@ from stickslip.experiments.gouge.simulate import simulate_gouge
 VELOCITY, HOLD, STATES = 0.03, 0.01, 2
 DAMPINGS = (0.0, 1e4, 6.2e5, 6e7)
 STEPS = (4e-7, 2e-7, 5e-8)
+LAWS = {"plain": "hertz_mindlin_reff", "rescaled": "hertz_mindlin_reff_rescaled"}
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "nonpotential", "defect")
 
 
@@ -37,7 +38,7 @@ def base(**more) -> GougeScenario:
     hold = {"kind": "slide-hold-slide", "before": [VELOCITY], "holds": [HOLD], "after": [], "approach": 1.5}
     tables = {
         "experiment": "gouge", "dt": 4e-7, "sample_every": 250, "grains": {"number": 300}, "cell": {"length": 0.024},
-        "law": {"gamma_n": 1e4}, "preparation": {"slip": 4.0}, "protocol": [hold | {"branches": STATES}],
+        "law": {"damping_n": 1e4}, "preparation": {"slip": 4.0}, "protocol": [hold | {"branches": STATES}],
     }  # fmt: skip
     return ss.scenario(**tables | more)
 
@@ -69,41 +70,41 @@ def places(scenario: GougeScenario):
 
 
 def rows(cases, *, seconds: float, ledger: bool) -> None:
-    """Print one row per (rescaled, γ_n, dt)."""
+    """Print one row per (name of a law, γ_n, dt)."""
     starts = places(base())
     cases = list(cases)
     tasks = [
-        (place, {"gamma_n": gamma, "rescaled": rescaled}, dt, seconds, ledger)
-        for rescaled, gamma, dt in cases
+        (place, {"damping_n": gamma, "kind": LAWS[name]}, dt, seconds, ledger)
+        for name, gamma, dt in cases
         for place in starts
     ]
     members = run_members(run_hold, tasks)
     words = [f"{name:>12}" for name in COLUMNS] if ledger else []
     print("history   gamma_n       dt   friction  kin./elast.", *words, sep="  ")
-    for k, (rescaled, gamma, dt) in enumerate(cases):
+    for k, (name, gamma, dt) in enumerate(cases):
         mine = members[k * len(starts) : (k + 1) * len(starts)]
         if failure := next((m.failure for m in mine if m.failure), None):
-            print(f"{'rescaled' if rescaled else 'plain':8}  {gamma:7.1e}  {dt:7.0e}  {failure}")
+            print(f"{name:8}  {gamma:7.1e}  {dt:7.0e}  {failure}")
             continue
         found = [m.result for m in mine]
         change, kinetic = np.mean([f[0] for f in found]), np.mean([f[1] for f in found])
         books = [f"{np.mean([f[2][name] for f in found]):12.2e}" for name in COLUMNS] if ledger else []
-        head = f"{'rescaled' if rescaled else 'plain':8}  {gamma:7.1e}  {dt:7.0e}  {change:9.4f}  {kinetic:11.2e}"
+        head = f"{name:8}  {gamma:7.1e}  {dt:7.0e}  {change:9.4f}  {kinetic:11.2e}"
         print(head, *books, sep="  ", flush=True)
 
 
 def compare_engines() -> None:
     """Compare the relaxation in 0.1 s between engines, for both tangential laws; each engine slides its own samples."""
     protocol = [base().protocol[0].model_dump() | {"holds": (1e-2, 1e-1), "branches": 3}]
-    for rescaled, gamma in product((False, True), (1e4, 6e7)):
+    for name, gamma in product(LAWS, (1e4, 6e7)):
         for engine in ("stickslip", "lammps"):
-            scenario = base(engine=engine, protocol=protocol, law={"gamma_n": gamma, "rescaled": rescaled})
+            scenario = base(engine=engine, protocol=protocol, law={"damping_n": gamma, "kind": LAWS[name]})
             scenario = scenario.model_copy(update={"realizations": 2})
             with TemporaryDirectory() as folder:
                 result = simulate_gouge(scenario, folder=Path(folder))
             curve = measures.hold_curve(result, VELOCITY)
             words = ", ".join(f"{curve.at(t).value:.4f} ± {curve.at(t).half:.4f} at {t:g} s" for t in (1e-2, 1e-1))
-            print(f"{'rescaled' if rescaled else 'plain':8}  {gamma:7.1e}  {engine:9}  {words}", flush=True)
+            print(f"{name:8}  {gamma:7.1e}  {engine:9}  {words}", flush=True)
 
 
 def main() -> None:
@@ -115,9 +116,9 @@ def main() -> None:
     if asked.lammps:
         compare_engines()
     elif asked.steps:
-        rows(product((False,), (1e4, 6e7), STEPS), seconds=2 * HOLD, ledger=False)
+        rows(product(("plain",), (1e4, 6e7), STEPS), seconds=2 * HOLD, ledger=False)
     else:
-        rows(product((False, True), DAMPINGS, (STEPS[0], STEPS[-1])), seconds=HOLD, ledger=True)
+        rows(product(LAWS, DAMPINGS, (STEPS[0], STEPS[-1])), seconds=HOLD, ledger=True)
 
 
 if __name__ == "__main__":

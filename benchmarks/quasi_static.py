@@ -89,9 +89,7 @@ def robustness(count: int, packings: int = 20, n: int = 100) -> list[dict]:
 def rows(full: bool) -> list[dict]:
     """All rows; `full` adds large packings and takes an hour."""
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
-    os.environ["OMP_NUM_THREADS"] = (
-        "1"  # else damped dynamics runs on all cores, and waiting threads count as busy
-    )
+    os.environ["OMP_NUM_THREADS"] = "1"  # else damped dynamics runs on all cores, and waiting threads count as busy
     out = timed_steps(1000, 2e-5, 50) + timed_steps(1000, 1e-4, 50)
     if full:
         out += timed_steps(4000, 2e-5, 30) + timed_steps(4000, 1e-4, 30) + timed_steps(10_000, 2e-5, 20)

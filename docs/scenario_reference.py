@@ -114,12 +114,11 @@ def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:
         rows.append(_row(key, entry, whole, below, key in table.get("required", [])))
         branches = [entry, *entry.get("anyOf", [])]
         many = any(branch.get("type") == "array" and _references(branch) for branch in branches)
-        inner += [(f"[[{place}{key}]]" if many else f"[{place}{key}]", reference) for reference in below]
+        header = f"[[{place}{key}]]" if many else f"[{place}{key}]"
+        inner += [(_header(header, whole["$defs"][one], len(below)), one) for one in below]
     text = "\n".join([HEAD, *rows])
     for header, reference in inner:
         found = whole["$defs"][reference]
-        if "const" in found["properties"].get("kind", {}):
-            header += f' with kind = "{found["properties"]["kind"]["const"]}"'
         if reference in seen:
             text += f"\n\n`{header}` has the same keys as `{seen[reference]}`."
             continue
@@ -127,6 +126,11 @@ def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:
         inside = _tables(found, whole, f"{header.split(']')[0].strip('[')}.", seen)
         text += f"\n\n## `{header}`\n\n{found['description']}\n\n{inside}"
     return text
+
+
+def _header(header: str, table: dict, choices: int) -> str:
+    kind = table["properties"].get("kind", {})
+    return f'{header} with kind = "{kind["const"]}"' if choices > 1 and "const" in kind else header
 
 
 def _references(entry) -> list[str]:

@@ -22,7 +22,7 @@ from stickslip.experiments.gouge.sample import BOTTOM, TOP, _shrink_apart, attac
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 
-LAW = {"gamma_n": 1e4}
+LAW = {"damping_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
 HOLDS = {"kind": "slide-hold-slide", "before": [0.3], "holds": [1e-2]}

@@ -1,11 +1,16 @@
 """Damping of gouge by name: γ_n, or a restitution with the reading that turns it into γ_n."""
 
+import json
+import pickle
+
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
+from stickslip.data.law_schema import LawTable
 from stickslip.experiments.gouge.sample import damping, gouge_law
+from stickslip.experiments.registry import read_scenario
 from stickslip.solve.collision import eq8_damping
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -20,17 +25,17 @@ def of(**law):
 @pytest.mark.parametrize(
     ("law", "words"),
     [
-        ({}, "law has no damping: give gamma_n"),
-        ({"gamma_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
+        ({}, "law has no damping: give damping_n"),
+        ({"damping_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
         ({"restitution": 0.98, **MEETING}, "without law.reading: give reading"),
         ({"restitution": 0.98, "reading": "eq8", "size": 3e-3}, "without law.speed"),
-        ({"gamma_n": 1e4, "speed": 25.0}, "law.speed was given without law.restitution"),
+        ({"damping_n": 1e4, "speed": 25.0}, "law.speed was given without law.restitution"),
         ({"restitution": 0.98, "reading": "literal", **MEETING}, "'eq8' or 'collision'"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.0, **MEETING}, "no solution for poisson = 0"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.5, **MEETING}, "no solution for poisson = 0.5"),
         ({"restitution": 0.98, "reading": "eq8", "damping_ratio": 1 / 3, **MEETING}, "restitution = 0.98 with damping"),
         ({"restitution": 0.0, "reading": "collision", **MEETING}, "greater than 0"),
-        ({"gamma_n": -1.0}, "greater than or equal to 0"),
+        ({"damping_n": -1.0}, "greater than or equal to 0"),
     ],
 )  # fmt: skip
 def test_damping_that_is_not_said_one_way_is_refused(law, words):
@@ -43,8 +48,26 @@ def test_a_scenario_without_a_law_is_refused():
         ss.scenario(experiment="gouge", protocol=SLIDE)
 
 
+def test_old_keys_are_read_from_finished_runs_only(tmp_path):
+    old = {"experiment": "gouge", "protocol": SLIDE, "law": {"gamma_n": 1e4, "restitution": None, "rescaled": True}}
+    (tmp_path / "scenario.json").write_text(json.dumps(old))
+    assert read_scenario(tmp_path / "scenario.json") == of(damping_n=1e4, kind="hertz_mindlin_reff_rescaled")
+    with pytest.raises(ss.experiments.ScenarioError, match="no key 'gamma_n': did you mean 'damping_n'"):
+        ss.scenario(**old)
+
+
+def test_a_law_table_has_the_keys_that_its_experiment_takes():
+    law = of(damping_n=1e4).law
+    assert set(type(law).model_fields) < set(LawTable.model_fields)
+    assert (law.kn, law.wall, law.coulomb, law.damping_ratio) == (None, None, "sharp", 0.5)
+    assert pickle.loads(pickle.dumps(law)) == law
+    for key in ("kn", "wall", "coulomb", "file"):
+        with pytest.raises(ss.experiments.ScenarioError, match=rf"the table \[law\] has no key '{key}'"):
+            of(damping_n=1e4, **{key: 1.0})
+
+
 def test_gamma_is_taken_as_it_is():
-    law = gouge_law(of(gamma_n=123.0, damping_ratio=0.25), 0.5)
+    law = gouge_law(of(damping_n=123.0, damping_ratio=0.25), 0.5)
     assert law.table[0, 0, [DAMPING_N, DAMPING_T]] == pytest.approx([123.0, 30.75])
 
 

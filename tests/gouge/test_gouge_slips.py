@@ -84,5 +84,5 @@ def test_figure_marks_the_slips():
 def test_a_threshold_below_the_drive_is_refused(bad):
     with pytest.raises(ValueError, match="slip_threshold"):
         GougeScenario(
-            law={"gamma_n": 1e4}, protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}], slip_threshold=bad
+            law={"damping_n": 1e4}, protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}], slip_threshold=bad
         )

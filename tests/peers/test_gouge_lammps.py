@@ -21,7 +21,7 @@ from stickslip.experiments.lammps import process
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
 
-SOFT = {"young": 5e9, "gamma_n": 6e7}
+SOFT = {"young": 5e9, "damping_n": 6e7}
 FEW = {"grains": {"number": 100}, "law": SOFT, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
 QUICK = {"unbalanced": 0.05, "most": 1e5}
 

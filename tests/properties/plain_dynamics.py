@@ -355,6 +355,8 @@ class Twin:
                 force = force * (limit / size if at_limit or size > limit else 1.0)
         if fresh:
             after = mode or (SLIDE if limit == 0 else STICK)
+        if limit == 0 and overlap <= 0:
+            after = STICK  # across a gap without friction nothing slides
         # moments
         if law.rolling_stiffness:
             k_r, most = law.rolling_stiffness(overlap, r_eff, q), law.rolling_cap(fn, overlap, r_eff, q)

@@ -101,7 +101,7 @@ def test_every_experiment_knows_its_sources():
 )
 def test_what_is_cited_follows_the_scenario(tables, in_it, not_in_it):
     if tables.get("experiment") == "gouge":
-        tables = tables | {"law": {"gamma_n": 1e4}, "protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]}
+        tables = tables | {"law": {"damping_n": 1e4}, "protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]}
     keys = {key for keys in sources.reference_keys(ss.scenario(**tables)).values() for key in keys}
     assert keys >= set(in_it.split())
     assert not keys & set(not_in_it.split())

@@ -157,7 +157,7 @@ def crushed():
     """Two samples at two levels of friction, and slides after a hold whose peak is 0.05 above either level."""
     parts = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
     load = {"stiffness": 200.0, "definition": "per_stress"}
-    scenario = ss.scenario(experiment="gouge", law={"gamma_n": 1e4}, protocol=parts, load=load)
+    scenario = ss.scenario(experiment="gouge", law={"damping_n": 1e4}, protocol=parts, load=load)
     place = np.arange(1, 401) / 200
 
     def sample(seed, level):

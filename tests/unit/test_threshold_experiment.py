@@ -185,7 +185,7 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
         ({"sample": {"disks": 3}}, "sample has no kind"),
         ({"sample": {"kind": "packing", "grain": 30}}, "did you mean 'grains'"),
         ({"sample": {"kind": "gouge"}}, "law is missing"),
-        ({"sample": {"kind": "gouge", "law": {"gamma_n": 1e4}, "dt": 1e-3}}, "stable only up to"),
+        ({"sample": {"kind": "gouge", "law": {"damping_n": 1e4}, "dt": 1e-3}}, "stable only up to"),
         ({"sample": {"kind": "disk-array", "press": 1.0}}, "more than a fifth of a radius"),
         ({"sample": {"kind": "disk-array", "disks": 3, "disk": 4}}, "use at most 3"),
         ({"load": {"loads": [0.2, 0.1]}}, "loads must rise: sort them"),

@@ -1,12 +1,17 @@
-"""Tables of a scenario that select a contact law, and construction of the law."""
+"""The law table of a scenario: one set of keys, of which each experiment takes some, with its own defaults."""
 
-from typing import Literal
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar, get_args
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
-from .law_file import LawFile, load_law
-from .schema import NotNegative, Positive, ScenarioTable
+from ..builtin_laws import BY_NAME
+from ..core.laws.builtin import DAMPING, DASHPOTS
+from ..core.units import in_si
+from .law_file import LawFile
+from .schema import NotNegative, Positive, ScenarioTable, split_unit
+
+SUBSTRATE = 1  # material of the wall; disks are material 0
 
 
 class Parameters(ScenarioTable):
@@ -15,33 +20,123 @@ class Parameters(ScenarioTable):
     kn: Positive | None = Field(None, description="as `law.kn`")
     kt: NotNegative | None = Field(None, description="as `law.kt`")
     mu: NotNegative | None = Field(None, description="as `law.mu`")
-    damping_n: NotNegative | None = Field(None, description="as `law.damping_n` [force time/length]")
-    damping_t: NotNegative | None = Field(None, description="as `law.damping_t` [force time/length]")
+    damping_n: NotNegative | None = Field(None, description="as `law.damping_n`")
+    damping_t: NotNegative | None = Field(None, description="as `law.damping_t`")
 
 
-class LawChoice(LawFile):
+class LawTable(LawFile):
+    """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution."""
+
+    kind: str = Field("", description="name of the law")
+    coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t approaches the Coulomb limit μ F_n")
+    kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
+    kt: NotNegative | None = Field(None, description="k_t, as `kn`; if it has no value, 2/7 of `kn`")
+    young: Positive | None = Field(None, description="E, which determines k_n and k_t, with `poisson` [stress]")
+    poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
+    mu: NotNegative = Field(0.5, description="friction coefficient between grains")
+    damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
+        None,
+        description="what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, else mass_velocity",
+    )
+    damping_n: NotNegative | None = Field(
+        None, description="γ_n of the normal dashpot, in a unit that depends on `damping`"
+    )
+    damping_t: NotNegative | None = Field(None, description="γ_t of the tangential dashpot, as `damping_n`")
+    damping_ratio: NotNegative | None = Field(
+        None, description="γ_t/γ_n, instead of `damping_t`; if neither has a value, 1/2 with a restitution, otherwise 0"
+    )
+    restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        None, description="coefficient of restitution of two equal grains, instead of damping coefficients"
+    )
+    reading: Literal["eq8", "collision"] | None = Field(
+        None,
+        description="conversion of the restitution to γ_n: eq8, by Eq 8 of Ferdowsi & Rubin 2021 as printed; "
+        "collision, such that a collision under this law has the given restitution",
+    )
+    size: Positive | None = Field(None, description="diameter of the two grains [length]")
+    speed: Positive | None = Field(
+        None, description="speed of their collision; not needed by a linear law [length/time]"
+    )
+    tension: bool = Field(True, description="whether dashpots may make contact forces attractive")
+    wall: Parameters | None = None
+
+    @model_validator(mode="after")
+    def _check_parameters(self):
+        if self.file is not None:
+            return self
+        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        elastic = [name for name in ("young", "poisson") if name in given]
+        plain = [name for name in ("kn", "kt") if name in given]
+        if elastic and plain:
+            raise ValueError(
+                f"law.{elastic[0]} and law.{plain[0]} were both given: give young and poisson, or kn and kt"
+            )
+        if len(elastic) == 1:
+            raise ValueError(f"law.{elastic[0]} was given alone: give young and poisson")
+        if elastic and not BY_NAME[self.kind].uses_radius:
+            raise ValueError(f'law.young was given with law.kind = {self.kind!r}: use kind = "hertz_mindlin_reff"')
+        if not elastic and self.kn is None:
+            raise ValueError("law.kn is missing: give it, or young and poisson")
+        if "damping_t" in given and "damping_ratio" in given:
+            raise ValueError("law.damping_t and law.damping_ratio were both given: give only one of them")
+        if self.restitution is None:
+            for name in ("reading", "size", "speed"):
+                if name in given:
+                    raise ValueError(f"law.{name} was given without law.restitution: give both or neither")
+        elif "damping_n" in given or "damping_t" in given:
+            raise ValueError("law.restitution and damping coefficients were both given: give only one of them")
+        elif self.restitution < 1 and self.kind != "linear" and self.speed is None:
+            raise ValueError(
+                f"law.restitution was given without law.speed, on which that of a {self.kind} law depends: also give "
+                f"law.speed"
+            )
+        return self
+
+
+if TYPE_CHECKING:
+    Table = TypeVar("Table", bound=type[LawTable])
+
+
+def takes(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
+    """Restrict a law table to some laws, the first of which is the default, and to some keys with their defaults.
+
+    Descriptions name the laws, and the units of the default law; in SI units with `si`.
+    """
+
+    def restrict(table: "Table") -> "Table":
+        fields, usual = table.model_fields, BY_NAME[kinds[0]]
+        for name in fields.keys() - defaults.keys() - {"kind"}:
+            setattr(table, name, fields.pop(name).default)
+        fields["kind"].annotation = Literal[kinds]
+        for name, default in {"kind": kinds[0], **defaults}.items():
+            fields[name].default = default
+            if default is not None and type(None) in get_args(fields[name].annotation):
+                fields[name].annotation = get_args(fields[name].annotation)[0]
+        fields["kind"].description = "; ".join(f"{name}: {BY_NAME[name].words}" for name in dict.fromkeys(kinds))
+        stiffness, dashpot = usual.stiffness_unit, DASHPOTS[DAMPING[defaults.get("damping") or usual.damping]][0]
+        units = {"kn": stiffness, "kt": stiffness, "damping_n": dashpot, "damping_t": dashpot}
+        for name, field in fields.items():
+            words, unit = split_unit(field.description)
+            unit = units.get(name, unit)
+            field.description = f"{words} [{in_si(unit) if si else unit}]" if unit else words
+        table.model_rebuild(force=True)
+        return table
+
+    return restrict
+
+
+@takes(
+    "hertz_mindlin", "linear", coulomb="smooth", kn=1.0, kt=2 / 7, mu=10.0, damping="velocity", damping_n=0.0,
+    damping_t=0.0, tension=True, wall=Parameters(), file=None, parameters={}, checksum=None,
+)  # fmt: skip
+class PackingLaw(LawTable):
     """Contact law and its parameters."""
 
-    kind: Literal["hertz_mindlin", "linear"] = Field("hertz_mindlin", description="F_n = k_n δ^(3/2), or k_n δ")
-    coulomb: Literal["smooth", "sharp"] = Field("smooth", description="approach of F_t to the Coulomb limit μ F_n")
-    kn: Positive = Field(1.0, description="k_n; in force/length for a linear law [force/length^(3/2)]")
-    kt: NotNegative = Field(2 / 7, description="k_t, as `kn` [force/length^(3/2)]")
-    mu: NotNegative = Field(10.0, description="friction between grains")
-    damping_n: NotNegative = Field(0.0, description="of the normal dashpot [force time/length]")
-    damping_t: NotNegative = Field(0.0, description="of the tangential dashpot [force time/length]")
-    wall: Parameters = Parameters()
 
-
-def make_law(choice: LawChoice) -> Law:
-    """Contact law selected by a scenario, with separate disk–wall parameters if these differ."""
-    if choice.file is not None:
-        law = load_law(choice)
-    else:
-        law = {"hertz_mindlin": hertz_mindlin, "linear": linear}[choice.kind](
-            choice.kn, choice.kt, choice.mu, coulomb=choice.coulomb, damping_n=choice.damping_n,
-            damping_t=choice.damping_t,
-        )  # fmt: skip
-    return for_pair(law, 0, SUBSTRATE, **{k: v for k, v in choice.wall.model_dump().items() if v is not None})
-
-
-SUBSTRATE = 1  # material of the wall; disks are material 0
+def renamed_keys(law: dict) -> dict:
+    """Law table of a finished run with the present names of its keys, which were others in gouge before version 0.3."""
+    if "gamma_n" not in law:
+        return law
+    kind = "hertz_mindlin_reff" + ("_rescaled" if law.get("rescaled") else "")
+    old = {"gamma_n", "rescaled"}
+    return {"kind": kind, "damping_n": law["gamma_n"]} | {key: law[key] for key in law if key not in old}

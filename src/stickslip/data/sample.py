@@ -156,7 +156,7 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
 
 def law_by_name(
     law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None,
-    damping_n=0.0, damping_t=0.0,
+    damping_n=0.0, damping_t=0.0, tension=True,
 ) -> Law:  # fmt: skip
     """Contact law by name.
 
@@ -182,7 +182,9 @@ def law_by_name(
         if young is not None:
             kn, kt = elastic_constants(young, poisson)
         kn, kt = 1.0 if kn is None else kn, 2 / 7 if kt is None else kt
-        return LAWS[law](kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, **model)
+        return LAWS[law](
+            kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, tension=tension, **model
+        )
     except (TypeError, ValueError) as problem:
         raise PackingError(str(problem)) from None
 

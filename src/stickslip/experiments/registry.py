@@ -10,6 +10,7 @@ from pathlib import Path
 from ..core.arguments import checked
 from ..core.text import read_text, shortened
 from ..data.law_file import check_law_files, trust_law_files, with_laws
+from ..data.law_schema import renamed_keys
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
 from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
@@ -137,6 +138,7 @@ def read_tables(path: str | Path) -> dict:
         found = _JSON_TYPES.get(type(tables), "a number")
         raise ScenarioError(f"the scenario {path} contains {found}, not an object: give the scenario.json of a run")
     _check_whole_numbers(tables, path)
+    tables = with_laws(tables, renamed_keys) if path.suffix == ".json" else tables
     return _resolve_files(tables, path.parent)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ...core.sizes import Size
-from ...data.law_schema import LawChoice
+from ...data.law_schema import PackingLaw
 from ...data.packing_schema import Packing
 from ...data.schema import Positive, ScenarioBase, ScenarioTable, Seed
 
@@ -59,7 +59,7 @@ class CatalogueScenario(ScenarioBase):
         100, description="largest number of packings, with seeds seed, seed + 1, …"
     )
     packing: Packing = Packing(grains=50, dim=2, packing_fraction=0.845)
-    law: LawChoice = LawChoice()
+    law: PackingLaw = PackingLaw()
     shear: EventShear
 
     def sizes(self) -> Iterator[Size]:

@@ -8,11 +8,11 @@ from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
 from ...core.readable import pluralize
 from ...data.checkpoint import checkpoint_in
-from ...data.law_schema import make_law
 from ...ensemble import Member, Workers, reach
 from ...loading.event_types import Event, EventKind, Events, StrainStep
 from ...loading.events import find_events
 from ...loading.packing import PackingInfo
+from ..contact_law import make_law
 from ..experiment import result_of
 from ..jammed_packing import make_packing
 from ..realizations import Report, Task, run_realizations, silent

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ...core.sizes import STATE, Size
-from ...data.law_schema import LawChoice
+from ...data.law_schema import PackingLaw
 from ...data.schema import (
     Duration,
     Finite,
@@ -124,7 +124,7 @@ class DiskArrayScenario(ScenarioBase):
     experiment: Literal["disk-array"] = "disk-array"
     seed: Seed = 0
     array: Array = Array()
-    law: LawChoice = LawChoice()
+    law: PackingLaw = PackingLaw()
     load: Load = Load()
     relaxation: Relaxation = Relaxation()
     dynamics: Dynamics = Dynamics()

@@ -9,7 +9,6 @@ from ...core.laws.builtin import Law
 from ...core.outcome import Outcome, Status
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ...data.law_schema import make_law
 from ...ensemble import Workers
 from ...loading.packing import disk_array, with_push
 from ...loading.protocols import (
@@ -24,6 +23,7 @@ from ...loading.protocols import (
     track_pairs,
 )
 from ...solve.spectrum import Spectrum, spectrum
+from ..contact_law import make_law
 from ..experiment import result_of
 from ..realizations import Report, Task, run_realizations, silent
 from . import EXPERIMENT, fronts

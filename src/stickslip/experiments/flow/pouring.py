@@ -4,20 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...builtin_laws import BY_NAME
 from ...core.arguments import checked
 from ...core.control import rigid
-from ...core.laws.builtin import Law, elastic_constants, for_pair
+from ...core.laws.builtin import Law, for_pair
 from ...core.laws.kinds import Kind
 from ...core.laws.validation import largest_stiffness
 from ...core.laws.values import evaluate
 from ...core.readable import pluralize, readable
 from ...core.sizes import Size, require_sizes
 from ...core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
-from ...data.law_file import load_law
-from ...data.sample import LAWS
 from ...data.schema import ScenarioError
-from ...solve.collision import with_restitution
+from ..contact_law import make_law
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
 
 SAFETY = 0.1  # in √(m/k): a twentieth of a collision's π √(m/2k), a sixth of the stability limit with six contacts
@@ -100,27 +97,7 @@ def _check_sampling(scenario: FlowScenario, dt: float) -> None:
 
 def flow_law(scenario: FlowScenario, radius, mass) -> Law:
     """Return the law of a scenario: grains are material 0, and wall k is material k + 1 if it has its own friction."""
-    chosen, r, m = scenario.law, float(np.mean(radius)), float(np.mean(mass))
-    if chosen.file is not None:
-        return _with_walls(load_law(chosen), scenario)
-    if chosen.young is not None:
-        kn, kt = elastic_constants(chosen.young, chosen.poisson)
-    else:
-        kn, kt = chosen.kn, 2 / 7 * chosen.kn if chosen.kt is None else chosen.kt
-    damping = chosen.damping or BY_NAME[chosen.kind].damping
-    law = LAWS[chosen.kind](
-        kn, kt, chosen.mu, coulomb=chosen.coulomb, damping=damping, damping_n=chosen.damping_n or 0.0,
-        damping_t=chosen.damping_t or 0.0, tension=chosen.tension,
-    )  # fmt: skip
-    if chosen.restitution is not None:
-        # the restitution of a linear law does not depend on the speed: any value of a suitable magnitude works
-        speed = chosen.speed or 0.01 * r * float(np.sqrt(kn / m))
-        law = with_restitution(law, chosen.restitution, radius=r, mass=m, speed=speed)
-    return _with_walls(law, scenario)
-
-
-def _with_walls(law: Law, scenario: FlowScenario) -> Law:
-    """Return the law with the friction coefficients of walls that have their own."""
+    law = make_law(scenario.law, radius=float(np.mean(radius)), mass=float(np.mean(mass)))
     for k, wall in enumerate(scenario.walls):
         if wall.mu is not None:
             law = for_pair(law, 0, k + 1, mu=wall.mu)

@@ -5,13 +5,13 @@ For plates and pouring, y points upwards; gravity is an arbitrary vector. Any co
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ...builtin_laws import BY_NAME, NAMES
+from ...builtin_laws import NAMES
 from ...core.sizes import MOST, STATE, Size
-from ...data.law_file import LawFile
+from ...data.law_schema import LawTable, takes
 from ...data.schema import (
     Finite,
     Listed,
@@ -30,10 +30,6 @@ Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)
 Knot = Annotated[tuple[Finite, Finite], Listed]
 Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  # for tables, files and messages
 Names = Annotated[tuple[str, ...], Listed]
-if TYPE_CHECKING:
-    LawName = str
-else:
-    LawName = Literal[NAMES]
 
 
 class Shaking(ScenarioTable):
@@ -120,63 +116,13 @@ class Pour(ScenarioTable):
         return self
 
 
-class FlowLaw(LawFile):
-    """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution."""
-
-    kind: LawName = Field(
-        "linear",
-        description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slip shrinks as overlap decreases",
-    )  # fmt: skip
-    coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t approaches the Coulomb limit μ F_n")
-    kn: Positive | None = Field(
-        None,
-        description="k_n; unit over length^(1/2) for hertz_mindlin, over length for hertz_mindlin_reff [force/length]",
-    )
-    kt: NotNegative | None = Field(None, description="k_t, in the units of `kn`; default: 2/7 of `kn` [force/length]")
-    young: Positive | None = Field(
-        None, description="E, which determines kn and kt; hertz_mindlin_reff only [force/length²]"
-    )
-    poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
-    mu: NotNegative = Field(0.5, description="friction coefficient between grains")
-    damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
-        None, description="what γ multiplies; default: viscoelastic for hertz_mindlin_reff, otherwise mass_velocity"
-    )
-    damping_n: NotNegative | None = Field(None, description="γ_n, in units that depend on `damping`; default: 0")
-    damping_t: NotNegative | None = Field(None, description="γ_t, as `damping_n`")
-    restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        None, description="restitution of two grains of mean size at `speed`, instead of damping coefficients"
-    )
-    speed: Positive | None = Field(
-        None, description="collision speed for `restitution`; not needed by a linear law [length/time]"
-    )
-    tension: bool = Field(False, description="whether dashpots may make contact forces attractive")
-
-    @model_validator(mode="after")
-    def _check_parameters(self):
-        if self.file is not None:
-            return self
-        elastic = [name for name in ("young", "poisson") if getattr(self, name) is not None]
-        plain = [name for name in ("kn", "kt") if getattr(self, name) is not None]
-        if elastic and plain:
-            raise ValueError(
-                f"law.{elastic[0]} and law.{plain[0]} were both given: give young and poisson, or kn and kt"
-            )
-        if len(elastic) == 1:
-            raise ValueError(f"law.{elastic[0]} was given alone: give young and poisson")
-        if elastic and not BY_NAME[self.kind].uses_radius:
-            raise ValueError(f'law.young was given with law.kind = {self.kind!r}: use kind = "hertz_mindlin_reff"')
-        if not elastic and self.kn is None:
-            raise ValueError("law.kn is missing: give it, or young and poisson")
-        coefficients = self.damping_n is not None or self.damping_t is not None
-        if self.restitution is not None and coefficients:
-            raise ValueError("law.restitution and damping coefficients were both given: give only one of them")
-        if self.restitution is None and self.speed is not None:
-            raise ValueError("law.speed was given without law.restitution: leave it out")
-        if self.restitution not in (None, 1.0) and self.kind != "linear" and self.speed is None:
-            raise ValueError(
-                f"law.restitution of a {self.kind} law depends on the collision speed: also give law.speed"
-            )
-        return self
+@takes(
+    "linear", *NAMES, coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5, damping=None, damping_n=None,
+    damping_t=None, damping_ratio=None, restitution=None, speed=None, tension=False, file=None, parameters={},
+    checksum=None,
+)  # fmt: skip
+class FlowLaw(LawTable):
+    """Contact law; a restitution is that of two grains of mean size."""
 
 
 class Box(ScenarioTable):

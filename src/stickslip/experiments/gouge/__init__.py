@@ -23,7 +23,7 @@ SMALLEST = {
     "realizations": 1,
     "grains": {"number": 70},
     "cell": {"length": 0.016, "width": 0.016},
-    "law": {"gamma_n": 1e4},
+    "law": {"damping_n": 1e4},
     "dt": 2e-7,
     "sample_every": 100,
     "ledger_steps": 0,

@@ -24,7 +24,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
     >>> import stickslip as ss
     >>> slide = {"kind": "slide", "velocity": 0.1, "slip": 1.0}
-    >>> paper = ss.scenario(experiment="gouge", law={"gamma_n": 1e4}, protocol=[slide])
+    >>> paper = ss.scenario(experiment="gouge", law={"damping_n": 1e4}, protocol=[slide])
     >>> k = stiffness(paper, 425.0, "rate_state")
     >>> round(k * paper.grains.mean / paper.load.normal_stress, 2)
     4.28

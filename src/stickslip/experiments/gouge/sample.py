@@ -16,11 +16,11 @@ from ...core.contacts.neighbors import without_walls
 from ...core.control import driven, force_controlled, rigid, spring_loaded
 from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
-from ...core.laws.builtin import DAMPING_N, Law, elastic_constants, hertz_mindlin_reff
+from ...core.laws.builtin import DAMPING_N, Law, with_values
 from ...core.measure import contact_forces, elastic_energy, touching
 from ...core.state import Grains, State, assembly, box, flat_walls, loads, spheres
 from ...data.schema import ScenarioError
-from ...solve.collision import eq8_damping, with_restitution
+from ..contact_law import make_law
 from .scenario import GougeScenario
 
 SPACING = 1.05  # spacing of the lattice on which grains are placed, in largest diameters
@@ -60,29 +60,15 @@ Report = Callable[[str, float, str], None]
 
 def gouge_law(scenario: GougeScenario, mu: float) -> Law:
     """Return the contact law of a scenario with friction `mu`."""
-    chosen = scenario.law
-    kn, kt = elastic_constants(chosen.young, chosen.poisson)
-    gamma = damping(scenario)
-    more = {"rescaled": True} if chosen.rescaled else {}
-    return hertz_mindlin_reff(
-        kn, kt, mu, damping_n=gamma, damping_t=chosen.damping_ratio * gamma, tension=chosen.tension, **more
-    )
+    chosen, meeting = scenario.law, {}
+    if chosen.size is not None:
+        meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
+    return with_values(make_law(chosen, **meeting), mu=mu)
 
 
 def damping(scenario: GougeScenario) -> float:
     """γ_n of a scenario, as given or from its restitution [1/(m s)]."""
-    chosen = scenario.law
-    if chosen.gamma_n is not None:
-        return chosen.gamma_n
-    law = hertz_mindlin_reff(*elastic_constants(chosen.young, chosen.poisson), 0.0, tension=chosen.tension)
-    meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
-    if chosen.reading == "collision":
-        law = with_restitution(law, chosen.restitution, **meeting, speed=chosen.speed, ratio=chosen.damping_ratio)
-        return float(law.table[0, 0, DAMPING_N])
-    return eq8_damping(
-        chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting, speed=chosen.speed,
-        ratio=chosen.damping_ratio,
-    )  # fmt: skip
+    return float(gouge_law(scenario, 0.0).table[0, 0, DAMPING_N])
 
 
 def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:

@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from ...core.sizes import MOST, STATE, Size
+from ...data.law_schema import LawTable, takes
 from ...data.schema import (
     Listed,
     NotNegative,
@@ -56,62 +57,28 @@ class GougeGrains(ScenarioTable):
         return sum(self.diameter) / 2
 
 
-class GougeLaw(ScenarioTable):
-    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021.
+@takes(
+    "hertz_mindlin_reff", "hertz_mindlin_reff_rescaled", young=50e9, poisson=0.3, mu=0.5, damping_n=None,
+    damping_ratio=0.5, restitution=None, reading=None, size=None, speed=None, tension=True, si=True,
+)  # fmt: skip
+class GougeLaw(LawTable):
+    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021, with its defaults.
 
-    The normal dashpot is given either by `gamma_n`, or by a `restitution` together with the `reading` that converts it
-    to γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
+    The normal dashpot is given either by `damping_n`, or by a `restitution` together with the `reading` that converts
+    it to γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
     """
-
-    young: Positive = Field(50e9, description="Young's modulus; Ferdowsi & Rubin 2021 [Pa]")
-    poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="Poisson's ratio; Ferdowsi & Rubin 2021")
-    mu: NotNegative = Field(0.5, description="friction coefficient between grains; Ferdowsi & Rubin 2021")
-    gamma_n: NotNegative | None = Field(
-        None, description="γ_n of the normal dashpot √(δ R_eff) m_eff γ_n v_n, instead of a restitution [1/(m s)]"
-    )
-    restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        None,
-        description=(
-            "coefficient of restitution of two equal grains of diameter `size` that meet at `speed`, instead of "
-            "`gamma_n`"
-        ),
-    )
-    reading: Literal["eq8", "collision"] | None = Field(
-        None,
-        description=(
-            "conversion of the restitution to γ_n: eq8, by Eq 8 of Ferdowsi & Rubin 2021 as printed; collision, such "
-            "that a collision under this law has the given restitution"
-        ),
-    )
-    size: Positive | None = Field(None, description="diameter of the two grains [m]")
-    speed: Positive | None = Field(None, description="speed of the collision [m/s]")
-    damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n; Ferdowsi & Rubin 2021")
-    tension: bool = Field(
-        True, description="whether dashpots may make a contact attractive, as in Eq 1 of Ferdowsi & Rubin 2021"
-    )
-    rescaled: bool = Field(
-        False,
-        description="whether the slip shrinks with the contact radius on unloading, as in LAMMPS `mindlin_rescale`",
-    )
 
     @model_validator(mode="after")
     def _check_damping(self):
-        of_collision = {"reading": self.reading, "size": self.size, "speed": self.speed}
-        given = [name for name, value in of_collision.items() if value is not None]
-        if self.gamma_n is not None and self.restitution is not None:
-            raise ValueError("law.gamma_n and law.restitution were both given: give only one of them")
-        if self.restitution is None:
-            if given:
-                raise ValueError(f"law.{given[0]} was given without law.restitution: give both or neither")
-            if self.gamma_n is None:
-                raise ValueError(
-                    "law has no damping: give gamma_n [1/(m s)], or restitution with reading, size and speed"
-                )
-        elif len(given) < len(of_collision):
-            lacking = next(name for name, value in of_collision.items() if value is None)
+        if self.restitution is None and self.damping_n is None:
             raise ValueError(
-                f"law.restitution was given without law.{lacking}: give reading ('eq8' or 'collision'), size and "
-                f"speed of the collision, or gamma_n instead"
+                "law has no damping: give damping_n [1/(m s)], or restitution with reading, size and speed"
+            )
+        lacking = [name for name in ("reading", "size", "speed") if getattr(self, name) is None]
+        if self.restitution is not None and lacking:
+            raise ValueError(
+                f"law.restitution was given without law.{lacking[0]}: give reading ('eq8' or 'collision'), size and "
+                f"speed of the collision, or damping_n instead"
             )
         return self
 
@@ -122,12 +89,12 @@ class GougeLaw(ScenarioTable):
         if abs(3 * self.damping_ratio - 1) < 1e-9:
             raise ValueError(
                 f"law.reading = 'eq8' has no solution for restitution = {self.restitution:g} with damping_ratio = 1/3, "
-                f"where Eq 8 dissipates nothing: give another ratio, or gamma_n"
+                f"where Eq 8 dissipates nothing: give another ratio, or damping_n"
             )
         if not 0 < abs(self.poisson) < 0.5:
             raise ValueError(
                 f"law.reading = 'eq8' has no solution for poisson = {self.poisson:g}, where A is zero or infinite: "
-                f"give another value between 0 and 1/2, or gamma_n"
+                f"give another value between 0 and 1/2, or damping_n"
             )
         return self
 

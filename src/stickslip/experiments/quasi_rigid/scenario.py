@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ...core.sizes import STATE, Size
+from ...data.law_schema import LawTable, takes
 from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
@@ -23,12 +24,9 @@ class Disks(ScenarioTable):
     )
 
 
-class Springs(ScenarioTable):
-    """Contact law `linear` with sharp friction."""
-
-    kn: Positive = Field(1.0, description="K_n [force/length]")
-    kt: Positive = Field(0.5, description="K_t [force/length]")
-    mu: NotNegative = Field(0.5, description="friction coefficient between disks, and between disks and walls")
+@takes("linear", kn=1.0, kt=0.5, mu=0.5)
+class SpringLaw(LawTable):
+    """Linear springs with sharp friction, between disks and between disks and walls."""
 
 
 class Loading(ScenarioTable):
@@ -77,7 +75,7 @@ class QuasiScenario(ScenarioBase):
     seed: Seed = 0
     samples: Annotated[int, Field(ge=1, le=100)] = Field(1, description="packings, prepared from seed, seed + 1, …")
     disks: Disks = Disks()
-    law: Springs = Springs()
+    law: SpringLaw = SpringLaw()
     loading: Loading = Loading()
     dynamics: Slow = Slow()
 
@@ -101,8 +99,9 @@ class QuasiScenario(ScenarioBase):
                 f"disks.pressure / law.kn = {overlap:g} was given, but quasi-rigid grains overlap only slightly: use "
                 f"at most 0.01"
             )
-        if self.law.mu == 0:
-            raise ValueError(
-                "law.mu = 0 was given, but without friction no contact slides or sticks: use a positive mu"
-            )
+        for name in ("mu", "kt"):
+            if getattr(self.law, name) == 0:
+                raise ValueError(
+                    f"law.{name} = 0 was given, but without friction no contact slides or sticks: use a positive {name}"
+                )
         return self

@@ -139,7 +139,11 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     disks, load = scenario.disks, scenario.loading
     make = biaxial_box if load.test == "biaxial" else sheared_box
     state, law = make(
-        disks.number, pressure=disks.pressure, radius=disks.radius, seed=seed, **scenario.law.model_dump()
+        disks.number,
+        pressure=disks.pressure,
+        radius=disks.radius,
+        seed=seed,
+        **scenario.law.model_dump(exclude={"kind"}),
     )
     if load.test == "biaxial":
         wall = disks.number + (TOP if load.wall == "top" else RIGHT)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ...core.sizes import STATE, Size
-from ...data.law_schema import LawChoice
+from ...data.law_schema import PackingLaw
 from ...data.packing_schema import Packing
 from ...data.schema import Duration, Loads, Positive, ScenarioBase, ScenarioTable, Seed, Several
 
@@ -74,7 +74,7 @@ class ShearScenario(ScenarioBase):
     seed: Seed = 0
     packings: Annotated[int, Field(ge=1, le=1000)] = Field(5, description="independent packings")
     packing: Packing = Packing()
-    law: LawChoice = LawChoice()
+    law: PackingLaw = PackingLaw()
     shear: Shear = Shear()
     release: Release = Release()
 

@@ -13,7 +13,6 @@ from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.readable import readable
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ...data.law_schema import make_law
 from ...ensemble import Member, Workers
 from ...loading.packing import PackingInfo
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
@@ -21,6 +20,7 @@ from ...loading.quasistatic import aqs, parse_warning
 from ...loading.release import Released, release
 from ...solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
 from ...solve.spectrum import spectrum
+from ..contact_law import make_law
 from ..experiment import result_of
 from ..jammed_packing import make_packing
 from ..realizations import Realizations, Report, Task, run_realizations, silent

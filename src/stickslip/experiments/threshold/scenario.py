@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ...core.sizes import Size
-from ...data.law_schema import LawChoice
+from ...data.law_schema import PackingLaw
 from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 from ..disk_array.scenario import Array, DiskArrayScenario, Relaxation
 from ..gouge.scenario import GougeCell, GougeGrains, GougeLaw, GougeLoad, GougeScenario, Preparation, Settling, Slide
@@ -30,7 +30,7 @@ class ArraySample(Array):
     kind: Literal["disk-array"] = "disk-array"
     press: Positive = Field(5e-5, description="force on every disk, towards the substrate [force]")
     disk: Annotated[int, Field(ge=1)] = Field(1, description="number of the pushed disk, counted from 1")
-    law: LawChoice = LawChoice()
+    law: PackingLaw = PackingLaw()
     relaxation: Relaxation = Relaxation()
 
     def recipe(self, top: float, step: float) -> DiskArrayScenario:
@@ -55,7 +55,7 @@ class PackingSample(Packing):
     """
 
     kind: Literal["packing"] = "packing"
-    law: LawChoice = LawChoice()
+    law: PackingLaw = PackingLaw()
 
 
 class GougeSample(ScenarioTable):

@@ -11,12 +11,12 @@ from ...core.measure import pressure
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
-from ...data.law_schema import make_law
 from ...data.schema import ScenarioError
 from ...ensemble import Workers
 from ...loading.protocols import Equilibrium, Protocol, load_path, solve_point
 from ...loading.stress import cell_shear, plate_shear
 from ...loading.threshold import LEGS, KineticThreshold, kinetic_threshold, travel
+from ..contact_law import make_law
 from ..disk_array import simulate as disk_array
 from ..experiment import result_of
 from ..gouge.sample import Gouge, prepare_sample

@@ -1,0 +1,45 @@
+"""Contact law of a scenario, from its law table."""
+
+import numpy as np
+
+from ..builtin_laws import BY_NAME
+from ..core.laws.builtin import KN, Law, for_pair, with_values
+from ..data.law_file import load_law
+from ..data.law_schema import SUBSTRATE, LawTable
+from ..data.sample import law_by_name
+from ..solve.collision import eq8_damping, with_restitution
+
+
+def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) -> Law:
+    """Contact law that a scenario selects, with separate parameters for walls if its table has them.
+
+    `radius` and `mass` are those of the two grains whose collision has the given restitution.
+    """
+    law = _built_in(chosen) if chosen.file is None else load_law(chosen)
+    if chosen.restitution is not None:
+        law = _with_restitution(law, chosen, radius, mass)
+    if chosen.wall is None:
+        return law
+    return for_pair(law, 0, SUBSTRATE, **{k: v for k, v in chosen.wall.model_dump().items() if v is not None})
+
+
+def _built_in(chosen: LawTable) -> Law:
+    kt = 2 / 7 * chosen.kn if chosen.kt is None and chosen.kn is not None else chosen.kt
+    damping_n, damping_t = chosen.damping_n or 0.0, chosen.damping_t
+    return law_by_name(
+        chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
+        damping=chosen.damping or BY_NAME[chosen.kind].damping, damping_n=damping_n,
+        damping_t=(chosen.damping_ratio or 0.0) * damping_n if damping_t is None else damping_t,
+        tension=chosen.tension,
+    )  # fmt: skip
+
+
+def _with_restitution(law: Law, chosen: LawTable, radius: float, mass: float) -> Law:
+    ratio = 0.5 if chosen.damping_ratio is None else chosen.damping_ratio
+    # the restitution of a linear law does not depend on the speed: any value of a suitable magnitude works
+    speed = chosen.speed or 0.01 * radius * float(np.sqrt(law.table[0, 0, KN] / mass))
+    meeting = {"radius": radius, "mass": mass, "speed": speed, "ratio": ratio}
+    if chosen.reading != "eq8":
+        return with_restitution(law, chosen.restitution, **meeting)
+    gamma = eq8_damping(chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting)
+    return with_values(law, damping_n=gamma, damping_t=ratio * gamma)
