@@ -86,9 +86,9 @@ def test_every_c_function_of_a_law_is_its_python_function(name):
         if MEMBERS[member] not in own.functions:
             continue
         found, numbers = np.zeros((2, POINTS)), np.ascontiguousarray(law.table[0, 0])
-        arrays = numbers, at["r_eff"], at["overlap"], at["normal_force"], found[0], found[1]
+        arrays = numbers, at["r_eff"], at["overlap"], at["normal_force"], np.zeros(0), found[0], found[1]
         q, *rest = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
-        ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, *5 * [ctypes.c_void_p])(
+        ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, *6 * [ctypes.c_void_p])(
             block_function(law.kind, member).address
         )(q, POINTS, *rest)
         for values, (role, step) in zip(found, outputs, strict=False):

@@ -73,6 +73,7 @@ struct Block {
   const double *q;
   const double *size, *mass, *vector;  // null where they are not used
   const double *scratch;
+  const int64_t *modes;
   bool predict;
   int64_t used;  // lanes
 };
@@ -100,6 +101,7 @@ inline Geometry geometry(const Block &block, int64_t l) {
   Real overlap = load(block.scratch + RADII + l) - distance;
   out.r_eff = block.size ? load(block.size + l) : Real{} + 1.0;
   out.edge = block.law.range ? -load(block.scratch + EDGE + l) : Real{};
+  if (block.law.bonds) out.edge = select(load(block.modes + l) == OPEN, Real{}, out.edge);
   out.touches = overlap > out.edge;
   out.overlap = select(out.touches, overlap, out.edge);
   return out;
@@ -142,13 +144,13 @@ void evaluate_user_law(const Block &block, double *scratch) {
   if (!block.size)
     for (double &value : unused) value = 1.0;
   reinterpret_cast<LawFunction>(law.force)(block.q, block.used, size, scratch + OVERLAP, scratch + OVERLAP,
-                                           scratch + ELASTIC, scratch + STIFFNESS);
+                                           nullptr, scratch + ELASTIC, scratch + STIFFNESS);
   if (!law.cap) return;
   for (int64_t l = 0; l < block.used; l += W)
     store(scratch + TOTAL + l, normal_force<DIM>(block, geometry<DIM>(block, l), l).total);
   double second[LANES];
-  reinterpret_cast<LawFunction>(law.cap)(block.q, block.used, size, scratch + OVERLAP, scratch + TOTAL, scratch + LIMIT,
-                                         second);
+  reinterpret_cast<LawFunction>(law.cap)(block.q, block.used, size, scratch + OVERLAP, scratch + TOTAL, nullptr,
+                                         scratch + LIMIT, second);
 }
 
 // Forces and memory of one block. Lanes that do not touch get zeros.
@@ -202,7 +204,7 @@ bool is_idle(const Block &block, const int64_t *modes) {
   for (int64_t l = 0; l < block.used; l += W) {
     Vec<Real> r = planes<DIM>(block.scratch + PAIR + l);
     Real reach = load(block.scratch + RADII + l), square;
-    if (block.law.range) reach += load(block.scratch + EDGE + l);
+    if (block.law.range && !block.law.bonds) reach += load(block.scratch + EDGE + l);
     if (block.vector) {
       square = dot(r, planes<DIM>(block.vector + l));
       square = square * magnitude(square), reach = reach * magnitude(reach);
@@ -234,11 +236,12 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
     const int64_t used = blocks.used.data[b];
     Block block = {law, q, needs_radius(law) ? blocks.size.data + LANES * b : nullptr,
                    needs_mass(law) ? blocks.mass.data + LANES * b : nullptr,
-                   blocks.wall.data[b] ? blocks.vector.data + blocks.at.data[b] : nullptr, scratch, predict, used};
+                   blocks.wall.data[b] ? blocks.vector.data + blocks.at.data[b] : nullptr, scratch,
+                   blocks.mode.data + LANES * b, predict, used};
     if (law.range) {
       double unused[LANES];
       reinterpret_cast<LawFunction>(law.range)(q, used, block.size ? block.size : unused, unused, unused,
-                                               scratch + EDGE, unused);
+                                               nullptr, scratch + EDGE, unused);
     }
     const int64_t place = blocks.place.data[b];
     if (is_idle<DIM>(block, blocks.mode.data + LANES * b)) {

@@ -1,6 +1,6 @@
 // Everything that Python calls, and the arrays that it passes. `core/library.py` reads this file: one member or function
-// per declaration; `len_x` is filled with len(x). Pointers may be null where a comment says so. See `core.fields` for
-// shapes and ranges of the fields of a state.
+// per declaration; `len_x` is filled with len(x), and `width_x` with the number of its columns. Pointers may be null
+// where a comment says so. See `core.fields` for shapes and ranges of the fields of a state.
 #pragma once
 #include <stdint.h>
 
@@ -41,7 +41,8 @@ struct Contacts {
   uint8_t *reached;
   double *origin;  // (B, 3)
   int64_t *count;  // (1,)
-  double *rolling;  // (C, 7) or null
+  double *rolling;  // (C, columns) or null: rolling memory, then a law's own
+  int64_t width_rolling;
   int64_t len_i;
   int64_t len_key;
   int64_t len_pair;
@@ -133,9 +134,10 @@ API int64_t find_runaway(const Moving *moving, double dt);  // first that moves 
 
 // ---- contact laws
 
-// A function of a user's law for n contacts of one pair of materials, see `laws.user`
+// A function of a user's law for n contacts of one pair of materials, see `laws.user`. If the law has a memory of its own,
+// n is one, and `memory` is that of the contact
 typedef void (*LawFunction)(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
-                            double *one, double *two);
+                            const double *memory, double *one, double *two);
 
 struct Law {
   int64_t hertz;        // F_n grows as overlap^(3/2), else linearly
@@ -154,9 +156,14 @@ struct Law {
   void *cap_slopes;     // d(cap)/dF_n and d(cap)/dδ
   void *energy;         // of the normal spring
   void *range;          // largest gap, null: 0
+  int64_t bonds;        // gaps are bridged only after the two have touched
   void *rolling;        // k_r and dk_r/dδ, null: no rolling resistance
   void *rolling_cap;    // largest moment
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
+  int64_t rolls;         // there is a rolling memory
+  void *update;          // own memory at a given overlap
+  double *memory;        // of a contact that closes
+  int64_t len_memory;
 };
 
 // ---- neighbours
@@ -313,6 +320,7 @@ struct LawValues {
   double *r_eff;
   double *m_eff;
   double *fn;     // normal force with its dashpot
+  double *memory;  // (n, len_memory) of contacts, null: as they close
   double *force;  // results (n,), null where not needed: of the normal spring
   double *stiffness;
   double *energy;

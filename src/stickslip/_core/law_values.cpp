@@ -9,7 +9,8 @@ static void put(double *to, int64_t k, Slopes<double> value) {
 
 void law_values(const Law *law, const LawValues *at) {
   for (int64_t k = 0; k < at->len_a; k++) {
-    const double *q = parameters(*law, at->a[k], at->b[k]);
+    const double *own = at->memory ? at->memory + k * law->len_memory : law->memory;
+    const Parameters q = {parameters(*law, at->a[k], at->b[k]), own};
     double overlap = at->overlap[k], r_eff = at->r_eff[k], fn = at->fn[k];
     if (at->force) at->force[k] = elastic(*law, q, r_eff, overlap).force;
     if (at->stiffness) at->stiffness[k] = elastic(*law, q, r_eff, overlap).stiffness;

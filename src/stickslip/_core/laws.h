@@ -17,6 +17,13 @@ struct Slopes {
   T first, second;
 };
 
+// Parameters of a pair of materials, and a contact's own memory where a law has one.
+struct Parameters {
+  const double *table, *memory;
+  Parameters(const double *table = nullptr, const double *memory = nullptr) : table(table), memory(memory) {}
+  double operator[](int64_t k) const { return table[k]; }
+};
+
 inline const double *parameters(const Law &law, int64_t a, int64_t b) {
   return law.table + (a * law.len_table + b) * law.width;
 }
@@ -26,54 +33,76 @@ inline bool needs_mass(const Law &law) { return law.damping == MASS_DAMPING || l
 
 // Elastic normal force and tangential stiffness of a built-in law; overlap > 0.
 template <class T>
-inline Elastic<T> built_in(const Law &law, const double *q, T r_eff, T overlap) {
+inline Elastic<T> built_in(const Law &law, Parameters q, T r_eff, T overlap) {
   if (!law.hertz) return {q[KN] * overlap, T{} + q[KT]};
   T radius = root(law.uses_radius ? overlap * r_eff : overlap);
   return {q[KN] * overlap * radius, q[KT] * radius};
 }
 
 // Result of a function of a user's law at one contact.
-inline Slopes<double> call(void *function, const double *q, double r_eff, double overlap, double fn) {
+inline Slopes<double> call(void *function, Parameters q, double r_eff, double overlap, double fn) {
   double one = 0.0, two = 0.0;
-  reinterpret_cast<LawFunction>(function)(q, 1, &r_eff, &overlap, &fn, &one, &two);
+  reinterpret_cast<LawFunction>(function)(q.table, 1, &r_eff, &overlap, &fn, q.memory, &one, &two);
   return {one, two};
 }
 
-inline Elastic<double> elastic(const Law &law, const double *q, double r_eff, double overlap) {
+inline Elastic<double> elastic(const Law &law, Parameters q, double r_eff, double overlap) {
   if (!law.force) return built_in(law, q, r_eff, overlap);
   Slopes<double> found = call(law.force, q, r_eff, overlap, 0.0);
   return {found.first, found.second};
 }
 
 // Derivatives dF_n/dδ and dk_t/dδ.
-inline Slopes<double> tangents(const Law &law, const double *q, double r_eff, double overlap) {
+inline Slopes<double> tangents(const Law &law, Parameters q, double r_eff, double overlap) {
   if (law.slopes) return call(law.slopes, q, r_eff, overlap, 0.0);
   Elastic<Dual> found = built_in(law, q, Dual{r_eff, 0.0}, Dual{overlap, 1.0});
   return {found.force.slope, found.stiffness.slope};
 }
 
-inline double range(const Law &law, const double *q, double r_eff) {
+inline double range(const Law &law, Parameters q, double r_eff) {
   return law.range ? call(law.range, q, r_eff, 0.0, 0.0).first : 0.0;
+}
+
+// Largest gap at which a pair acts; `open`: it has not touched.
+inline double reach(const Law &law, Parameters q, double r_eff, bool open) {
+  return law.bonds && open ? 0.0 : range(law, q, r_eff);
+}
+
+constexpr int64_t ROLLING = 7;  // first columns of `Contacts.rolling` if a law has rolling resistance
+
+inline double *own_memory(const Law &law, const Contacts &contacts, int64_t c) {
+  return contacts.rolling + contacts.width_rolling * c + (law.rolls ? ROLLING : 0);
+}
+
+// Own memory of contact c, which is that of a new one if it is open.
+inline const double *memory_at(const Law &law, const Contacts &contacts, int64_t c) {
+  bool has = contacts.width_rolling == (law.rolls ? ROLLING : 0) + law.len_memory;
+  return law.len_memory && has && contacts.mode[c] != OPEN ? own_memory(law, contacts, c) : law.memory;
+}
+
+inline void update_memory(const Law &law, Parameters q, double r_eff, double overlap, double *own) {
+  double fn = 0.0, unused;
+  reinterpret_cast<LawFunction>(law.update)(q.table, 1, &r_eff, &overlap, &fn, q.memory, own, &unused);
 }
 
 // Coulomb limit of a law without a cap of its own; `viscous_rate`: as LAMMPS, which takes |F_n|.
 template <class T>
-inline T coulomb_limit(const double *q, T fn, bool viscous_rate) {
+inline T coulomb_limit(Parameters q, T fn, bool viscous_rate) {
   return q[MU] * (viscous_rate ? magnitude(fn) : larger(fn, T{}));
 }
 
-inline double cap(const Law &law, const double *q, double r_eff, double overlap, double fn, bool viscous_rate = false) {
+inline double cap(const Law &law, Parameters q, double r_eff, double overlap, double fn, bool viscous_rate = false) {
   if (law.cap) return call(law.cap, q, r_eff, overlap, fn).first;
   return coulomb_limit(q, fn, viscous_rate && !law.force);
 }
 
 // Derivatives of the cap with respect to F_n and to the overlap, where F_n > 0.
-inline Slopes<double> cap_slopes(const Law &law, const double *q, double r_eff, double overlap, double fn) {
+inline Slopes<double> cap_slopes(const Law &law, Parameters q, double r_eff, double overlap, double fn) {
   if (law.cap_slopes) return call(law.cap_slopes, q, r_eff, overlap, fn);
   return {q[MU], 0.0};
 }
 
-inline double normal_energy(const Law &law, const double *q, double r_eff, double overlap) {
+inline double normal_energy(const Law &law, Parameters q, double r_eff, double overlap) {
   if (law.energy) return call(law.energy, q, r_eff, overlap, 0.0).first;
   return built_in(law, q, r_eff, overlap).force * overlap / (law.hertz ? 2.5 : 2.0);
 }

@@ -9,6 +9,7 @@ enum Column { KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, VISCOUS, DRAG, NON
 struct End {  // a contact at one end of a step
   Pair pair;
   double depth;               // overlap plus range
+  double normal;              // elastic normal force
   double stored, energy;      // of the normal and of the tangential spring
   double given[2], slope[2];  // k_t and Coulomb limit, and derivatives of `energy` with respect to them
   double friction;            // tangential force without its dashpot
@@ -50,18 +51,23 @@ static void store_energy(const Law &law, Vec<double> slip, End &end) {
   end.slope[1] = -stiffness * square * x * (1.0 / 3.0 - x / 2.0) / limit;
 }
 
-// Contact c of the list `after` the step, with the bodies and the slip at one end of the step.
-static End evaluate(const LedgerStep &step, const Bodies &bodies, const double *shift, int64_t c, Vec<double> slip) {
+// Contact c of the list `after` the step, at one end of the step, with the contact's own memory there.
+static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, const double *memory) {
   const Law &law = *step.law;
+  const Bodies &bodies = at_end ? *step.now : *step.old;
+  const Vec<double> slip = at_end ? kept.now : kept.old;
   int dim = static_cast<int>(step.dim);
   End end = {};
-  Pair pair = end.pair = pair_at(law, dim, bodies, *step.after, shift, c);
-  const double *q = pair.q, edge = range(law, q, pair.r_eff), overlap = pair.touches ? pair.overlap : 0.0 - edge;
+  Pair &pair = end.pair = pair_at(law, dim, bodies, *step.after, at_end ? step.shift_now : step.shift_old, c);
+  if (law.bonds) pair.touches = at_end ? kept.closed : kept.known;
+  pair.q.memory = memory;
+  const Parameters q = pair.q;
+  const double edge = reach(law, q, pair.r_eff, !kept.known), overlap = pair.touches ? pair.overlap : 0.0 - edge;
   Elastic<double> spring = elastic(law, q, pair.r_eff, overlap);
   end.depth = pair.overlap + edge;
   end.given[0] = spring.stiffness;
   if (!pair.touches) return end;
-  double fn = spring.force, vn = 0.0, factor = 0.0;
+  double fn = end.normal = spring.force, vn = 0.0, factor = 0.0;
   Vec<double> v = {};
   if (law.damping) {
     v = surface_velocity(dim, bodies, pair, step.after->i[c], step.after->j[c]);
@@ -141,6 +147,14 @@ static double nonpotential(const Law &law, Kept slip, const End &old, const End 
   return sum;
 }
 
+// Energy created as a bond forms or breaks, or as the own memory of a contact changes: that stored less the work done.
+static double hysteresis(const Law &law, Kept slip, const End &old, const End &now) {
+  bool changes = slip.known != slip.closed;
+  for (int64_t k = 0; k < law.len_memory; ++k) changes |= old.pair.q.memory[k] != now.pair.q.memory[k];
+  if (!changes || !(law.bonds || law.len_memory)) return 0.0;
+  return now.stored - old.stored - 0.5 * (now.normal + old.normal) * (now.pair.overlap - old.pair.overlap);
+}
+
 // Work of the contact on the cell and on imposed motions, up to the sign.
 static double imposed_work(const LedgerStep &step, int64_t c, const End &old, const End &now) {
   int64_t i = step.after->i[c], j = step.after->j[c];
@@ -165,19 +179,19 @@ static void add_contact(const LedgerStep &step, int64_t m, int64_t c) {
   const Law &law = *step.law;
   double *slips[2] = {step.before->slip, step.after->slip}, *rolls[2] = {step.before->rolling, step.after->rolling};
   Kept slip = kept(step, slips, 3, m, c);
-  End now = evaluate(step, *step.now, step.shift_now, c, slip.now);
-  End old = step.first ? End{} : evaluate(step, *step.old, step.shift_old, c, slip.old);
+  End now = evaluate(step, true, c, slip, memory_at(law, *step.after, c));
+  End old = step.first ? End{} : evaluate(step, false, c, slip, m < 0 ? law.memory : memory_at(law, *step.before, m));
   // LAMMPS counts the whole step of a contact that closes or opens
   bool whole = law.rate || slip.known == slip.closed || now.depth == old.depth;
   double fraction = whole ? 1.0 : larger(now.depth, old.depth) / fabs(now.depth - old.depth);
   Vec<double> d = now.pair.r - old.pair.r, mid = mid_normal(now.pair.n, law.rate ? 0.0 : now.pair.inverse, d);
   step.row[NORMAL] += now.stored;
   step.row[TANGENTIAL] += now.energy;
-  if (law.rolling) add_rolling(step, c, kept(step, rolls, 7, m, c), old, now, mid, fraction);
+  if (law.rolling) add_rolling(step, c, kept(step, rolls, step.after->width_rolling, m, c), old, now, mid, fraction);
   if (step.first) return;
   bool stays = slip.known && slip.closed, touched = slip.known || slip.closed;
   double fade = law.rescaled && stays ? contact_radius_ratio(now.depth, now.depth - old.depth) : 1.0;
-  step.row[NONPOTENTIAL] += nonpotential(law, slip, old, now, fade);
+  step.row[NONPOTENTIAL] += nonpotential(law, slip, old, now, fade) + hysteresis(law, slip, old, now);
   step.row[VISCOUS] += 0.5 * step.dt * (now.power + old.power);
   step.row[EXTERNAL] -= imposed_work(step, c, old, now);
   if (touched)

@@ -38,7 +38,8 @@ static Transport<double> transported(const Law &law, const Bodies &bodies, const
 template <int DIM>
 static void linearise_contact(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
                               int64_t memory, const Linearisation &out, int64_t c) {
-  const double *q = pair.q, r_eff = pair.r_eff, overlap = pair.overlap;
+  const Parameters q = pair.q;
+  const double r_eff = pair.r_eff, overlap = pair.overlap;
   Elastic<double> spring = elastic(law, q, r_eff, overlap);
   Slopes<double> slope = tangents(law, q, r_eff, overlap);
   double limit = cap(law, q, r_eff, overlap, spring.force);
@@ -87,7 +88,8 @@ static Slopes<double> rolling_stiffness(const Law &law, const Pair &pair) {
 template <int DIM>
 static void linearise_moment(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
                              int64_t memory, const MomentLinearisation &out, int64_t c) {
-  const double *own = contacts.rolling + ROLLING * c, *q = pair.q;
+  const double *own = contacts.rolling + contacts.width_rolling * c;
+  const Parameters q = pair.q;
   Vec<double> a = {}, d = {};
   if (contacts.mode[c] != OPEN) {
     Vec<double> way = relative_angle(DIM, bodies.angle, contacts.i[c], contacts.j[c]) - vector_at(3, own + ANCHOR, 0);

@@ -14,7 +14,7 @@ void free_pairs(Pairs *pairs) {
 
 namespace {
 
-constexpr int64_t OPEN = 0, ROLLING = 7;  // numbers in a row of rolling memory
+constexpr int64_t OPEN = 0;
 
 // Row of a key in a list, or −1.
 int64_t find_row(const Pairs &pairs, int64_t grain, int64_t key) {
@@ -34,15 +34,16 @@ void copy(double *to, int64_t row, const double *from, int64_t old_row, int64_t 
   memcpy(to + row * width, from + old_row * width, width * sizeof(double));
 }
 
-// Copies the memory of every closed contact that is in both lists, and rolling memory also of open ones.
+// Copies the memory of every closed contact that is in both lists, and that of rolling and of laws also of open ones.
 void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list) {
-  const bool anchors = old.len_pair > 0 && list.len_pair > 0, rolls = old.rolling && list.rolling;
+  const bool anchors = old.len_pair > 0 && list.len_pair > 0;
+  const bool rolls = old.width_rolling && old.width_rolling == list.width_rolling;
   for (int64_t c = 0; c < old.count[0]; ++c) {
     if (old.mode[c] == OPEN && !rolls) continue;
     const int16_t *image = old.image + 3 * c;
     const int64_t row = find_row(pairs, old.i[c], pack_key(old.i[c], old.j[c], image[0], image[1], image[2]));
     if (row < 0) continue;
-    if (rolls) copy(list.rolling, row, old.rolling, c, ROLLING);
+    if (rolls) copy(list.rolling, row, old.rolling, c, list.width_rolling);
     if (old.mode[c] == OPEN) continue;
     list.mode[row] = old.mode[c];
     list.reached[row] = old.reached[c];

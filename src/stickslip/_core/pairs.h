@@ -8,7 +8,7 @@ struct Pair {
   double inverse;        // 1/|r|, zero at walls, whose normal does not rotate
   double overlap;
   double r_eff, m_eff;   // 1 where the law does not use them
-  const double *q;       // parameters
+  Parameters q;
   bool wall, touches;    // within the range of the law
 };
 
@@ -60,9 +60,9 @@ inline Pair pair_at(const Law &law, int dim, const Bodies &bodies, const Contact
     pair.n = pair.inverse * pair.r;
     pair.overlap = bodies.radius[i] + bodies.radius[j] - distance;
   }
-  pair.q = parameters(law, bodies.material[i], bodies.material[j]);
+  pair.q = {parameters(law, bodies.material[i], bodies.material[j]), memory_at(law, contacts, c)};
   pair.r_eff = needs_radius(law) ? effective_radius(bodies, i, j, pair.wall) : 1.0;
   pair.m_eff = needs_mass(law) ? effective_mass(bodies, i, j) : 1.0;
-  pair.touches = pair.overlap > -range(law, pair.q, pair.r_eff);
+  pair.touches = pair.overlap > -reach(law, pair.q, pair.r_eff, contacts.mode[c] == OPEN);
   return pair;
 }

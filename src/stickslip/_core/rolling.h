@@ -2,7 +2,7 @@
 #pragma once
 #include "mechanics.h"
 
-constexpr int64_t ROLLING = 7, ANCHOR = 3, AT_CAP = 6;  // columns of `Contacts.rolling`: ψ; angle_i − angle_j; at the cap
+constexpr int64_t ANCHOR = 3, AT_CAP = 6;  // columns of rolling memory: ψ; angle_i − angle_j; at the cap
 
 inline void forget_rolling(double *own) {
   for (int64_t k = 0; k < ROLLING; ++k) own[k] = 0.0;
@@ -17,7 +17,7 @@ struct RollingStep {
 
 // Moment on j, k_r ψ, of a contact that touches; its ψ is updated.
 template <int DIM>
-inline Vec<double> rolling_moment(const Law &law, const double *q, double r_eff, double overlap, double fn,
+inline Vec<double> rolling_moment(const Law &law, Parameters q, double r_eff, double overlap, double fn,
                                   int64_t memory, Vec<double> n, Vec<double> m, Ratio<double> fraction,
                                   RollingStep step, double *own) {
   Vec<double> t = step.angle, turned = step.turned, psi = {own[0], own[1], own[2]};

@@ -50,7 +50,7 @@ void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, 
   contacts.mode[c] = OPEN;
   contacts.reached[c] = false;
   write(contacts.slip + 3 * c, {0.0, 0.0, 0.0});
-  if (law.rolling) forget_rolling(contacts.rolling + ROLLING * c);
+  if (law.rolling) forget_rolling(contacts.rolling + contacts.width_rolling * c);
   record_event(sweep.events, OPENED, contacts, c, sweep.position.data + sweep.position.stride * contacts.i[c]);
 }
 
@@ -76,7 +76,8 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     overlap = bodies.radius[i] + bodies.radius[j] - distance;
   }
   if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
-  const double *q = parameters(law, bodies.material[i], bodies.material[j]);
+  const Parameters q = {parameters(law, bodies.material[i], bodies.material[j]), memory_at(law, contacts, c)};
+  const int8_t before = contacts.mode[c];
   double r_eff = 1.0, m_eff = 1.0, edge = 0.0;
   if (needs_radius(law))
     r_eff = wall ? bodies.radius[i] : bodies.radius[i] * bodies.radius[j] / (bodies.radius[i] + bodies.radius[j]);
@@ -85,10 +86,9 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     m_eff = sum > 0.0 ? 1.0 / sum : 0.0;
   }
   if (law.range) {
-    edge = -range(law, q, r_eff);
+    edge = -reach(law, q, r_eff, before == OPEN);
     if (overlap <= edge) return open_contact(law, sweep, contacts, c);
   }
-  const int8_t before = contacts.mode[c];
   Vec<double> d{}, roll{}, v{}, angle{}, mean{};
   Ratio<double> fraction = {1.0, 1.0};
   bool hold;
@@ -142,11 +142,13 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     const RollingStep own = {at(sweep.angle, i) - at(sweep.angle, j),
                              sweep.stepping ? motion.dt * (at(motion.spin, i) - at(motion.spin, j)) : Vec<double>{},
                              sweep.stepping, hold, before != OPEN};
+    double *psi = contacts.rolling + contacts.width_rolling * c;
     const Vec<double> moment =
-        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, contacts.rolling + ROLLING * c);
+        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, psi);
     add_rotation<DIM>(torque_i, -1.0, moment);
     add_rotation<DIM>(torque_j, 1.0, moment);
   }
+  if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
   add<DIM>(sweep.force + sweep.stride * j, -1.0, f);

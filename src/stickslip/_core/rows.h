@@ -1,5 +1,5 @@
 // Contacts evaluated one after another, row by row of the list: for `forces`, for runs of few grains, and for laws with
-// rolling resistance.
+// rolling resistance or a memory of their own.
 #pragma once
 #include "core.h"
 #include "laws.h"

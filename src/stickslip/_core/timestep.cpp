@@ -4,6 +4,8 @@
 
 #include "pairs.h"
 
+constexpr double UNLOADING = 1e-6;  // of the overlap
+
 struct Springs {
   double normal, tangential, branch;  // k_n, k_t and |r|
 };
@@ -11,7 +13,12 @@ struct Springs {
 static Springs springs_of(const Law &law, const Pair &pair) {
   // cohesion may have negative stiffness; its absolute value gives a safe bound
   double along = magnitude(tangents(law, pair.q, pair.r_eff, pair.overlap).first);
-  return {along, elastic(law, pair.q, pair.r_eff, pair.overlap).stiffness, root(dot(pair.r, pair.r))};
+  Elastic<double> spring = elastic(law, pair.q, pair.r_eff, pair.overlap);
+  if (law.len_memory) {  // stiffness as the overlap decreases
+    double less = UNLOADING * pair.overlap;
+    along = larger(along, (spring.force - elastic(law, pair.q, pair.r_eff, pair.overlap - less).force) / less);
+  }
+  return {along, spring.stiffness, root(dot(pair.r, pair.r))};
 }
 
 // (a − b)² ≤ 2a² + 2b² in every contact, (a − b + c + d)² ≤ 4 (a² + b² + c² + d²) along it; a free cell adds one term.

@@ -19,7 +19,7 @@ class Field(NamedTuple):
     """Type, shape and range of an entry. Sizes and bounds may be names of sizes, see `_sizes`."""
 
     dtype: type
-    shape: tuple[int | str, ...] | None = None  # None: a scalar
+    shape: tuple[int | str | None, ...] | None = None  # None: a scalar, or any length
     low: float | str = -LARGEST
     high: float | str = LARGEST
     optional: bool = False
@@ -54,7 +54,7 @@ FIELDS = {
         "pair": _real("rows", 3), "roll": _real("rows", 3), "reached": Field(np.bool_, ("rows",)),
         "origin": _real("bodies", 3), "skin": Field(np.float64, None, 5e-324), "gap": Field(np.float64, None, 0),
         "stale": Field(np.bool_, None), "count": Field(np.int64, (1,), 0, "rows"),
-        "rolling": _real("rows", 7, optional=True),
+        "rolling": _real("rows", None, optional=True),
     },
     "control": {
         "force": _real("bodies", 3), "torque": _real("bodies", 3), "free": Field(np.bool_, ("bodies", 6)),
@@ -163,7 +163,9 @@ def _check_type(name: str, value, field: Field) -> None:
 def _check_shape(name: str, value, field: Field, sizes: Mapping[str, int]) -> None:
     if value is None or field.shape is None:
         return
-    shape = tuple([sizes.get(size, size) for size in field.shape])
+    shape = tuple(
+        [n if size is None else sizes.get(size, size) for n, size in zip(value.shape, field.shape, strict=True)]
+    )
     if value.shape != shape:
         parts = " and ".join(f"{sizes[key]} {key}" for key in ("grains", "walls") if key in sizes)
         remedy = f": the parts of a state with {parts} must belong together" if parts else ""

@@ -1,7 +1,8 @@
 """Functions of the compiled core, called with NumPy arrays and tuples: `core.find_pairs(grid, x, …)`.
 
 The header `core.h` declares all functions, structs and constants and is read here. Arrays are checked against the
-declared types. A struct is filled from a tuple by the names of its members, of which `len_x` is the length of x.
+declared types. A struct is filled from a tuple by the names of its members, of which `len_x` is the length of x and
+`width_x` the number of its columns.
 """
 
 import ctypes
@@ -106,7 +107,10 @@ class _Core:
         out = struct.type()
         out.alive = alive = []
         for inner, pointer, name in struct.members:
-            if name.startswith("len_") and name not in entries:
+            if name.startswith("width_"):
+                entry = _entry(value, entries, name[6:])
+                entry = 0 if entry is None else entry.shape[1]
+            elif name.startswith("len_") and name not in entries:
                 entry = _entry(value, entries, name[4:])
                 entry = 0 if entry is None else len(entry)
             else:

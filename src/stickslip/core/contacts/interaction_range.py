@@ -1,11 +1,11 @@
-"""What user-defined laws require of the neighbour list: pairs across gaps, and rows for the rolling memory."""
+"""What user-defined laws require of the neighbour list: pairs across gaps, and rows for memory."""
 
 import numpy as np
 
 from ..laws.builtin import Law
-from ..laws.kinds import Kind, evaluate_role, find_user_law
+from ..laws.kinds import Kind, evaluate_role, find_user_law, own_memory
 from ..state import Contacts, State
-from .rolling import WIDTH
+from .rolling import WIDTH, resists_rolling
 
 
 def largest_gap(state: State, law: Law) -> float:
@@ -23,9 +23,9 @@ def with_range(state: State, law: Law) -> Contacts:
     return contacts._replace(gap=gap, stale=True) if gap > contacts.gap else contacts
 
 
-def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
-    """List with a row of rolling memory for each pair, if the law has such a memory."""
-    rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in find_user_law(law.kind).functions
-    if not rolls or contacts.rolling is not None:
+def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
+    """List with a row of memory for each pair, if the law has rolling resistance or a memory of its own."""
+    row = np.append(np.zeros(WIDTH * resists_rolling(law.kind)), [*own_memory(law.kind).values()])
+    if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
         return contacts
-    return contacts._replace(rolling=np.zeros((len(contacts.i), WIDTH)))
+    return contacts._replace(rolling=np.tile(row, (len(contacts.i), 1)))

@@ -21,7 +21,7 @@ from ..library import core
 from ..state import State
 from .forces import bodies, check_materials, check_memory
 from .geometry import shifts
-from .interaction_range import largest_gap, with_rolling_memory
+from .interaction_range import largest_gap, with_own_memory
 from .memory import HELD
 from .neighbors import check_list
 from .rolling import resists_rolling, with_moments
@@ -137,7 +137,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     stiff, damp = column(c.closed) * stiff, column(c.closed) * damp
     if not resists_rolling(law.kind):
         return stiff, damp
-    state = state._replace(contacts=with_rolling_memory(state.contacts, law))
+    state = state._replace(contacts=with_own_memory(state.contacts, law))
     return with_moments(state, law, bodies(state), c, turn, memory, stiff, damp)
 
 

@@ -9,7 +9,7 @@ from ..fields import BODY_BITS, IMAGE_BITS
 from ..laws.builtin import Law
 from ..library import core
 from ..state import PER_PAIR, Cell, Contacts, State, empty_contacts
-from .interaction_range import with_range, with_rolling_memory
+from .interaction_range import with_own_memory, with_range
 
 _IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
 MAX_BODIES = 1 << BODY_BITS
@@ -88,7 +88,7 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
     The memory is matched by key.
     """
     if law is not None:
-        state = state._replace(contacts=with_rolling_memory(with_range(state, law), law))
+        state = state._replace(contacts=with_own_memory(with_range(state, law), law))
     x = body_positions(state)
     if not moved_too_far(x, state.contacts):
         return state
@@ -97,7 +97,7 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
     contacts = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
-    return state._replace(contacts=contacts if law is None else with_rolling_memory(contacts, law))
+    return state._replace(contacts=contacts if law is None else with_own_memory(contacts, law))
 
 
 def select_rows(contacts: Contacts, rows) -> Contacts:

@@ -12,7 +12,7 @@ import weakref
 import numpy as np
 
 from ..contacts.forces import Bodies, forces
-from ..contacts.interaction_range import with_rolling_memory
+from ..contacts.interaction_range import with_own_memory
 from ..contacts.memory import FROZEN
 from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
 from ..fields import pack_keys
@@ -56,7 +56,7 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Few grains, and contacts with rolling resistance, are evaluated by rows, others by blocks.
+    Few grains, and contacts with rolling resistance or a memory of their own, are evaluated by rows, others by blocks.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class _Run:
         self.state, self.law, self.plan, self.steps = state, law, plan, steps
         self.imposed, self.deforming = needs_frame(state), deforms(state)
         self.struct = core.fill("Law", law_struct(law, rate=rate > 0, members=FORCES))
-        rolls, watched = bool(self.struct.rolling), len(writing.events) > 0
+        rolls, watched = bool(self.struct.rolls or self.struct.len_memory), len(writing.events) > 0
         self.by_rows = state.n_bodies < MIN_BODIES or rolls
         self.threads = 1 if self.by_rows else _thread_count(len(state.grains.radius), threads, watched)
         here = bodies_at_start(state, instant)
@@ -321,4 +321,4 @@ def _rebuild_with_skin(skin, position, known: Bodies, contacts, cell, law: Law):
     contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts._replace(skin=skin))
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
-    return with_rolling_memory(contacts, law)
+    return with_own_memory(contacts, law)

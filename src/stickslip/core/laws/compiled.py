@@ -17,7 +17,7 @@ from ...builtin_laws import BUILTIN_LAWS
 from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 
-FORCES = "force", "cap", "range", "rolling", "rolling_cap"
+FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"
 TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
 MEMBERS = {  # C functions of a user's law, and the function of the law that each needs
     "force": "normal_force",
@@ -29,9 +29,11 @@ MEMBERS = {  # C functions of a user's law, and the function of the law that eac
     "rolling": "rolling_stiffness",
     "rolling_cap": "rolling_cap",
     "rolling_slopes": "rolling_cap",
+    "update": "update",
 }
 _GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
 _OPTIONS = {"fastmath": True, "error_model": "numpy"}
+_NO_MEMORY: dict = {"bonds": False, "rolls": False, "memory": None}
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -59,11 +61,20 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     out = dict.fromkeys(MEMBERS)
     if not isinstance(kind, Kind):
         known = BUILTIN_LAWS[kind]
-        return {"hertz": known.exponent == 1.5, "uses_radius": known.uses_radius, "rescaled": known.rescales, **out}
+        return {
+            "hertz": known.exponent == 1.5,
+            "uses_radius": known.uses_radius,
+            "rescaled": known.rescales,
+            **_NO_MEMORY,
+            **out,
+        }
     own = USER_LAWS[kind]
     out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in own.functions}
-    radius = any("r_eff" in taken for taken in own.arguments.values())
-    return {"hertz": False, "uses_radius": radius, "rescaled": False, **out}
+    out |= {
+        "uses_radius": any("r_eff" in taken for taken in own.arguments.values()), "bonds": own.bonds,
+        "rolls": "rolling_stiffness" in own.functions, "memory": np.array([*own.memory.values()], float),
+    }  # fmt: skip
+    return {"hertz": False, "rescaled": False, **out}
 
 
 @cache
@@ -82,7 +93,7 @@ def block_function(kind: Kind, name: str):
     exec(compile(_block_text(own, name), "<contact law>", "exec"), scope)
     try:
         with warnings.catch_warnings(action="ignore"):
-            return cfunc(void(CPointer(float64), int64, *5 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
+            return cfunc(void(CPointer(float64), int64, *6 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
         files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
         place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
@@ -133,18 +144,29 @@ def _block_text(own: UserLaw, name: str) -> str:
     """Text of a function that evaluates n contacts."""
     numbers, values = (", ".join(form.format(k) for k in range(len(own.names))) for form in ("q{}", "q[{}]"))
     lines = "\n        ".join(_LINES[name](partial(_call, own)))
-    return f"""def block(q, n, r_eff, overlap, fn, one, two):
+    former = "".join(f"    {name} = memory[{k}]\n" for k, name in enumerate(_former(own)))
+    return f"""def block(q, n, r_eff, overlap, fn, memory, one, two):
     {numbers} = {values}
-    for k in range(n):
+{former}    for k in range(n):
         {lines}
 """
 
 
-def _call(own: UserLaw, name: str, overlap="overlap[k]", normal_force="fn[k]", default="") -> str:
-    """Expression that calls a function of the law at contact k."""
+def _former(own: UserLaw) -> list[str]:
+    """Names of the variables that hold the memory of a contact before its update."""
+    return [f"m{k}" for k in range(len(own.memory))]
+
+
+def _call(own: UserLaw, name: str, overlap="overlap[k]", normal_force="fn[k]", default="", seen="") -> str:
+    """Expression that calls a function of the law at contact k; its memory is updated at the overlap `seen`."""
     if name not in own.functions:
         return default
     at = {"overlap": overlap, "r_eff": "r_eff[k]", "normal_force": normal_force}
+    if name == "update":
+        at |= zip(own.memory, _former(own), strict=True)
+    else:
+        many, whole = len(own.memory) > 1, _call(own, "update", seen or overlap)
+        at |= {key: f"{whole}[{k}]" if many else whole for k, key in enumerate(own.memory)}
     return f"{name}({', '.join(at.get(key) or f'q{own.names.index(key)}' for key in own.arguments[name])})"
 
 
@@ -181,8 +203,8 @@ def _energy(call):
         "root, gap = sqrt(max(x, 0.0)), min(x, 0.0) - end",
         "for place, weight in GAUSS:",
         "    t, d = 0.5 * root * (1.0 + place), end + 0.5 * gap * (1.0 + place)",
-        f"    total += 0.5 * weight * (2.0 * root * t * {call('normal_force', 't * t')} + gap * "
-        f"{call('normal_force', 'd')})",
+        f"    total += 0.5 * weight * (2.0 * root * t * {call('normal_force', 't * t', seen='x')} + gap * "
+        f"{call('normal_force', 'd', seen='x')})",
         "one[k] = total",
     )
 
@@ -191,8 +213,13 @@ def _rolling(call):
     return (f"one[k] = {call('rolling_stiffness')}", f"two[k] = {call('rolling_stiffness', _DEEPER)}.imag / STEP")
 
 
+def _update(call):
+    many = len(call.args[0].memory)
+    return (", ".join(f"one[{k}]" for k in range(many)) + f" = {call('update')}",)
+
+
 _LINES = {
     "force": _force, "cap": _cap("cap"), "slopes": _slopes, "cap_slopes": _cap_slopes("cap"), "energy": _energy,
     "range": lambda call: (f"one[k] = {call('contact_range')}",), "rolling": _rolling,
-    "rolling_cap": _cap("rolling_cap"), "rolling_slopes": _cap_slopes("rolling_cap"),
+    "update": _update, "rolling_cap": _cap("rolling_cap"), "rolling_slopes": _cap_slopes("rolling_cap"),
 }  # fmt: skip

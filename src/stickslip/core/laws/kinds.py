@@ -12,6 +12,7 @@ ROLES = {  # arguments that a function of each name may take, in addition to par
     "tangential_stiffness": ("overlap", "r_eff"),
     "cap": ("normal_force", "overlap", "r_eff"),
     "contact_range": ("r_eff",),
+    "update": ("overlap", "r_eff"),
     "rolling_stiffness": ("overlap", "r_eff"),
     "rolling_cap": ("normal_force", "overlap", "r_eff"),
 }
@@ -26,6 +27,8 @@ class UserLaw(NamedTuple):
     file: str  # path, if the source is the text of a whole file; else empty
     functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …
     arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
+    memory: dict[str, float]  # own memory of a contact, as it closes
+    bonds: bool  # gaps are bridged only after the grains have touched
 
 
 USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
@@ -90,5 +93,23 @@ def restore_kind(kind: int, about: dict) -> Kind:
 def evaluate_role(kind: Kind, role: str, values, **given):
     """Evaluate a function of a law in plain Python; `values` are its parameters in the order of the table."""
     own = find_user_law(kind)
-    values = dict(zip(own.names, values, strict=True)) | given
-    return own.functions[role](*(values[name] for name in own.arguments[role]))
+    return own.functions[role](*bound(own, role, dict(zip(own.names, values, strict=True)) | given))
+
+
+def bound(own: UserLaw, role: str, values: dict) -> list:
+    """Arguments of a function from values by name; memory that is not among them is that of a contact as it closes."""
+    values = own.memory | values
+    return [values[name] for name in own.arguments[role]]
+
+
+def updated(own: UserLaw, values: dict, **given) -> dict[str, float]:
+    """Own memory of a contact after an update."""
+    if not own.memory:
+        return {}
+    new = own.functions["update"](*bound(own, "update", values | given))
+    return dict(zip(own.memory, new if len(own.memory) > 1 else (new,), strict=True))
+
+
+def own_memory(kind: int) -> dict[str, float]:
+    """Names of a law's own memory, with its values as a contact closes."""
+    return find_user_law(kind).memory if isinstance(kind, Kind) else {}

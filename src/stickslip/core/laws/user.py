@@ -140,7 +140,7 @@ def _fingerprint(function, seen: set) -> list:
     return out
 
 
-def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
+def _argument_names(role: str, function, names: tuple[str, ...], memory=()) -> tuple[str, ...]:
     """Argument names of a function, in order. Raise ValueError if any of them is not allowed."""
     if not isinstance(function, types.FunctionType):
         raise ValueError(f"{role} is a {type(function).__name__}: give a plain Python function")
@@ -148,8 +148,9 @@ def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, .
     if spec.varargs or spec.varkw or spec.kwonlyargs:
         raise ValueError(f"{role} has *, ** or keyword-only arguments: use plain ones, such as {role}(overlap)")
     for name in spec.args:
-        if name not in (*ROLES[role], *names):
-            known = ", ".join((*ROLES[role], *names))
+        own = () if role == "contact_range" else memory
+        if name not in (*ROLES[role], *names, *own):
+            known = ", ".join((*ROLES[role], *names, *own))
             raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed names are {known}")
     return tuple(spec.args)
 
@@ -158,7 +159,8 @@ def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, .
 def custom(
     *, normal_force: Callable, tangential_stiffness: Callable | None = None, cap: Callable | None = None,
     contact_range: Callable | None = None, rolling_stiffness: Callable | None = None,
-    rolling_cap: Callable | None = None, normal_energy: Callable | None = None, parameters: dict | None = None,
+    rolling_cap: Callable | None = None, normal_energy: Callable | None = None, update: Callable | None = None,
+    parameters: dict | None = None, memory: dict | None = None, bonds: bool = False,
     coulomb: str = "sharp", damping: str = "velocity", tension: bool = True, size: float = 1.0,
     name: str = "a user's law",
 ) -> Law:  # fmt: skip
@@ -181,8 +183,13 @@ def custom(
     rolling_cap : largest such moment [force length]; required with `rolling_stiffness`. Not evaluated where μ = 0
     normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
         powers δ, δ^{3/2}, δ² … and accurate to a few digits for others; used by the energy ledger only
+    update : own memory of a contact, from the memory before and from `overlap`, `r_eff` and parameters: a number, or a
+        tuple in the order of `memory`. An update at the same overlap must change nothing. Other functions see the
+        memory after the update
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
         is 1 if there is a `cap` that does not take it); others may be added
+    memory : values by name as a contact closes. All functions but the range may take these names
+    bonds : True if a pair acts across a gap only after it has touched, until the gap exceeds the range
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
     size : a grain radius for which the law is validated [length]
     name : used in tables and messages
@@ -208,14 +215,17 @@ def custom(
     given = {
         "normal_force": normal_force, "tangential_stiffness": tangential_stiffness, "cap": cap,
         "contact_range": contact_range, "rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap,
-        "normal_energy": normal_energy,
+        "normal_energy": normal_energy, "update": update,
     }  # fmt: skip
     given = {role: function for role, function in given.items() if function is not None}
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
         raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
     values = _parameter_values(parameters or {}, given)
-    arguments = {role: _argument_names(role, function, tuple(values)) for role, function in given.items()}
-    kind = _register(given, arguments, tuple(values), name)
+    own = _memory_values(memory or {}, values, "update" in given)
+    arguments = {role: _argument_names(role, function, tuple(values), own) for role, function in given.items()}
+    if bonds and "contact_range" not in given:
+        raise ValueError("bonds = True was given without a contact_range: bonds act across gaps up to that range")
+    kind = _register(given, arguments, tuple(values), name, own, bonds)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
             f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
@@ -243,9 +253,22 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     return {name: float(value) for name, value in values.items()}
 
 
-def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str) -> Kind:
+def _memory_values(memory: dict, parameters: dict, updated: bool) -> dict[str, float]:
+    """Own memory of a contact as it closes."""
+    if bool(memory) != updated:
+        raise ValueError("only one of memory and update was given: a law with a memory of its own needs both")
+    for name, value in memory.items():
+        taken = name in parameters or any(name in allowed for allowed in ROLES.values())
+        if not (isinstance(name, str) and name.isidentifier()) or taken:
+            raise ValueError(f"a memory {name!r} was given: its name must be an identifier that nothing else has")
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+            raise ValueError(f"memory {name} = {value!r} was given: it must be a finite number")
+    return {name: float(value) for name, value in memory.items()}
+
+
+def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str, memory: dict, bonds: bool) -> Kind:
     """Register the functions of a law in this process, and return its kind."""
-    content: list = [names, sorted(arguments.items())]
+    content: list = [names, sorted(arguments.items()), *([memory] if memory else []), *(["bonds"] if bonds else [])]
     for role in sorted(given):
         content += [role, *_fingerprint(given[role], set())]
     digest = hashlib.sha256(repr(content).encode()).digest()
@@ -253,7 +276,7 @@ def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str) -
     if kind not in USER_LAWS:
         made: dict = {}
         plain = {role: _copy_function(function, made) for role, function in given.items()}
-        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments)
+        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments, memory, bonds)
     USER_LAWS[kind] = USER_LAWS[kind]._replace(name=name)
     return kind
 
@@ -273,7 +296,8 @@ def _source_text(given: dict) -> str:
 def from_file(path: str | Path, **parameters: float) -> Law:
     """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
 
-    The file is executed. The file may also set `coulomb`, `damping`, `tension` and `size`.
+    The file is executed. The file may also set `coulomb`, `damping`, `tension`, `memory`,
+    `bonds` and `size`.
 
     Parameters
     ----------
@@ -313,7 +337,7 @@ def from_text(text: str, path: Path, parameters: dict) -> Law:
             raise ValueError(
                 f"{path} has no parameter {name!r}: it has {', '.join(dict.fromkeys((*values, *PARAMETERS)))}"
             )
-    options = {key: scope[key] for key in ("coulomb", "damping", "tension", "size") if key in scope}
+    options = {key: scope[key] for key in ("coulomb", "damping", "tension", "size", "memory", "bonds") if key in scope}
     try:
         law = custom(**given, parameters=values | parameters, name=path.stem, **options)
     except ValueError as problem:

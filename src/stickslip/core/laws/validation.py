@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 
 from .builtin import KT, STEP, Law
-from .kinds import HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, find_user_law
+from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, evaluate_role, find_user_law, updated
 
 MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
@@ -41,9 +41,10 @@ def validate_law(law: Law, size: float) -> Law:
                 f"allowed, because the neighbour list holds all pairs within it"
             )
         points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
-        for role in own.functions:
-            _check_function(own, role, values, points)
-        jump = _describe_jump(own, values, points, ranges)
+        for memory in _memories(own, values, size):
+            for role in own.functions.keys() - {"update"}:
+                _check_function(own, role, values | memory, points)
+        jump = "" if own.bonds else _describe_jump(own, values, points, ranges)
     if jump:
         warnings.warn(jump, LawWarning, stacklevel=4)
     return law
@@ -55,13 +56,41 @@ def _test_overlaps(size: float, end: float) -> list[float]:
     return gap + [size * share for share in OVERLAP_RATIOS]
 
 
+def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
+    """Own memories of contacts, for the tests of other functions. An update that is not allowed raises ValueError."""
+    found: list[dict] = []
+    for overlap in size * np.array((0.0, 0.0137, 0.0973)):
+        at = {"overlap": float(overlap), "r_eff": size}
+        try:
+            new = updated(own, values, **at)
+            again = updated(own, values | new, **at)
+            stepped = updated(own, values, **at | {"overlap": complex(overlap, STEP)})
+        except Exception as problem:
+            raise ValueError(
+                f"update cannot be evaluated, {_error_location(problem)}: it must return {len(own.memory)} real "
+                f"number(s), also of a complex overlap; {HELP}"
+            ) from None
+        for name, value in new.items():
+            if not isinstance(value, int | float | np.floating | np.integer) or not np.isfinite(value):
+                raise ValueError(
+                    f"update at overlap = {overlap:.4g} gives {name} = {value}: it must be a finite number"
+                )
+            if again[name] != value or np.real(stepped[name]) != value:
+                raise ValueError(
+                    f"update at overlap = {overlap:.4g} gives {name} = {value:.6g}, then {again[name]:.6g} at the same "
+                    f"overlap: a second update must change nothing"
+                )
+        found.append(new)
+    return found if own.memory else [{}]
+
+
 def _evaluate(own: UserLaw, role: str, values: dict, **given):
     """Evaluate a function of the law; a missing contact range counts as zero."""
     if role not in own.functions:
         return 0.0
     known = values | given
     try:
-        return own.functions[role](*(known[name] for name in own.arguments[role]))
+        return own.functions[role](*bound(own, role, known))
     except ZeroDivisionError:
         return np.nan
     except Exception as problem:
@@ -126,7 +155,7 @@ def _derivatives(own, role, values, at, name, place):
     step = 1e-6 * abs(x)
     stepped = _evaluate(own, role, values, **at | {name: complex(x, STEP)})
     middle = _evaluate(own, role, values, **at)
-    if not np.isclose(np.real(stepped), middle, rtol=1e-12, atol=1e-300):
+    if not np.isclose(np.real(stepped), middle, rtol=1e-12, atol=1e-100):
         raise ValueError(
             f"{place} is {middle:.6g}, but {np.real(stepped):.6g} for a complex number with that real part: "
             f"compare real parts only; {HELP}"

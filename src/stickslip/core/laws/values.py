@@ -30,6 +30,7 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
     names = "a", "b", "overlap", "r_eff", "m_eff", "fn"
     points = {n: np.array(x, t).ravel() for n, x, t in zip(names, given, types, strict=True)}
     results = dict.fromkeys(("force", "stiffness", "energy", "slopes", "cap", "cap_slopes", "range", "damping"))
+    results |= {"memory": None}
     results |= {name: np.empty((*shape, 2) if name in _PAIRS else shape) for name in wanted}
     struct = law_struct(law, members=tuple(_MEMBERS.get(name, name) for name in wanted if name != "damping"))
     core.law_values(struct | {"damping": law.damping & 3}, points | results)

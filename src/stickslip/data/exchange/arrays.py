@@ -43,7 +43,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     own = isinstance(law.kind, Kind)
     lost = list_losses(rest, law=len(law.table) > 1 or own)
     if state.contacts.rolling is not None:
-        lost.append("the memory of rolling")
+        lost.append("the memory of rolling or of the law")
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")
     if len(law.table) == 1 and not own:
