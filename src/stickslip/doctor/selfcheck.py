@@ -167,7 +167,7 @@ def compare(found: dict, stored: dict) -> list[Check]:
     """Compare every stored number with the measured one.
 
     Bits are also compared, but they are only guaranteed on the same type of machine and may differ on another
-    processor or with another version of Numba: differing bits are reported but do not count as a failure.
+    processor or with another build of the core: differing bits are reported but do not count as a failure.
     """
     rows = []
     for name, right in stored["numbers"].items():
@@ -193,7 +193,7 @@ def selfcheck(report: Callable[[str], None] = lambda words: None) -> Selfcheck:
 
 def write() -> None:
     """Store the numbers measured on this machine."""
-    with_what = {name: version(name) for name in ("numpy", "scipy", "numba")}
+    with_what = {name: version(name) for name in ("numpy", "scipy")}
     with_what |= {"python": platform.python_version(), "machine": platform.machine()}
     made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measure()}
     if PROBLEM in made["numbers"]:
