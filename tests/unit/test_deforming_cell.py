@@ -5,7 +5,6 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.dynamics.cell_motion import make_frame
-from stickslip.core.flow import SINCE
 from stickslip.core.library import core
 
 GRADIENT = np.array([[-0.02, 0.01, 0], [0, -0.012, 0], [0, 0, 0]])
@@ -56,7 +55,7 @@ def test_a_step_leaves_grains_what_the_strain_since_the_choice_has_not_taken():
         left = room - np.linalg.norm(since - np.eye(3)) * (widest + room)
         told.append(core.begin_cell_step(frame, flow, dt, 1.0, 1.0))
         assert told[-1] == pytest.approx((0.5 * left) ** 2 if left > 0 else -1.0, rel=1e-9)
-        np.testing.assert_allclose(flow.matrix[SINCE], since, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(flow.matrix[core.SINCE], since, rtol=1e-13, atol=1e-15)
     assert told[0] > 0 > told[-1]
 
 

@@ -45,11 +45,6 @@ void gather_pair_vectors(const Flow *flow, const Blocks &blocks, const double *b
   }
 }
 
-inline Vec<Real> transform(const double *m, Vec<Real> a) {
-  return {m[0] * a.x + m[1] * a.y + m[2] * a.z, m[3] * a.x + m[4] * a.y + m[5] * a.z,
-          m[6] * a.x + m[7] * a.y + m[8] * a.z};
-}
-
 // Adds the contribution L r of a deforming cell to relative velocities: (1 + ½ dt L)⁻¹ (Δv + L r), with r at the end of
 // the step, is the change of r during the step divided by dt.
 template <int DIM>

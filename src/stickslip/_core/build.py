@@ -161,7 +161,7 @@ def library_path(level: str, folder: Path | None = None) -> Path:
 
 
 def stamp(path: Path) -> dict[str, str]:
-    """What a library says of itself: digest, compiler, command, target and sanitizers; empty if there is none."""
+    """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is none."""
     if not path.exists():
         return {}
     found = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", path.read_bytes())

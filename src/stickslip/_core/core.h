@@ -189,7 +189,7 @@ API double largest_displacement(const double *x, const double *origin, int64_t b
 
 // ---- motion of the cell, and springs
 
-// rows of Flow.matrix, see `core/flow.py`
+// rows of Flow.matrix, see `core/dynamics/cell_motion.py`
 constexpr int64_t VECTORS = 0, RATE = 1, RATE_AHEAD = 2, STRETCH = 3, TURN = 4, INVERSE_HALF = 5, SINCE = 6, PULL = 7;
 
 struct Flow {
@@ -256,9 +256,6 @@ struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
   int64_t len_events;
 };
 
-// row k of the observables and of the tracks; returns false if there is no memory
-API uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
-                         const double *vectors, const Writing *writing, double time);
 API const char *observable_name(int64_t k);  // null after the last
 API int64_t observable_width(int64_t k);     // columns
 

@@ -24,11 +24,6 @@ struct Kept {  // memory of a contact before and after a step, zero where it doe
 
 static double length(Vec<double> v) { return root(dot(v, v)); }
 
-static Vec<double> transform(const double *m, Vec<double> v) {
-  return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
-          m[6] * v.x + m[7] * v.y + m[8] * v.z};
-}
-
 // Components of v that are free, or those that are not.
 static Vec<double> only(const uint8_t *free, bool wanted, Vec<double> v) {
   return {free[0] == wanted ? v.x : 0.0, free[1] == wanted ? v.y : 0.0, free[2] == wanted ? v.z : 0.0};

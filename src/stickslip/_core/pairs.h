@@ -42,27 +42,39 @@ inline Vec<double> relative_angle(int dim, const double *angle, int64_t i, int64
   return dim == 3 ? difference : Vec<double>{0.0, 0.0, difference.z};
 }
 
-// Contact c of the list; `shift` (C, 3): periodic shifts cellᵀ·image, or null.
-inline Pair pair_at(const Law &law, int dim, const Bodies &bodies, const Contacts &contacts, const double *shift,
-                    int64_t c) {
-  Pair pair;
-  int64_t i = contacts.i[c], j = contacts.j[c], wall = j - (bodies.len_radius - bodies.len_normal);
+// Normal, overlap and 1/|r| of bodies i and j from their pair vector.
+inline void find_overlap(Pair &pair, const Bodies &bodies, int64_t i, int64_t j) {
+  const int64_t wall = j - (bodies.len_radius - bodies.len_normal);
   pair.wall = wall >= 0;
-  pair.r = vector_at(dim, bodies.position, i) - vector_at(dim, bodies.position, j);
-  if (shift) pair.r = pair.r + vector_at(dim, shift, c);
   if (pair.wall) {
     pair.n = vector_at(3, bodies.normal, wall);
     pair.inverse = 0.0;
     pair.overlap = bodies.radius[i] - dot(pair.r, pair.n);
   } else {
-    double distance = root(dot(pair.r, pair.r));
+    const double distance = root(dot(pair.r, pair.r));
     pair.inverse = 1.0 / distance;
     pair.n = pair.inverse * pair.r;
     pair.overlap = bodies.radius[i] + bodies.radius[j] - distance;
   }
+}
+
+// Parameters, effective radius and mass of bodies i and j.
+inline void find_parameters(Pair &pair, const Law &law, const Bodies &bodies, const Contacts &contacts, int64_t c) {
+  const int64_t i = contacts.i[c], j = contacts.j[c];
   pair.q = {parameters(law, bodies.material[i], bodies.material[j]), memory_at(law, contacts, c)};
   pair.r_eff = needs_radius(law) ? effective_radius(bodies, i, j, pair.wall) : 1.0;
   pair.m_eff = needs_mass(law) ? effective_mass(bodies, i, j) : 1.0;
+}
+
+// Contact c of the list; `shift` (C, 3): periodic shifts cellᵀ·image, or null.
+inline Pair pair_at(const Law &law, int dim, const Bodies &bodies, const Contacts &contacts, const double *shift,
+                    int64_t c) {
+  Pair pair;
+  const int64_t i = contacts.i[c], j = contacts.j[c];
+  pair.r = vector_at(dim, bodies.position, i) - vector_at(dim, bodies.position, j);
+  if (shift) pair.r = pair.r + vector_at(dim, shift, c);
+  find_overlap(pair, bodies, i, j);
+  find_parameters(pair, law, bodies, contacts, c);
   pair.touches = pair.overlap > -reach(law, pair.q, pair.r_eff, contacts.mode[c] == OPEN);
   return pair;
 }

@@ -185,11 +185,6 @@ void find_shifts(const int16_t *image, int64_t count, const double *vectors, dou
 const char *observable_name(int64_t k) { return k < COUNT ? TABLE[k].name : nullptr; }
 int64_t observable_width(int64_t k) { return k < COUNT ? TABLE[k].width : 0; }
 
-uint8_t write_sample(const Law *law, int64_t dim, int64_t k, const Bodies *bodies, const Contacts *contacts,
-                     const double *vectors, const Writing *writing, double time) {
-  return sample(*law, dim, k, *bodies, *contacts, vectors, *writing, time);
-}
-
 bool write_moving_sample(const Law &law, int64_t dim, int64_t k, const Moving &moving, const Bodies &bodies,
                          const Contacts &contacts, const double *vectors, const Writing &writing, double time) {
   Scratch scratch;

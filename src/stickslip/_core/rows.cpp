@@ -1,6 +1,7 @@
 // build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only -fno-tree-slp-vectorize
 #include "events.h"
 #include "mechanics.h"
+#include "pairs.h"
 #include "rolling.h"
 
 namespace {
@@ -21,14 +22,7 @@ inline Vec<double> rolled(Vectors rows, const double *radius, int64_t i, int64_t
   return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
 }
 
-inline Vec<double> transform(const double *m, Vec<double> a) {
-  return {m[0] * a.x + m[1] * a.y + m[2] * a.z, m[3] * a.x + m[4] * a.y + m[5] * a.z,
-          m[6] * a.x + m[7] * a.y + m[8] * a.z};
-}
-
 inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
-
-inline void write(double *to, Vec<double> v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
 
 template <int DIM>
 inline void add(double *to, double factor, Vec<double> v) {
@@ -49,7 +43,7 @@ void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, 
   if (contacts.mode[c] == OPEN) return;
   contacts.mode[c] = OPEN;
   contacts.reached[c] = false;
-  write(contacts.slip + 3 * c, {0.0, 0.0, 0.0});
+  store(contacts.slip + 3 * c, {0.0, 0.0, 0.0});
   if (law.rolling) forget_rolling(contacts.rolling + contacts.width_rolling * c);
   record_event(sweep.events, OPENED, contacts, c, sweep.position.data + sweep.position.stride * contacts.i[c]);
 }
@@ -58,33 +52,21 @@ template <int DIM>
 inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
   const Bodies &bodies = sweep.bodies;
   const Motion &motion = sweep.motion;
-  const int64_t grains = bodies.len_radius - bodies.len_normal, i = contacts.i[c], j = contacts.j[c];
+  const int64_t i = contacts.i[c], j = contacts.j[c];
   const int16_t *image = contacts.image + 3 * c;
-  Vec<double> r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j)), n;
+  Pair pair;
+  pair.r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j));
   for (int k = 0; k < 3; ++k)
-    if (image[k]) r = r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
-  const bool wall = j >= grains;
-  double overlap, inverse;
-  if (wall) {
-    n = flat<DIM>(read(bodies.normal + 3 * (j - grains)));
-    inverse = 0.0;
-    overlap = bodies.radius[i] - dot(r, n);
-  } else {
-    const double distance = root(dot(r, r));
-    inverse = 1.0 / distance;
-    n = inverse * r;
-    overlap = bodies.radius[i] + bodies.radius[j] - distance;
-  }
+    if (image[k]) pair.r = pair.r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
+  find_overlap(pair, bodies, i, j);
+  const Vec<double> r = pair.r, n = flat<DIM>(pair.n);
+  const double overlap = pair.overlap, inverse = pair.inverse;
   if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
-  const Parameters q = {parameters(law, bodies.material[i], bodies.material[j]), memory_at(law, contacts, c)};
+  find_parameters(pair, law, bodies, contacts, c);
+  const Parameters q = pair.q;
   const int8_t before = contacts.mode[c];
-  double r_eff = 1.0, m_eff = 1.0, edge = 0.0;
-  if (needs_radius(law))
-    r_eff = wall ? bodies.radius[i] : bodies.radius[i] * bodies.radius[j] / (bodies.radius[i] + bodies.radius[j]);
-  if (needs_mass(law)) {
-    const double sum = bodies.inverse_mass[i] + bodies.inverse_mass[j];
-    m_eff = sum > 0.0 ? 1.0 / sum : 0.0;
-  }
+  const double r_eff = pair.r_eff, m_eff = pair.m_eff;
+  double edge = 0.0;
   if (law.range) {
     edge = -reach(law, q, r_eff, before == OPEN);
     if (overlap <= edge) return open_contact(law, sweep, contacts, c);
@@ -126,7 +108,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
                          fraction, before == SLIDE && !law.rate, v);
   const double *place = sweep.position.data + sweep.position.stride * i;
   if (!(hold && before != OPEN)) {
-    write(contacts.slip + 3 * c, out.slip);
+    store(contacts.slip + 3 * c, out.slip);
     const int8_t after = out.slides ? SLIDE : STICK;
     if (after != before) contacts.mode[c] = after;
     if (before == OPEN) record_event(sweep.events, CLOSED, contacts, c, place);
@@ -135,7 +117,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
       contacts.reached[c] = true;
       record_event(sweep.events, REACHED_LIMIT, contacts, c, place);
     }
-    if (!sweep.stepping) write(contacts.pair + 3 * c, r), write(contacts.roll + 3 * c, angle);
+    if (!sweep.stepping) store(contacts.pair + 3 * c, r), store(contacts.roll + 3 * c, angle);
   }
   double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
   if (law.rolling) {

@@ -131,3 +131,10 @@ template <class M, class T>
 inline Vec<T> select(M which, Vec<T> a, Vec<T> b) {
   return {select(which, a.x, b.x), select(which, a.y, b.y), select(which, a.z, b.z)};
 }
+
+// Product of a matrix (3, 3) and a vector.
+template <class T>
+inline Vec<T> transform(const double *m, Vec<T> a) {
+  return {m[0] * a.x + m[1] * a.y + m[2] * a.z, m[3] * a.x + m[4] * a.y + m[5] * a.z,
+          m[6] * a.x + m[7] * a.y + m[8] * a.z};
+}

@@ -12,6 +12,7 @@ import numpy as np
 
 BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
 LARGEST = 1e150  # of any number in a state: squares are finite
+LONG = 10_000  # numbers from which BLAS uses several threads
 COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 
 
@@ -102,11 +103,16 @@ def check_parts(parts: Mapping[str, Any]) -> None:
     for name, value, field, _, _, unbounded in entries:
         if unbounded:  # the sum of squares tells in one pass that nothing is NaN or too large
             known = value[: sizes["pairs"]] if field.shape[0] == "rows" else value
-            if np.vdot(known, known) <= LARGEST**2:
+            if _sum_squares(known) <= LARGEST**2:
                 continue
         _check_range(name, value, field, sizes)
     if "contacts" in parts:
         _check_keys(parts["contacts"])
+
+
+def _sum_squares(values: np.ndarray) -> float:
+    """Sum of squares. For long arrays BLAS would wake threads, which go on spinning beside those of a run."""
+    return np.vdot(values, values) if values.size < LONG else np.einsum("...i,...i->...", values, values).sum()
 
 
 def check_entry(name: str, value, field: Field, sizes: Mapping[str, int]) -> None:

@@ -26,8 +26,7 @@ from ..library import core
 from .geometry import shifts
 from .tangent import Turn, column, memory_tangent, outer, spring_tangent
 
-# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
-WIDTH, ANCHOR, AT_CAP = 7, 3, 6
+WIDTH = 7  # columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
 
 
 def resists_rolling(kind: int) -> bool:

@@ -16,10 +16,26 @@ import numpy as np
 
 from ..arguments import Numbers, checked
 from ..control import factors_at
-from ..flow import Flow
 from ..state import State, as_numbers, deforms
 
 MIN_VOLUME_RATIO = 1e-6  # smallest volume of a cell after one strain, over its previous volume
+
+
+class Flow(NamedTuple):
+    """Cell deformation and time profiles of a step, written in place."""
+
+    # (8, 3, 3), rows as in `core.h`: the cell's vectors at the positions; L; L predicted at the end of the step, for
+    # dashpots; A; effect of half a step of L on a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of
+    # free components
+    matrix: np.ndarray
+    factor: np.ndarray  # (2, C + 1) of courses, mean over the step and at its end; the last is 1, for none
+    rate: np.ndarray  # (B, 6) of bodies, in the order of memory
+    follows: np.ndarray  # (B, 6)
+
+    @property
+    def courses(self) -> int:
+        """Number of time profiles."""
+        return self.factor.shape[1] - 1
 
 
 class Frame(NamedTuple):

@@ -16,7 +16,6 @@ from ..contacts.interaction_range import with_own_memory
 from ..contacts.memory import FROZEN
 from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
 from ..fields import pack_keys
-from ..flow import PULL, RATE, SINCE, VECTORS
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
 from ..library import core
@@ -93,7 +92,7 @@ class _Run:
         if instant is not None:
             self.moving.force[:] = instant.force[self.moving.order]
             if self.imposed:
-                self.flow.matrix[PULL] = instant.pull
+                self.flow.matrix[core.PULL] = instant.pull
 
     @property
     def step(self) -> int:
@@ -118,7 +117,7 @@ class _Run:
         if skin > 0:
             self._rebuild_list(skin)
         if self.imposed:
-            self.frame.reach[0], self.flow.matrix[SINCE] = 2 * room.min(), np.eye(3)
+            self.frame.reach[0], self.flow.matrix[core.SINCE] = 2 * room.min(), np.eye(3)
             self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
         moving.origin[:, :3], moving.origin[:, 3] = moving.body[:, :3], 1.0 if self.imposed else room**-2
         if self.by_rows:
@@ -158,7 +157,7 @@ class _Run:
             events = self.writing.events
             self.set_writing(self.writing._replace(events=np.concatenate([events, np.zeros_like(events)])))
         if self.deforming:
-            vectors, self.known.rate[:] = self.flow.matrix[VECTORS].copy(), self.flow.matrix[RATE]
+            vectors, self.known.rate[:] = self.flow.matrix[core.VECTORS].copy(), self.flow.matrix[core.RATE]
             self.state = self.state._replace(
                 cell=self.state.cell._replace(vectors=vectors, rate=self.known.rate.copy())
             )
@@ -192,7 +191,7 @@ class _Run:
     def finish(self, skin: float) -> State:
         """State at the last step, whose list has the given skin."""
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
-        pull, time = self.flow.matrix[PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])
+        pull, time = self.flow.matrix[core.PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])
         instant, here = Instant(_forces_in_state_order(self.moving), pull, 0), self.gather()
         core.clear_blocks(self.blocks)  # free memory for the result
         vectors = self.state.cell.vectors

@@ -60,7 +60,7 @@ def gather_springs(state: State, moving: MovingBodies) -> Springs | None:
     return Springs(*map(np.ascontiguousarray, parts), np.full(1, state.time))
 
 
-def _aligned(rows: int, width: int) -> np.ndarray:
+def _empty_aligned(rows: int, width: int) -> np.ndarray:
     """Uninitialised array (rows, width) aligned to cache lines: a vector that spans two lines takes twice as long."""
     flat = np.empty(rows * width + _LINE)
     first = -(flat.ctypes.data // 8) % _LINE
@@ -110,7 +110,8 @@ def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
     control, n = state.control, len(state.grains.radius)
     last = ((control.group >= 0) | control.spring.any(axis=1))[:n]
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
-    fraction = grid.inverse.T @ state.grains.position[single].T
+    # a product by BLAS would wake its threads, see `fields`
+    fraction = np.einsum("kb,nk->bn", grid.inverse, state.grains.position[single])
     x = (fraction - np.where(grid.periodic[:, None], np.floor(fraction), 0.0)) * grid.height[:, None]
     x -= x.min(axis=1, initial=np.inf)[:, None]
     each, size = max(1, -(-len(single) // (threads * TILE_SIZE))), 2 * state.grains.radius.mean()
@@ -144,8 +145,8 @@ def make_moving_bodies(
     place = np.empty(b, np.int64)
     place[order] = np.arange(b)
     moving = MovingBodies(
-        order, _aligned(b, core.BODY), here.angle[order], _aligned(b * predict, core.BODY_AHEAD), np.zeros((b, 6)),
-        free[order], free[:, used].all(axis=1)[order], external, torque, np.zeros((b if imposed else 0, 9)),
+        order, _empty_aligned(b, core.BODY), here.angle[order], _empty_aligned(b * predict, core.BODY_AHEAD),
+        np.zeros((b, 6)), free[order], free[:, used].all(axis=1)[order], external, torque, np.zeros((b if imposed else 0, 9)),
         np.zeros((b, 4)), tile, *find_members(state.control, place),
         np.arange(threads + 1) * (len(tile) - 1) // threads, np.zeros((threads, 8), np.int64),
     )  # fmt: skip

@@ -106,15 +106,15 @@ def numba_functions(kind: Kind) -> dict:
     from numba import njit
 
     made: dict = {}
-    functions = {name: _compiled(function, made, njit) for name, function in USER_LAWS[kind].functions.items()}
+    functions = {name: _compile(function, made, njit) for name, function in USER_LAWS[kind].functions.items()}
     return functions | {"GAUSS": _GAUSS, "STEP": STEP, "sqrt": np.sqrt}
 
 
-def _compiled(function, made: dict, njit):
+def _compile(function, made: dict, njit):
     """Copy of a function in which it and all functions that it calls are compiled."""
     if isinstance(function, types.ModuleType) and function is not np:
         module = types.ModuleType(function.__name__)
-        vars(module).update({name: _compiled(value, made, njit) for name, value in vars(function).items()})
+        vars(module).update({name: _compile(value, made, njit) for name, value in vars(function).items()})
         return module
     if not isinstance(function, types.FunctionType):
         return function
@@ -122,9 +122,9 @@ def _compiled(function, made: dict, njit):
         scope, cells = {}, [types.CellType() for _ in function.__closure__ or ()]
         copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, tuple(cells))
         made[function] = njit(**_OPTIONS, **_INNER)(copy)
-        scope.update({name: _compiled(value, made, njit) for name, value in function.__globals__.items()})
+        scope.update({name: _compile(value, made, njit) for name, value in function.__globals__.items()})
         for cell, old in zip(cells, function.__closure__ or (), strict=True):
-            cell.cell_contents = _compiled(old.cell_contents, made, njit)
+            cell.cell_contents = _compile(old.cell_contents, made, njit)
     return made[function]
 
 

@@ -102,7 +102,7 @@ def bound(own: UserLaw, role: str, values: dict) -> list:
     return [values[name] for name in own.arguments[role]]
 
 
-def updated(own: UserLaw, values: dict, **given) -> dict[str, float]:
+def update_memory(own: UserLaw, values: dict, **given) -> dict[str, float]:
     """Own memory of a contact after an update."""
     if not own.memory:
         return {}

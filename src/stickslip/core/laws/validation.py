@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 
 from .builtin import KT, STEP, Law
-from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, evaluate_role, find_user_law, updated
+from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, evaluate_role, find_user_law, update_memory
 
 MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
@@ -62,9 +62,9 @@ def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
     for overlap in size * np.array((0.0, 0.0137, 0.0973)):
         at = {"overlap": float(overlap), "r_eff": size}
         try:
-            new = updated(own, values, **at)
-            again = updated(own, values | new, **at)
-            stepped = updated(own, values, **at | {"overlap": complex(overlap, STEP)})
+            new = update_memory(own, values, **at)
+            again = update_memory(own, values | new, **at)
+            stepped = update_memory(own, values, **at | {"overlap": complex(overlap, STEP)})
         except Exception as problem:
             raise ValueError(
                 f"update cannot be evaluated, {_error_location(problem)}: it must return {len(own.memory)} real "
