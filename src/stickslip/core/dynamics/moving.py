@@ -146,8 +146,8 @@ def make_moving_bodies(
     place[order] = np.arange(b)
     moving = MovingBodies(
         order, _empty_aligned(b, core.BODY), here.angle[order], _empty_aligned(b * predict, core.BODY_AHEAD),
-        np.zeros((b, 6)), free[order], free[:, used].all(axis=1)[order], external, torque, np.zeros((b if imposed else 0, 9)),
-        np.zeros((b, 4)), tile, *find_members(state.control, place),
+        np.zeros((b, 6)), free[order], free[:, used].all(axis=1)[order], external, torque,
+        np.zeros((b if imposed else 0, 9)), np.zeros((b, 4)), tile, *find_members(state.control, place),
         np.arange(threads + 1) * (len(tile) - 1) // threads, np.zeros((threads, 8), np.int64),
     )  # fmt: skip
     core.gather_bodies(moving, here, 0.5 * plan.dt / mass, 0.5 * plan.dt / inertia)
