@@ -7,7 +7,10 @@ declared types. A struct is filled from a tuple by the names of its members, of 
 
 import ctypes
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -18,11 +21,16 @@ _SCALARS: dict[str, Any] = {
     "double": ctypes.c_double, "int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32, "uint8_t": ctypes.c_bool,
     "void": None,
 }  # fmt: skip
+_CODES = {"double": "d", "int64_t": "q", "int32_t": "i", "uint8_t": "?"}
 _ARRAYS = {
     "double": np.float64, "float": np.float32, "int64_t": np.int64, "int32_t": np.int32, "int16_t": np.int16,
     "int8_t": np.int8, "uint32_t": np.uint32, "uint8_t": np.bool_,
 }  # fmt: skip
 _DTYPES = {name: np.dtype(dtype) for name, dtype in _ARRAYS.items()}
+_SIZES: dict[str, Callable] = {
+    "len": lambda value, alive: 0 if value is None else len(value),
+    "width": lambda value, alive: 0 if value is None else value.shape[1],
+}
 _CONSTANTS, _CONSTANT = re.compile(r"constexpr int\w+ ([^;]*);"), re.compile(r"(\w+) = (-?\d+)")
 _STRUCT, _FUNCTION = re.compile(r"struct (\w+) \{(.*?)\}", re.DOTALL), re.compile(r"API ([^()]*?)(\w+)\(([^)]*)\)")
 _COMMENT, _DECLARATION = re.compile(r"//.*"), re.compile(r"(?:const )?(?:struct )?(\w+)\s*(\*?)\s*(\w+)")
@@ -35,29 +43,43 @@ def _declarations(text: str, separator: str) -> list[tuple[str, bool, str]]:
     return [(match[1], bool(match[2]), match[3]) for match in found]
 
 
-class _Struct:
-    """Layout of a struct, and how its members are filled."""
+def _interface(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _first_member(array: np.ndarray, size=object.__basicsize__, read=ctypes.c_int64.from_address) -> int:
+    """Address of the data, which is the first member of NumPy's C struct of an array (an eighth of the time)."""
+    return read(id(array) + size).value
+
+
+_SAMPLE = np.zeros(1)
+_data = _first_member if _first_member(_SAMPLE) == _interface(_SAMPLE) else _interface
+
+
+class _Layout:
+    """Members of a struct."""
 
     def __init__(self, name: str, members):
         fields = [(key, ctypes.c_void_p if pointer else _SCALARS[kind]) for kind, pointer, key in members]
         self.type = type(name, (ctypes.Structure,), {"_fields_": fields})
         self.members = members
+        self.pack_into = Struct("".join("P" if pointer else _CODES[kind] for kind, pointer, _ in members)).pack_into
+        self.sources: list = []  # name of what each member is read from, and its converter
 
 
 class _Function:
     """Function of the library that converts its arguments."""
 
     def __init__(self, core: "_Core", pointer, result: str, parameters):
-        self._core, self._call, self._parameters = core, pointer, parameters
+        self._call = pointer
+        self._converters = [core.converter(kind, name) if is_pointer else None for kind, is_pointer, name in parameters]
         pointer.argtypes = [ctypes.c_void_p if is_pointer else _SCALARS[kind] for kind, is_pointer, _ in parameters]
         pointer.restype = ctypes.c_void_p if "*" in result else _SCALARS[result.strip()]
 
     def __call__(self, *values):
         alive: list = []  # what pointers refer to, until the function returns
-        return self._call(*(
-            self._core.address(kind, value, name, alive) if pointer else value
-            for (kind, pointer, name), value in zip(self._parameters, values, strict=True)
-        ))  # fmt: skip
+        pairs = zip(self._converters, values, strict=True)
+        return self._call(*[value if convert is None else convert(value, alive) for convert, value in pairs])
 
 
 class _Core:
@@ -67,7 +89,9 @@ class _Core:
         text = _COMMENT.sub("", (Path(build.__file__).parent / "core.h").read_text(encoding="utf-8"))
         for line in _CONSTANTS.findall(text):
             vars(self).update((name, int(value)) for name, value in _CONSTANT.findall(line))
-        self.structs = {name: _Struct(name, _declarations(body, ";")) for name, body in _STRUCT.findall(text)}
+        self.structs = {name: _Layout(name, _declarations(body, ";")) for name, body in _STRUCT.findall(text)}
+        for layout in self.structs.values():
+            layout.sources = [self._source(*member) for member in layout.members]
         self._functions = {name: (result, arguments) for result, name, arguments in _FUNCTION.findall(text)}
         self._library = None
 
@@ -81,47 +105,48 @@ class _Core:
         setattr(self, name, function)
         return function
 
-    def address(self, kind: str, value, name: str, alive: list):
-        """Address of an array or struct; None is the null pointer, and a number an address."""
-        if value is None or type(value) is int:
-            return value
-        if isinstance(value, ctypes.Structure):
-            alive.append(value)
-            return ctypes.addressof(value)
-        if kind not in self.structs:
-            dtype = _DTYPES[kind]
+    def _source(self, kind: str, pointer: bool, name: str):
+        """Name of what a member of a struct is read from, and its converter."""
+        before, _, rest = name.partition("_")
+        if rest and not pointer and before in _SIZES:
+            return rest, _SIZES[before]
+        return name, self.converter(kind, name) if pointer else None
+
+    def converter(self, kind: str, name: str) -> Callable:
+        """Function that returns the address of an array or struct; None is the null pointer, a number an address."""
+
+        def struct_address(value, alive: list):
+            if value is None or isinstance(value, int):
+                return value or 0
+            struct = value if isinstance(value, ctypes.Structure) else self.fill(kind, value)
+            alive.append(struct)
+            return ctypes.addressof(struct)
+
+        def array_address(value, alive: list):
+            if not isinstance(value, np.ndarray):
+                return int(value or 0)
             if value.dtype is not dtype and value.dtype != dtype:
                 raise TypeError(f"{name} has type {value.dtype}: the compiled core needs {dtype}")
             if not value.flags.c_contiguous:
                 raise TypeError(f"{name} is not contiguous: the compiled core needs numpy.ascontiguousarray")
-            alive.append(value)
-            return value.__array_interface__["data"][0]
-        filled = self.fill(kind, value)
-        alive.append(filled)
-        return ctypes.addressof(filled)
+            return _data(value)
+
+        dtype = _DTYPES.get(kind)
+        return struct_address if dtype is None else array_address
 
     def fill(self, kind: str, value):
         """Struct filled from a tuple or dictionary, for calls that use it often; it keeps alive what it points to."""
-        struct = self.structs[kind]
-        entries = value if isinstance(value, dict) else {}
-        out = struct.type()
+        layout = self.structs[kind]
+        entry = value.__getitem__ if isinstance(value, dict) else partial(getattr, value)
+        out = layout.type()
         out.alive = alive = []
-        for inner, pointer, name in struct.members:
-            if name.startswith("width_"):
-                entry = _entry(value, entries, name[6:])
-                entry = 0 if entry is None else entry.shape[1]
-            elif name.startswith("len_") and name not in entries:
-                entry = _entry(value, entries, name[4:])
-                entry = 0 if entry is None else len(entry)
-            else:
-                entry = _entry(value, entries, name)
-                entry = self.address(inner, entry, name, alive) if pointer else entry
-            setattr(out, name, entry)
+        numbers = []
+        for source, convert in layout.sources:
+            given = entry(source)
+            alive.append(given)
+            numbers.append(given if convert is None else convert(given, alive))
+        layout.pack_into(out, 0, *numbers)
         return out
-
-
-def _entry(value, entries: dict, name: str):
-    return entries[name] if entries else getattr(value, name)
 
 
 core = _Core()
