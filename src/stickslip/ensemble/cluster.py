@@ -19,15 +19,13 @@ from uuid import uuid4
 
 from ..extras import require
 from .local import TRIES
-from .worker import SchedulerGoneError, WorkerDiedError, WorkerProcess, describe_error, ensure_running
+from .worker import SchedulerGoneError, WorkerDiedError, WorkerProcess, describe_error, give_back, take_idle
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # timeout for the scheduler's first answer [s]
 PAUSE = 1.0  # shortest time between two messages of one task, because a scheduler receives those of many tasks [s]
 POLL = 2.0  # time between two queries of the cluster [s]
 AHEAD = 256  # smallest number of tasks that wait on the scheduler for a free worker
-
-_idle: list[WorkerProcess] = []  # idle processes of this process, if it is a worker of a cluster
 
 
 @contextmanager
@@ -196,7 +194,7 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
         worker.log_event(topic, [k, share, words])
 
     for tries in range(1, TRIES + 1):
-        process, finished = ensure_running(_idle.pop() if _idle else None), threading.Event()
+        process, finished = take_idle(), threading.Event()
         threading.Thread(target=_kill_when_unwanted, args=(process, finished, unwanted), daemon=True).start()
         try:
             answer = process.call(packed, PAUSE if topic else None, heard)
@@ -205,7 +203,7 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
             if tries == TRIES or unwanted():
                 return None, f"{problem}, {tries} times"
         else:
-            _idle.append(process)
+            give_back(process)
             return answer
         finally:
             finished.set()

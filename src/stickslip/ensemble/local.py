@@ -3,13 +3,13 @@
 import queue
 import threading
 
-from .worker import WorkerDiedError, WorkerProcess, ensure_running
+from .worker import WorkerDiedError, WorkerProcess, give_back, take_idle
 
 TRIES = 2  # attempts for a task whose process dies
 PAUSE = 0.2  # shortest time between two messages of one task [s]
 
 
-def run_tasks(packed, workers: int, keep, heard) -> None:
+def run_tasks(packed, workers: int, keep, heard, *, own: bool = False) -> None:
     """Run all tasks.
 
     Parameters
@@ -17,10 +17,11 @@ def run_tasks(packed, workers: int, keep, heard) -> None:
     packed : yields (k, bytes of a task)
     keep : called in this process as keep(k, bytes of the result or None, error message or None)
     heard : called in this process as heard(k, share, words); None if the tasks report no progress
+    own : True if only code of this package runs, which does not change: the processes then wait for later tasks
     """
     waiting, events = queue.SimpleQueue(), queue.SimpleQueue()
     source = iter(packed)
-    threads = [_WorkerThread(waiting, events, PAUSE if heard else None) for _ in range(workers)]
+    threads = [_WorkerThread(waiting, events, PAUSE if heard else None, own) for _ in range(workers)]
     try:
         left = sum(_enqueue_next(source, waiting) for _ in range(2 * workers))
         for thread in threads:
@@ -34,9 +35,13 @@ def run_tasks(packed, workers: int, keep, heard) -> None:
                 raise rest[0]
             left += _enqueue_next(source, waiting) - 1
             keep(*rest)
-    finally:
+    except BaseException:
         for thread in threads:
-            thread.stop()
+            thread.kill()
+        raise
+    finally:
+        for _ in threads:
+            waiting.put(None)
         for thread in threads:
             thread.end()
 
@@ -67,9 +72,9 @@ def _enqueue_next(source, waiting) -> int:
 class _WorkerThread(threading.Thread):
     """A thread that drives one process at a time, takes tasks and posts their results."""
 
-    def __init__(self, waiting, events, pause: float | None):
+    def __init__(self, waiting, events, pause: float | None, own: bool):
         super().__init__(daemon=True)
-        self.waiting, self.events, self.pause = waiting, events, pause
+        self.waiting, self.events, self.pause, self.own = waiting, events, pause, own
         self.worker, self.stopped = None, threading.Event()
 
     def run(self):
@@ -81,7 +86,7 @@ class _WorkerThread(threading.Thread):
                 self.events.put(("stopped", problem))
 
     def _do(self, k: int, packed: bytes, tries: int) -> None:
-        self.worker = ensure_running(self.worker)
+        self.worker = self.worker or take_idle()
         try:
             answer = self.worker.call(packed, self.pause, lambda *said: self.events.put(("said", k, *said)))
         except WorkerDiedError as problem:
@@ -92,16 +97,17 @@ class _WorkerThread(threading.Thread):
             answer = None, f"{problem}, {tries} times"
         return self.events.put(("done", k, *answer))
 
-    def stop(self):
+    def kill(self):
         """Kill the process, whatever it is doing."""
         self.stopped.set()
-        self.waiting.put(None)
         if self.worker:
             self.worker.process.kill()
 
     def end(self):
-        """Wait for the thread to finish, then end the process."""
+        """Wait for the thread to finish, then end its process, or keep it for later tasks."""
         if self.is_alive():
             self.join(10)
-        if self.worker:
+        if self.worker and self.own and not self.stopped.is_set():
+            give_back(self.worker)
+        elif self.worker:
             self.worker.end()

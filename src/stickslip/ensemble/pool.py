@@ -161,7 +161,8 @@ def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard)
         raise ValueError(f"workers = {workers} was given: at least 1 is needed")
     workers = min(workers or default_workers(), len(tasks))
     if workers > 1:
-        return local.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard)
+        own = (getattr(function, "__module__", None) or "").startswith("stickslip.")
+        return local.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard, own=own)
     for k, task in tasks.items():
         more = (partial(heard, k),) if heard else ()
         try:

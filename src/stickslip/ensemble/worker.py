@@ -46,11 +46,6 @@ def describe_error(problem: Exception) -> str:
     return f"{type(problem).__name__}: {problem}"
 
 
-def ensure_running(worker: "WorkerProcess | None") -> "WorkerProcess":
-    """Return the given process, or a new one if there is none or it has ended."""
-    return worker if worker and worker.process.poll() is None else WorkerProcess()
-
-
 class WorkerProcess:
     """Parent's handle to a worker process; only one thread at a time may use it."""
 
@@ -60,6 +55,7 @@ class WorkerProcess:
         environment = os.environ | dict.fromkeys(ONE_CORE, "1") | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
         # the working directory may contain a random.py: it comes last, for functions of an interactive session
         here = [os.getcwd()] if "" in sys.path else []
+        self.origin = _origin()
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", START, *here],
             stdin=subprocess.PIPE,
@@ -110,6 +106,29 @@ class WorkerProcess:
         for pipe in (self.process.stdin, self.process.stdout):
             with suppress(OSError):  # buffered data cannot be sent any more
                 pipe.close()
+
+
+_idle: list[WorkerProcess] = []  # processes that wait for another task; starting one takes a second
+
+
+def _origin() -> tuple:
+    """What a process inherits when it is started."""
+    return os.getpid(), os.getcwd(), list(sys.path), dict(os.environ)
+
+
+def take_idle() -> WorkerProcess:
+    """Return an idle process that inherited what a new one would, or start a new one."""
+    while _idle:
+        worker = _idle.pop()
+        if worker.process.poll() is None and worker.origin == _origin():
+            return worker
+        worker.end()
+    return WorkerProcess()
+
+
+def give_back(worker: WorkerProcess) -> None:
+    """Keep a process for later tasks; it ends after a minute without one, or with this process."""
+    _idle.append(worker)
 
 
 def _send(stream, data: bytes) -> None:
