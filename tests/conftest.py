@@ -2,13 +2,18 @@
 
 import contextlib
 import io
+import os
 import sys
 import warnings
 from types import SimpleNamespace
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one process tests on each core
+
 import numpy as np
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
+from PIL import Image
 
 from stickslip.core.contacts.forces import accept, forces
 from stickslip.core.laws.builtin import for_pair
@@ -51,6 +56,23 @@ def pytest_collection_modifyitems(config, items):
 def _loud_floating_point():
     with np.errstate(all="raise", under="ignore"):
         yield
+
+
+PLAIN = ("hardening", "restart", "ensemble", "laws", "peers", "exchange", "watch")  # folders without tests of figures
+_savefig = Figure.savefig
+
+
+def _save_noise(figure, path, format=None, **options):
+    """Save noise of the size of a figure, which takes a second to draw; frames of movies are drawn."""
+    if format == "rgba":
+        return _savefig(figure, path, format=format, **options)
+    return Image.effect_noise((300, 300), 100).save(path, format)
+
+
+@pytest.fixture(autouse=True)
+def _plain_figures(request, monkeypatch):
+    if request.path.parent.name in PLAIN:
+        monkeypatch.setattr(Figure, "savefig", _save_noise)
 
 
 def make_law(name, coulomb, mu=0.4, **more):
