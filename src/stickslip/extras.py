@@ -19,7 +19,7 @@ _TEMPORARY = "STICKSLIP_CACHE"
 EXTRAS = {
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
-    "exchange": ("gsd", "ase", "pyevtk"),
+    "exchange": ("gsd", "ase", "pyevtk", "networkx"),
     "mp4": ("imageio_ffmpeg",),
     "posterior": ("emcee",),
     "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),

@@ -13,12 +13,14 @@ Results
     open_sweep          results of a sweep as an xarray dataset
     read_sweep          definition of a sweep
     contact_table       contacts of one frame, one row each
+    contact_graph       contacts of a state as a graph of networkx
 """
 
 from .core.units import units_in_use
 from .data.exchange.files import packing_units, read_packing, read_packings, write_packing
 from .data.exchange.follow import follow_packings
 from .data.exchange.frame import frame_of
+from .data.exchange.graph import contact_graph
 from .data.exchange.motion import mode_frames, read_mode
 from .experiments.dataset import contact_table, open_dataset
 from .experiments.sweep.dataset import open_sweep
@@ -26,6 +28,7 @@ from .experiments.sweep.definition import read_sweep
 from .lazy import unknown
 
 __all__ = [
+    "contact_graph",
     "contact_table",
     "follow_packings",
     "frame_of",

@@ -19,6 +19,7 @@ Continuum
     inertial_number     dimensionless shear rate
     shear_strain        strain of a sheared cell
     elastic_energy      energy stored in the contacts
+    coarse_grained      density, velocity and stress as fields on a grid
 
 Equilibrium
     unbalanced_forces   generalised force on every body
@@ -54,11 +55,13 @@ from .core.state import heights
 from .lazy import unknown
 from .loading.shear import shear_strain
 from .solve.balance import BALANCED_BELOW, imbalance, likely_causes
+from .solve.coarse_graining import coarse_grained
 from .solve.relax import residual
 
 __all__ = [
     "BALANCED_BELOW",
     "branch_vectors",
+    "coarse_grained",
     "contact_forces",
     "contact_numbers",
     "coordination",
