@@ -109,9 +109,9 @@ def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
     own = [c for c in claims if not variant(c)]
     judged = [c for c in own if c.verdict != NO_REFERENCE]
     count = Counter(c.verdict for c in judged)
-    others = [f"{count[PARTLY]} in part", f"{count[NOT_REPRODUCED]} not", f"{count[REFUTED]} refuted",
-              f"{count[NOT_REFUTED]} not refuted", f"{count[UNDECIDED]} undecided"]  # fmt: skip
-    others = [words for words in others if not words.startswith("0 ")]
+    kinds = {PARTLY: "in part", NOT_REPRODUCED: "not", REFUTED: "refuted", NOT_REFUTED: "not refuted",
+             UNDECIDED: "undecided"}  # fmt: skip
+    others = [f"{count[kind]} {words}" for kind, words in kinds.items() if count[kind]]
     lacking = len(own) - len(judged)
     verb = "is" if count[REPRODUCED] == 1 else "are"
     first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"

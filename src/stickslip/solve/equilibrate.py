@@ -78,9 +78,9 @@ def equilibrate(
     -------
     State, Outcome
         `outcome.how` describes the method used. `outcome.fallback` is True if damped dynamics was needed.
-        `outcome.warning` is set if the equilibrium is unstable (an UnstableEquilibriumWarning is then also issued) or
-        if the tolerance is too large for stability to be judged. Unless the outcome is CONVERGED, the given state is
-        returned.
+        `outcome.unstable` is True if the equilibrium is unstable; an UnstableEquilibriumWarning is then also issued.
+        `outcome.warning` says so, or that the tolerance is too large for stability to be judged. Unless the outcome is
+        CONVERGED, the given state is returned.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def equilibrate(
         words += ", if contacts at the Coulomb limit keep sliding"
     keep.found_stable = -1 if words else keep.renewals
     if words:
-        outcome = outcome._replace(warning=words)
+        outcome = outcome._replace(warning=words, unstable=True)
         warnings.warn(words, UnstableEquilibriumWarning, stacklevel=2)
     return end, outcome
 

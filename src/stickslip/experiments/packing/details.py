@@ -12,13 +12,12 @@ from ...solve.density import participation_ratio
 from ...solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ...solve.sensitivity import ContactSensitivity, contact_sensitivity
 from ...solve.stability import Stability
-from ...solve.transient import TransientGrowth, transient_growth
+from ...solve.transient import NoElasticEnergyError, TransientGrowth, transient_growth
 from ..terminal import STYLE, console, show_table
 
 CONTACTS = 5  # rows of the table of contacts
 SHOWN = 12  # participation ratios that are printed
 UNBALANCED = "since the packing is not in equilibrium"
-POSITIVE = "the symmetric part of the stiffness"
 
 
 class Details(NamedTuple):
@@ -54,10 +53,12 @@ def _try(function, *arguments, **options):
 def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth | str:
     if found.grows:
         return "since exponential growth exceeds any transient"
-    by_energy = _try(transient_growth, state, law, report=report)
-    if isinstance(by_energy, str) and by_energy.startswith(POSITIVE):
+    try:
+        return transient_growth(state, law, report=report)
+    except NoElasticEnergyError:
         return _try(transient_growth, state, law, norm="displacement", report=report)
-    return by_energy
+    except ValueError as problem:
+        return str(problem)
 
 
 def to_dict(more: Details) -> dict:

@@ -31,7 +31,6 @@ SHOWN = 12  # pairs listed in the table
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
-UNKNOWN_LAW = "another law"  # beginning of the last of `likely_causes`
 
 
 class Settling(NamedTuple):
@@ -87,13 +86,13 @@ def verdict(found: Stability, calm: Settling | None = None) -> str:
 
 def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, inferred from the packing and the options given for its law."""
-    known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
+    known, law = list(found.causes[:-1]), "another law than that of the packing"  # the last cause says no more of it
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any(isinstance(line, Assumption) for line in words)
     if given:
-        known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
+        known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumed:
-        known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, so the defaults were used")
+        known.append(f"{law}: none was given, so the defaults were used")
     return known or list(found.causes)
 
 

@@ -83,7 +83,7 @@ def show(result: ThresholdResult) -> None:
         time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
         table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)
     show_table(table)
-    for sentence in result.sentence.split("; "):
+    for sentence in result.sentences:
         console.print(f"  {sentence}", soft_wrap=True)
     if left := [load for load in result.scenario.load.loads if load > result.path[-1].load]:
         console.print(
