@@ -11,10 +11,10 @@ from ..core.outcome import NotInEquilibriumError
 from ..core.readable import pluralize
 from ..core.state import State
 from ..solve.equilibrate import LeftPathError, UnstableEquilibriumWarning, equilibrate
+from ..solve.linearised import linearised
 from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
-from ..solve.stability import contacts_at_limit
 from .event_path import Judge, Point, commit, continuous, displacement, distance, fall
 from .protocols import Equilibrium, Protocol
 from .shear import shear_strain, sheared
@@ -178,7 +178,7 @@ def instability(found: Spectrum, state: State, law: Law, drag: float | None = No
     pairs = found.pairs if drag is None else found.pairs[damped_exponents(found.pairs, drag) > 0]
     if not (negative or len(pairs)):
         return None
-    return Instability(negative, len(pairs), len(contacts_at_limit(state, law)) > 0, bool(damping_model(law)))
+    return Instability(negative, len(pairs), len(linearised(state, law).at_limit) > 0, bool(damping_model(law)))
 
 
 def branch_distance(start: Point, end: Point) -> float:

@@ -28,7 +28,8 @@ from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
-from ..solve.balance import BALANCED_BELOW, imbalance, motion_imbalance
+from ..solve.balance import BALANCED_BELOW, force_imbalance, motion_imbalance
+from ..solve.linearised import linearised
 from .protocols import Equilibrium, Protocol, perturbed
 from .shear import reduced_cell, wrapped
 
@@ -266,8 +267,8 @@ def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
 
 def _require_rest(point: Equilibrium, protocol: Protocol) -> None:
     """Raise ValueError if a state is not at rest under its load."""
-    state, law = protocol.apply(point.state, point.load), protocol.law
-    share = max(imbalance(state, law), motion_imbalance(state, law))
+    here = linearised(protocol.apply(point.state, point.load), protocol.law)
+    share = max(force_imbalance(here), motion_imbalance(here))
     if not share <= BALANCED_BELOW:
         raise ValueError(
             f"a path was given whose state at a load of {point.load:.4g} is not at rest there (forces are off by "
