@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ...core.tables import write_table
 from ...core.units import Fields, heading, units_of, with_unit
 from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
@@ -71,14 +72,13 @@ def _write_series(result: FlowResult, path: Path) -> None:
         values, kind, unit = getattr(series, name), name.split("_")[0], units.get(name, "1")
         if kind in bodies:
             for k, body in enumerate(bodies[kind]):
-                columns |= {f"{body}_{name.split('_')[1]}_{a}": (unit, values[:, k, m]) for m, a in enumerate("xyz")}
+                what = f"{body}_{name.split('_')[1]}".replace(",", " ")
+                columns |= {heading(f"{what}_{a}", unit): values[:, k, m] for m, a in enumerate("xyz")}
         elif values.ndim == 1:
-            columns[name] = unit, values
+            columns[heading(name, unit)] = values
         elif name in ("center", "low", "high"):
-            columns |= {f"{name}_{a}": (unit, values[:, m]) for m, a in enumerate("xyz")}
-    header = ",".join(heading(name.replace(",", " "), unit) for name, (unit, _) in columns.items())
-    table = np.stack([values for _, values in columns.values()], axis=1)
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+            columns |= {heading(f"{name}_{a}", unit): values[:, m] for m, a in enumerate("xyz")}
+    write_table(path, columns, zip(*columns.values(), strict=True))
 
 
 def show(result: FlowResult) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from ...core.readable import pluralize
+from ...core.tables import labelled, write_table
 from ...core.units import units_of
 from ...figures import gouge as figures_of
 from ...figures.style import power_of_ten
@@ -170,37 +171,35 @@ def numbers(result: GougeResult) -> dict:
 def _write_series(result: GougeResult, path: Path) -> None:
     """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
-    units = {name: "-" if unit == "1" else unit.replace("^", "") for name, unit in units_of(Series).items()}
-    header = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
-    header.append("hold [s]")
-    lines = [",".join(header + [f"{name} [{units.get(name, '-')}]" for name in names])]
-    for one in result.realizations:
-        for k, test in enumerate(one.tests):
-            head = (
-                f"{one.seed},{k},{test.part},{test.branch},{test.kind},{test.before:g},{test.velocity:g},{test.hold:g},"
-            )
-            table = np.stack([getattr(test.series, name) for name in names], axis=1)
-            lines += [head + ",".join(f"{x:.7g}" for x in row) for row in table]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    labels = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
+    rows = (
+        (one.seed, k, test.part, test.branch, test.kind, test.before, test.velocity, test.hold, *row)
+        for one in result.realizations
+        for k, test in enumerate(one.tests)
+        for row in zip(*(getattr(test.series, name) for name in names), strict=True)
+    )
+    write_table(path, [*labels, "hold [s]", *_labels(names, units_of(Series))], rows, digits=7)
+
+
+def _labels(names, units: dict[str, str]) -> list[str]:
+    return [labelled(name, units.get(name, "1").replace("^", "")) for name in names]
 
 
 def _write_slips(found: Slips, path: Path) -> None:
     """Write one row for each slip."""
-    units = units_of(Slips)
-    lines = [",".join(f"{name} [{units.get(name, '-')}]" for name in found._fields)]
-    lines += [",".join(f"{x:.7g}" for x in row) for row in zip(*found, strict=True)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table(path, _labels(found._fields, units_of(Slips)), zip(*found, strict=True), digits=7)
 
 
 def _write_curves(found, path: Path) -> None:
     """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
-    lines = ["run,kind,before [m/s],hold [s],after [m/s],x,unit of x,mean,error,deviation"]
-    for run, result in found.results.items():
-        for kind, where, unit, curve in _mean_curves(result):
-            head = f"{run.replace(',', ';')},{kind}," + ",".join("" if w is None else f"{w:g}" for w in where)
-            rows = zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
-            lines += [f"{head},{x:.5g},{unit},{mean:.5g},{error:.3g},{band:.3g}" for x, mean, error, band in rows]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    names = "run", "kind", "before [m/s]", "hold [s]", "after [m/s]", "x", "unit of x", "mean", "error", "deviation"
+    rows = (
+        (run.replace(",", ";"), kind, *where, x, unit, *numbers)
+        for run, result in found.results.items()
+        for kind, where, unit, curve in _mean_curves(result)
+        for x, *numbers in zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
+    )
+    write_table(path, names, rows, digits=5)
 
 
 def _mean_curves(result: GougeResult):

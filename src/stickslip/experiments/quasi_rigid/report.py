@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ...core.tables import write_table
 from ...core.units import Fields, units_of
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
@@ -78,19 +79,13 @@ def _sample(one: SampleResult) -> dict:
 
 def _write_curves(result: QuasiResult, path: Path) -> None:
     """Write one row per point: sample, curve, load, strain, volumetric strain, stress ratio."""
-    lines = ["sample,curve,load,strain,volumetric_strain,stress_ratio"]
-
-    def add(seed: int, name: str, curve: Curve) -> None:
-        for row in zip(*curve, strict=True):
-            lines.append(f"{seed},{name}," + ",".join(f"{x:.9g}" for x in row))
-
+    curves = []
     for one in result.tested:
-        add(one.seed, "path", one.curve)
-        if one.back is not None:
-            add(one.seed, "unloading", one.back)
-        for run in one.slow:
-            add(one.seed, f"dynamics {run.time:g}", run.curve)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        curves.append((one.seed, "path", one.curve))
+        curves += [] if one.back is None else [(one.seed, "unloading", one.back)]
+        curves += [(one.seed, f"dynamics {run.time:g}", run.curve) for run in one.slow]
+    names = ("sample", "curve", "load", "strain", "volumetric_strain", "stress_ratio")
+    write_table(path, names, ((seed, name, *row) for seed, name, curve in curves for row in zip(*curve, strict=True)))
 
 
 def show(result: QuasiResult) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
+from ...core.tables import format_table, labelled
 from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
 from ...extras import require
@@ -273,7 +274,7 @@ def write(out: Path, found: RecordFits) -> list[Path]:
 
 def _draws_csv(file: Path, one: Posterior) -> str:
     """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
-    head = ",".join(f"{name} [{UNITS.get(name, '-')}]" for name in one.names)
     fixed = ", ".join(f"{name} = {value:.6g}" for name, value in one.fit.fixed.items())
-    notes = f"# draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form\n# fixed: {fixed}\n"
-    return notes + "\n".join([head, *(",".join(f"{value:.8g}" for value in row) for row in one.draws)]) + "\n"
+    notes = f"draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form", f"fixed: {fixed}"
+    labels = [labelled(name, UNITS.get(name, "1")) for name in one.names]
+    return format_table(labels, one.draws, digits=8, comments=notes)

@@ -1,12 +1,12 @@
 """Output of the static and kinetic friction of a sample: files in the run folder and the summary on the terminal."""
 
-import csv
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
+from ...core.tables import write_table
 from ...core.units import Fields, heading
 from ...figures.instability import static_and_kinetic
 from ...solve.fastest import FastestPair
@@ -33,13 +33,13 @@ def files(result: ThresholdResult):
 
 
 def _write_outcomes(result: ThresholdResult, path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        velocity, lifetime = heading("velocity", "length/time"), heading("median lifetime", "time")
-        writer.writerow(["load", velocity, "runs", "slid", "share", "lasting", "lasting share", lifetime])
-        for load, _, kick, runs, slid, lasting, lifetime in _outcomes(result):
-            time = "" if np.isnan(lifetime) else lifetime
-            writer.writerow([load, kick, runs, slid, slid / runs, lasting, lasting / runs, time])
+    velocity, lifetime = heading("velocity", "length/time"), heading("median lifetime", "time")
+    names = ("load", velocity, "runs", "slid", "share", "lasting", "lasting share", lifetime)
+    rows = (
+        (load, kick, runs, slid, slid / runs, lasting, lasting / runs, time)
+        for load, _, kick, runs, slid, lasting, time in _outcomes(result)
+    )
+    write_table(path, names, rows, digits=None)
 
 
 def _outcomes(result: ThresholdResult):
