@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from ...core.readable import pluralize
 from ...core.tables import labelled, write_table
@@ -14,7 +13,7 @@ from ...figures import gouge as figures_of
 from ...figures.style import power_of_ten
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import CURVES, SERIES, SLIPS, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from . import measures as measured
 from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
@@ -242,9 +241,7 @@ def show(result: GougeResult) -> None:
     """Print steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
     console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
-    table = Table(**STYLE)
-    for name in ("velocity [m/s]", "steady friction", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table("velocity [m/s]", "steady friction", "±")
     for velocity in measured.velocities(result):
         found = measured.mean_friction(result, velocity)
         table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.half:.4f}")
@@ -268,9 +265,8 @@ def show(result: GougeResult) -> None:
 
 
 def _show_holds(result: GougeResult) -> None:
-    table = Table(title="Slides after holds", **STYLE)
-    for name in ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
+    names = ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±")
+    table = new_table(*names, title="Slides after holds")
     for before, hold, after in measured.reslides(result):
         found = measured.peak(measured.reslide_curve(result, before, hold, after))
         scaled = normalised_hold(result.scenario, hold, before)

@@ -15,7 +15,7 @@ from ...core.laws.kinds import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State
-from ...core.units import heading, with_unit
+from ...core.units import with_unit
 from ...data.atomic import replace_atomically
 from ...data.sample import Assumption
 from ...solve.balance import BALANCED_BELOW, imbalance
@@ -23,10 +23,11 @@ from ...solve.birth import BirthForm, birth_form
 from ...solve.equilibrate import equilibrate
 from ...solve.freedom import backbone
 from ...solve.stability import Stability
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from . import details as stability_more
 
-KINDS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}  # units; others: 1/time
+UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
+UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
 SHOWN = 12  # pairs listed in the table
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
@@ -199,9 +200,7 @@ def _show_form(form: BirthForm | str) -> None:
         f"which leaves β uncertain by {100 * form.detuned:.2g} %"
     )
     if len(form.rates):
-        table = Table(**STYLE)
-        for column in ("amplitude", heading("growth rate", "1/time"), "over σ"):
-            table.add_column(column, justify="right")
+        table = new_table("amplitude", "growth rate", "over σ", units=UNITS)
         for k in range(len(form.rates) // 4 - 1, len(form.rates), len(form.rates) // 4):
             if np.isfinite(form.rates[k]):
                 ratio = form.rates[k] / form.growth_rate
@@ -232,10 +231,7 @@ def describe_law(law: Law) -> str:
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
-    table = Table(title=title, **STYLE)
-    for column in columns:
-        table.add_column(heading(column, KINDS.get(column, "1/time")), justify="right", overflow="fold")
-    return table
+    return new_table(*columns, title=title, units=UNITS)
 
 
 def _show_exponents(found: Stability) -> None:

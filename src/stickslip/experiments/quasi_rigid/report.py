@@ -4,14 +4,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from ...core.tables import write_table
 from ...core.units import Fields, units_of
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
 
 
@@ -90,11 +89,8 @@ def _write_curves(result: QuasiResult, path: Path) -> None:
 
 def show(result: QuasiResult) -> None:
     """Print the end of every path on the terminal."""
-    title = "Paths, strain error of the slowest dynamics, and its collapse load"
-    table = Table(title=title, **STYLE)
     names = ("sample", "ends at", "ratio", "strain", "sliding", "events", "error", "collapse")
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table(*names, title="Paths, strain error of the slowest dynamics, and its collapse load")
     for one in result.tested:
         last = one.path.points[-1]
         off = min(one.slow, key=lambda run: -run.time).error if one.slow else None

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.table import Table
 
 from ...core.tables import format_table, labelled
 from ...core.text import parse_integer
@@ -20,7 +19,7 @@ from ...friction.model_comparison import LawComparison, compare_laws
 from ...friction.remedies import stiffness_doubt, trend_gain
 from ...friction.sampling import PERCENTS, Posterior, posterior
 from ..run_folder import foreign_files_message
-from ..terminal import STYLE, console, progress, show_table
+from ..terminal import console, new_table, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 DRAWS, CORNER = "posterior.csv", "posterior.png"
@@ -186,9 +185,8 @@ def _replace_nonfinite(thing):
 def show(found: RecordFits) -> None:
     """Print a table for each law, and the comparison."""
     for one in found.fits:
-        table = Table(title=f"{one.law.capitalize()} law", **STYLE)
-        for name in ("parameter", "value", "95 % interval", "unit"):
-            table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
+        names, title = ("parameter", "value", "95 % interval", "unit"), f"{one.law.capitalize()} law"
+        table = new_table(*names, title=title, left=("parameter", "unit"))
         for name in one.names:
             table.add_row(name, *_format_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
         if {"a", "b"} & set(one.names):
@@ -211,9 +209,8 @@ def show(found: RecordFits) -> None:
 
 
 def _show_posterior(one: Posterior) -> None:
-    table = Table(title=f"Posterior, {one.fit.law} law", **STYLE)
-    for name in ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit"):
-        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
+    names, title = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit"), f"Posterior, {one.fit.law} law"
+    table = new_table(*names, title=title, left=("parameter", "unit"))
     for name in one.names:
         table.add_row(name, *(f"{value:.5g}" for value in one.percentiles[name]), UNITS.get(name, ""))
     show_table(table)

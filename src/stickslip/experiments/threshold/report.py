@@ -4,14 +4,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from ...core.tables import write_table
 from ...core.units import Fields, heading
 from ...figures.instability import static_and_kinetic
 from ...solve.fastest import FastestPair
 from ..run_folder import THRESHOLD, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .simulate import ThresholdResult
 
 LABEL = {
@@ -75,10 +74,9 @@ def numbers(result: ThresholdResult) -> dict:
 
 def show(result: ThresholdResult) -> None:
     """Print a summary of a run on the terminal."""
-    table = Table(title="Kicked runs", **STYLE)
-    kinds = {"velocity": "length/time", "median lifetime": "time"}
-    for name in ("load", "pairs", "velocity", "slid", "lasting", "median lifetime"):
-        table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
+    units = {"velocity": "length/time", "median lifetime": "time"}
+    names = ("load", "pairs", "velocity", "slid", "lasting", "median lifetime")
+    table = new_table(*names, title="Kicked runs", units=units)
     for load, pairs, kick, runs, slid, lasting, lifetime in _outcomes(result):
         time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
         table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)
