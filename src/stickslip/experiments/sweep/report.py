@@ -153,11 +153,9 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
 def show(swept: SweepResult) -> None:
     """Print the ranges of the measures, and the failures."""
     rows = [one for one in swept.found if one]
-    names, title = (
-        ("measure", "unit", "members", "least", "median", "greatest"),
-        f"{len(rows)} of {len(swept.names)} members",
-    )
-    table = new_table(*names, title=f"Measures of {title}", left=("measure", "unit"))
+    names = ("measure", "unit", "members", "least", "median", "greatest")
+    title = f"Measures of {len(rows)} of {len(swept.names)} members"
+    table = new_table(*names, title=title, left=("measure", "unit"))
     for name, known in ranges(swept).items():
         cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
         cells, unit = for_people(cells, known["unit"])
