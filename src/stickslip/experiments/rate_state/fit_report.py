@@ -49,32 +49,26 @@ class RecordFits(NamedTuple):
 
 
 def fit_record(
-    file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
-    detrend: bool, normal: bool, out: Path | None, overwrite: bool, columns: str | None = None,
-    form: str = "logarithmic", more_free: tuple[str, ...] = (), steps: int | None = None,
+    file: Path, *, laws, fixed: dict[str, float], free: tuple[str, ...] = (), before: float | None = None,
+    normal: bool = False, columns: str | None = None, form: str = "logarithmic", steps: int | None = None,
 ) -> RecordFits:  # fmt: skip
-    """Read a record and fit each law to it; the output folder is checked first.
+    """Read a record and fit each law to it.
 
     With a number of steps, the posterior of the law, or of the law that the data prefer, is sampled as well.
     """
-    if out is not None:
-        _check_folder(out, overwrite)
-    if stiffness is not None and free_stiffness:
+    if "stiffness" in fixed and "stiffness" in free:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
     raw = read_csv(file, columns=_parse_columns(columns))
     record = record_data(raw, before=before, normal=normal)
-    sprung = len(record.legs) > 0
-    if sprung and stiffness is None and not free_stiffness:
+    sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
+    if sprung and not has_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
-    if not sprung and (stiffness is not None or free_stiffness):
+    if not sprung and has_stiffness:
         raise ValueError(
             f"{file} has a slip velocity but no load_point, so there is no spring: leave out the stiffness"
         )
-    changes = normal and np.ptp([leg.normal for leg in record.legs]) > 0
-    free = tuple(name for name, on in (("stiffness", free_stiffness), ("alpha", changes), ("trend", detrend)) if on)
-    free = tuple(dict.fromkeys(free + more_free))
-    given = {"stiffness": stiffness, "v0": v0}
-    fixed = {name: value for name, value in given.items() if value is not None}
+    if normal and np.ptp([leg.normal for leg in record.legs]) > 0:
+        free = tuple(dict.fromkeys([*(name for name in free if name == "stiffness"), "alpha", *free]))
     if steps is not None:
         require("emcee", "posterior")
     solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
@@ -124,7 +118,8 @@ def _parse_columns(text: str | None) -> dict[str, int] | None:
     return {name.strip(): parse_integer(number) for name, _, number in pairs}
 
 
-def _check_folder(out: Path, overwrite: bool) -> None:
+def check_folder(out: Path, overwrite: bool) -> None:
+    """Raise ValueError if a fit may not be written to a folder."""
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
