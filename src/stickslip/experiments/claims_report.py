@@ -72,8 +72,10 @@ def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
         group = place(c) + (f" @{variant(c)}" if variant(c) else "")
         label = c.id.partition("@")[0].replace("-", " ")
         unit = "" if c.unit == "1" else c.unit
+        missing = "left open" if isinstance(target, bool) else "not measured"
+        instead = missing if c.measured is None else format_value(c.measured) if isinstance(c.measured, bool) else ""
         values = format_measured(c), format_value(target)
-        out.append(Row(label, group, c.verdict, ends, error, *values, uses_reference, unit, not variant(c)))
+        out.append(Row(label, group, c.verdict, ends, error, *values, uses_reference, unit, not variant(c), instead))
     return out
 
 
