@@ -9,7 +9,7 @@ from ..ensemble import Member, Workers, run_members
 Report = Callable[[str, float, str], None]
 
 
-def silent(stage: str, share: float, words: str) -> None:
+def silent(*_) -> None:
     """Report nothing."""
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import check_types, checked
 from ..core.readable import readable
 from ..core.tables import labelled, read_table, split_label, write_table
 from ..core.text import parse_number, shortened
@@ -47,9 +47,7 @@ class LabRecord(NamedTuple):
     velocity: np.ndarray | None = None  # [m/s]
     theta: np.ndarray | None = None  # [s]
 
-    def check_entries(self) -> None:
-        """Check the types of all fields by their annotations."""
-        checked(type(self))(*self)
+    check_entries = check_types
 
 
 @checked
