@@ -7,7 +7,6 @@ from scipy.linalg import LinAlgError, cholesky, eigvals
 
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.jacobian import blocks_of
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.measure import mean_normal_force
@@ -16,7 +15,7 @@ from ..core.readable import pluralize
 from ..core.scales import natural_scales
 from ..core.state import State
 from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
-from .freedom import dynamical_matrix, freedom, mass_weighted, stiffness_of, translations
+from .freedom import dynamical_matrix, freedom, translations
 from .linear import DENSE_BELOW, suitable_threads
 from .linearised import LinearisedState, linearised
 from .newton import Factorisation, approach, at_rest, newton
@@ -162,8 +161,8 @@ def _damped_dynamics(
 
 def _describe_instability(here: LinearisedState, check: str) -> str:
     """Describe the instability of an equilibrium; empty if none was found."""
-    (state, law, line, *_), free = here, freedom(here.state)
-    matrix = mass_weighted(stiffness_of(state, line, blocks_of(state, law, line)[0], free), free)
+    free = freedom(here.state)
+    matrix = here.dynamical_matrix(free)
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         # without rattlers, whose zeros would crowd out the other eigenvalues
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.contacts.jacobian import Linearisation, linearise
+from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.laws.builtin import SHARP, Law
 from ..core.measure import touching
 from ..core.state import SLIDE, State
-from .freedom import Freedom, freedom, unsupported_grains
+from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
 
 class LinearisedState(NamedTuple):
@@ -48,6 +48,11 @@ class LinearisedState(NamedTuple):
             return np.zeros(0, np.int64)
         slides = (self.state.contacts.mode[self.rows] == SLIDE) & (self.line.limit[self.rows] > 0)
         return self.rows[slides & self.supported[self.rows]]
+
+    def dynamical_matrix(self, free: Freedom):
+        """(n, n) sparse A = −M^(−1/2) J M^(−1/2) in the coordinates `free` [1/time²]."""
+        blocks, _ = blocks_of(self.state, self.law, self.line)
+        return mass_weighted(stiffness_of(self.state, self.line, blocks, free), free)
 
     @property
     def _loose_bodies(self) -> np.ndarray:
