@@ -41,7 +41,7 @@ def public() -> dict[str, str]:
     """Room of each public name, with its namespace if it has one."""
     names = _imports(PACKAGE / "__init__.pyi")
     for space in SPACES:
-        names |= {f"{space}.{name}": room for name, room in _imports(PACKAGE / f"{space}.py").items()}
+        names |= {f"{space}.{name}": room for name, room in _imports(PACKAGE / f"{space}.pyi").items()}
     return names
 
 

@@ -41,7 +41,7 @@ Names are imported on first use, so `import stickslip` loads no heavy library.
 
 from .lazy import attach
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 __getattr__, _names, _all = attach(__name__, __file__)
 __all__ = ["__version__", *_all]
 

@@ -13,33 +13,6 @@ stress_controlled   cell whose strain follows the stress
 between             interpolation between two controls
 """
 
-from .core.control import (
-    between,
-    driven,
-    fixed,
-    force_controlled,
-    rigid,
-    spring_forces,
-    spring_loaded,
-    strained_at,
-    stress_controlled,
-    time_dependent,
-)
-from .core.state import loads
-from .lazy import unknown
+from .lazy import attach
 
-__all__ = [
-    "between",
-    "driven",
-    "fixed",
-    "force_controlled",
-    "loads",
-    "rigid",
-    "spring_forces",
-    "spring_loaded",
-    "strained_at",
-    "stress_controlled",
-    "time_dependent",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

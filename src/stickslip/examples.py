@@ -7,9 +7,6 @@ scenario    a scenario, for `ss.simulate`
 copy        copy examples into a folder, as `stickslip example` does
 """
 
-from .experiments.bundled import copy, names, packing, path, scenario
-from .lazy import unknown
+from .lazy import attach
 
-__all__ = ["copy", "names", "packing", "path", "scenario"]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

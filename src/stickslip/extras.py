@@ -82,8 +82,8 @@ def require(module: str, extra: str) -> ModuleType:
 
     Examples
     --------
-    >>> needed("gsd.hoomd", "exchange").__name__  # doctest: +SKIP
-    'gsd.hoomd'
+    >>> require("json", "exchange").__name__
+    'json'
     """
     library = module.partition(".")[0]
     try:

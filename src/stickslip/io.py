@@ -16,32 +16,6 @@ Results
     contact_graph       contacts of a state as a graph of networkx
 """
 
-from .core.units import units_in_use
-from .data.exchange.files import packing_units, read_packing, read_packings, write_packing
-from .data.exchange.follow import follow_packings
-from .data.exchange.frame import frame_of
-from .data.exchange.graph import contact_graph
-from .data.exchange.motion import mode_frames, read_mode
-from .experiments.dataset import contact_table, open_dataset
-from .experiments.sweep.dataset import open_sweep
-from .experiments.sweep.definition import read_sweep
-from .lazy import unknown
+from .lazy import attach
 
-__all__ = [
-    "contact_graph",
-    "contact_table",
-    "follow_packings",
-    "frame_of",
-    "mode_frames",
-    "open_dataset",
-    "open_sweep",
-    "packing_units",
-    "read_mode",
-    "read_packing",
-    "read_packings",
-    "read_sweep",
-    "units_in_use",
-    "write_packing",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -19,26 +19,6 @@ Dashpots
     eq8_damping         γ_n from Eq 8 of Ferdowsi & Rubin 2021, taken literally
 """
 
-from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear
-from .core.laws.user import custom, from_file
-from .core.laws.validation import LawWarning
-from .lazy import unknown
-from .loading.packing import frictionless
-from .solve.collision import collision, eq8_damping, with_restitution
+from .lazy import attach
 
-__all__ = [
-    "LawWarning",
-    "collision",
-    "custom",
-    "elastic_constants",
-    "eq8_damping",
-    "for_pair",
-    "frictionless",
-    "from_file",
-    "hertz_mindlin",
-    "hertz_mindlin_reff",
-    "linear",
-    "with_restitution",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

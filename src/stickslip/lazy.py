@@ -1,4 +1,4 @@
-"""Lazy imports: the names in a package's stub (`__init__.pyi`) are imported on first use.
+"""Lazy imports: the names in a stub (`.pyi`) of a package or a namespace are imported on first use.
 
 Type checkers and editors read the same stub, so that each name is listed once.
 """
@@ -59,12 +59,13 @@ WORDS = {
 
 
 def attach(package: str, file: str):
-    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports in its stub.
+    """Return `__getattr__`, `__dir__` and `__all__` of a package or a module, from the imports in its stub.
 
     Parameters
     ----------
-    package, file : `__name__` and `__file__` of the package
+    package, file : its `__name__` and `__file__`
     """
+    above = package if Path(file).stem == "__init__" else package.rpartition(".")[0]
     where: dict[str, tuple[str, str]] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):
@@ -75,20 +76,11 @@ def attach(package: str, file: str):
         if name in where:
             module, inner = where[name]
             if module == ".":
-                return import_module(f".{inner}", package)
-            return getattr(import_module(module, package), inner)
+                return import_module(f".{inner}", above)
+            return getattr(import_module(module, above), inner)
         raise AttributeError(missing_attribute(package, name, where))
 
     return get, lambda: sorted(where), sorted(where)
-
-
-def unknown(package: str):
-    """Return a `__getattr__` for a namespace whose names are all imported: it only suggests other names."""
-
-    def get(name: str):
-        raise AttributeError(missing_attribute(package, name, dict.fromkeys(import_module(package).__all__)))
-
-    return get
 
 
 def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:

@@ -33,55 +33,6 @@ Space and time
     stable_time_step    largest stable time step
 """
 
-from .core.contacts.forces import unbalanced_forces
-from .core.dynamics.timestep import stable_time_step
-from .core.measure import (
-    branch_vectors,
-    contact_forces,
-    contact_numbers,
-    coordination,
-    elastic_energy,
-    fabric,
-    inertial_number,
-    overlaps,
-    packing_fraction,
-    pressure,
-    rattlers,
-    stress,
-    touching,
-    wrapped,
-)
-from .core.state import heights
-from .lazy import unknown
-from .loading.shear import shear_strain
-from .solve.balance import BALANCED_BELOW, imbalance, likely_causes
-from .solve.coarse_graining import coarse_grained
-from .solve.relax import residual
+from .lazy import attach
 
-__all__ = [
-    "BALANCED_BELOW",
-    "branch_vectors",
-    "coarse_grained",
-    "contact_forces",
-    "contact_numbers",
-    "coordination",
-    "elastic_energy",
-    "fabric",
-    "heights",
-    "imbalance",
-    "inertial_number",
-    "likely_causes",
-    "overlaps",
-    "packing_fraction",
-    "pressure",
-    "rattlers",
-    "residual",
-    "shear_strain",
-    "stable_time_step",
-    "stress",
-    "touching",
-    "unbalanced_forces",
-    "wrapped",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -26,39 +26,6 @@ Matrices
     UnstableEquilibriumWarning  forces balance, but the equilibrium is unstable
 """
 
-from .core.contacts.jacobian import contact_blocks
-from .lazy import unknown
-from .loading.protocols import track_pairs
-from .solve.birth import birth_form
-from .solve.density import density_of_states, participation_ratio
-from .solve.equilibrate import UnstableEquilibriumWarning
-from .solve.fastest import fastest_pair
-from .solve.freedom import assembled, backbone, displaced, dynamical_matrix, residual_vector
-from .solve.moduli import elastic_moduli
-from .solve.pairs import complex_pairs
-from .solve.sensitivity import contact_sensitivity
-from .solve.spectrum import damped_growth, match_pairs
-from .solve.transient import transient_growth
+from .lazy import attach
 
-__all__ = [
-    "UnstableEquilibriumWarning",
-    "assembled",
-    "backbone",
-    "birth_form",
-    "complex_pairs",
-    "contact_blocks",
-    "contact_sensitivity",
-    "damped_growth",
-    "density_of_states",
-    "displaced",
-    "dynamical_matrix",
-    "elastic_moduli",
-    "fastest_pair",
-    "match_pairs",
-    "participation_ratio",
-    "residual_vector",
-    "track_pairs",
-    "transient_growth",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -23,39 +23,6 @@ Check
     PackingWarning  something in a packing was changed or is missing
 """
 
-from .core.contacts.neighbors import without_walls
-from .core.dynamics.cell_motion import strained
-from .core.state import check
-from .data.sample import PackingError, PackingWarning, from_arrays
-from .experiments.flow.pouring import poured
-from .lazy import unknown
-from .loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
-from .loading.compression import compressed
-from .loading.packing import disk_array, jammed, with_push
-from .loading.protocols import perturbed
-from .loading.shear import reduced_cell, sheared
+from .lazy import attach
 
-__all__ = [
-    "BOTTOM",
-    "LEFT",
-    "RIGHT",
-    "TOP",
-    "PackingError",
-    "PackingWarning",
-    "biaxial_box",
-    "check",
-    "compressed",
-    "disk_array",
-    "from_arrays",
-    "jammed",
-    "perturbed",
-    "poured",
-    "reduced_cell",
-    "sheared",
-    "sheared_box",
-    "strained",
-    "with_push",
-    "without_walls",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

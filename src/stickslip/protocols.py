@@ -15,29 +15,6 @@ release         undamped run from an unstable state, with snapshots of its spect
 run_in_lammps   run in LAMMPS, with MPI; contact memory goes there and comes back
 """
 
-from .experiments.lammps.run import run_in_lammps
-from .lazy import unknown
-from .loading.events import find_events
-from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
-from .loading.quasistatic import aqs
-from .loading.release import release
-from .loading.stress import cell_shear, plate_shear
-from .loading.threshold import kinetic_threshold
+from .lazy import attach
 
-__all__ = [
-    "Protocol",
-    "aqs",
-    "cell_shear",
-    "find_events",
-    "fit_growth",
-    "free_run",
-    "kinetic_threshold",
-    "load_path",
-    "plate_shear",
-    "ramp",
-    "release",
-    "run_in_lammps",
-    "stable_window",
-]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -46,7 +46,7 @@ def test_results_do_not_depend_on_processes(workers):
 def test_a_member_that_fails_is_a_sentence(workers):
     found = run_members(tasks.fail_at, [(k, 2) for k in range(4)], workers=workers)
     assert [m.result for m in found] == [0, 1, None, 3]
-    assert found[2].failure == "ValueError: 2 is bad"
+    assert found[2].failure == "2 is bad"
 
 
 def test_what_cannot_travel_is_a_failure():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.loading.quasistatic import parse_warning
 from stickslip.modes import UnstableEquilibriumWarning
 from stickslip.solve.equilibrate import LeftPathError
 from tests.events.packings import FRICTIONLESS, LINEAR, SMOOTH, drag, packing
@@ -27,10 +26,10 @@ def path(state, law, strains, **options):
 
 def test_a_step_across_an_event_is_told(state):
     strains = np.arange(0.0, 0.0072, 8e-4)
-    marks = [parse_warning(point.outcome) for point in path(state, FRICTIONLESS, strains)]
+    marks = [point.outcome.left for point in path(state, FRICTIONLESS, strains)]
     across = int(np.searchsorted(strains, EVENT))
-    assert [left for _, left in marks].index(True) == across
-    assert sum(left for _, left in marks) == 1
+    assert marks.index(True) == across
+    assert sum(marks) == 1
 
 
 def test_small_steps_away_from_events_are_not_told(state):
@@ -60,7 +59,7 @@ def test_a_path_can_follow_dynamics():
     strains = [0.021, 0.022]
     alone = path(before.state, LINEAR, strains)[-1]
     followed = path(before.state, LINEAR, strains, on_instability="follow-dynamics", drag=nu)[-1]
-    assert parse_warning(alone.outcome)[1] and "damped dynamics" in followed.outcome.warning
+    assert alone.outcome.left and "damped dynamics" in followed.outcome.warning
     end, outcome = ss.relax(ss.packings.sheared(before.state, step), LINEAR, tolerance=1e-12, drag=nu)
     assert outcome.ok
     place = [state.grains.position - state.grains.position.mean(axis=0) for state in (end, followed.state, alone.state)]
@@ -77,9 +76,9 @@ def test_pairs_are_in_the_outcome_and_count_only_if_they_grow():
         points = ss.protocols.ramp(sample, strains, ss.protocols.aqs(law))
     with_pairs = [bool(len(point.spectrum.pairs)) for point in points]
     assert any(with_pairs)
-    assert [parse_warning(point.outcome)[0] for point in points] == with_pairs
+    assert [point.outcome.unstable for point in points] == with_pairs
     damped = path(sample, law, strains, drag=5.0)
-    assert not any(parse_warning(point.outcome)[0] for point in damped)
+    assert not any(point.outcome.unstable for point in damped)
 
 
 def test_missing_drag_and_unknown_choices_are_refused():

@@ -25,8 +25,7 @@ def lab():
 
 def found_in(folder, record, **options):
     path = write_csv(folder / "record.csv", record)
-    given = {"stiffness": STIFFNESS, "free_stiffness": False, "v0": None, "before": None, "detrend": False}
-    given |= {"normal": False, "out": None, "overwrite": False, "laws": ("slip",)}
+    given = {"fixed": {"stiffness": STIFFNESS}, "laws": ("slip",)}
     return fit_report.fit_record(path, **given | options)
 
 
@@ -34,7 +33,7 @@ def test_a_trend_that_was_left_out_is_measured(tmp_path, lab):
     sloped = lab._replace(friction=lab.friction + TREND * (lab.load_point - lab.load_point[0]))
     found = found_in(tmp_path, sloped)
     (said,) = fit_report.doubts(found)
-    detrended = found_in(tmp_path, sloped, detrend=True)
+    detrended = found_in(tmp_path, sloped, free=("trend",))
     fall = 1 - np.std(detrended.fits[0].residuals[0]) / np.std(found.fits[0].residuals[0])
     assert fall > 0.3  # the trend is most of the misfit
     assert f"falls by {100 * fall:.0f} %" in said and "--detrend" in said
@@ -63,18 +62,22 @@ def test_every_record_has_a_trend_of_its_own(lab):
     ("given", "unit"), [(1.5, "1/mm"), (1.5e-3, "1/um"), (7.5e9, "Pa/m"), (7.5, "GPa/m"), (7.5e3, "MPa/m")]
 )
 def test_a_stiffness_in_another_unit_is_suspected(tmp_path, lab, given, unit):
-    said = [line for line in fit_report.doubts(found_in(tmp_path, lab, stiffness=given)) if "stiffness" in line]
+    said = [
+        line for line in fit_report.doubts(found_in(tmp_path, lab, fixed={"stiffness": given})) if "stiffness" in line
+    ]
     assert len(said) == 1
     assert f"{given:g} {unit} is 1500 1/m" in said[0]
     assert "--stiffness 1500" in said[0]
 
 
 def test_without_a_normal_stress_the_one_that_would_explain_it_is_named(tmp_path, lab):
-    found = found_in(tmp_path, lab._replace(normal_stress=None), stiffness=7.5)
+    found = found_in(tmp_path, lab._replace(normal_stress=None), fixed={"stiffness": 7.5})
     (said,) = [line for line in fit_report.doubts(found) if "stiffness" in line]
     assert "GPa/m" in said and "normal stress of 5" in said
 
 
 def test_a_stiffness_that_fits_is_not_suspected(tmp_path, lab):
     for right in (1000.0, STIFFNESS, 2500.0):
-        assert not [line for line in fit_report.doubts(found_in(tmp_path, lab, stiffness=right)) if "unit" in line]
+        assert not [
+            line for line in fit_report.doubts(found_in(tmp_path, lab, fixed={"stiffness": right})) if "unit" in line
+        ]

@@ -14,6 +14,7 @@ from stickslip.cli.app import app
 from stickslip.experiments.packing.page import packing_content
 from stickslip.solve import birth
 from stickslip.solve.freedom import backbone
+from stickslip.solve.linearised import linearised
 from tests.modes.conftest import LAW as SPHERES
 
 UNIT = 1 / 2000
@@ -245,13 +246,13 @@ def test_the_first_change_of_a_contact_along_a_line_has_a_closed_form():
     free, slip = ss.freedom(state), state.contacts.slip[0, 0]
     unit = np.zeros(len(free))
     unit[free.axis == 0] = 1.0
-    right, _, _, none = birth.first_changes(state, law, free, lambda a: a * unit[None], 1e-6)
+    right, _, _, none = birth.first_changes(linearised(state, law), free, lambda a: a * unit[None], 1e-6)
     assert right[0] == pytest.approx(0.4 * 0.01 / 0.5 - slip, rel=1e-4) and not np.isfinite(none[0])
-    left, _, _, back = birth.first_changes(state, law, free, lambda a: -a * unit[None], 1e-6)
+    left, _, _, back = birth.first_changes(linearised(state, law), free, lambda a: -a * unit[None], 1e-6)
     assert left[0] == pytest.approx(0.4 * 0.01 / 0.5 + slip, rel=1e-4) and back[0] == pytest.approx(slip, rel=1e-4)
     unit = np.zeros(len(free))
     unit[free.axis == 1] = 1.0
-    _, up, _, _ = birth.first_changes(state, law, free, lambda a: a * unit[None], 1e-6)
+    _, up, _, _ = birth.first_changes(linearised(state, law), free, lambda a: a * unit[None], 1e-6)
     assert up[0] == pytest.approx(0.01, rel=1e-4) and up[1] == (0, 1)
 
 
@@ -340,7 +341,7 @@ def test_what_has_no_normal_form_is_refused():
         ss.modes.birth_form(ss.accept(moved, trial), LAW)
     sliding = state.contacts._replace(mode=np.where(state.contacts.mode == ss.STICK, ss.SLIDE, state.contacts.mode))
     weak = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=0.5, coulomb="smooth"), 0, 1)
-    assert birth._at_limit(state._replace(contacts=sliding), weak).any()
+    assert birth._at_limit(linearised(state._replace(contacts=sliding), weak)).any()
     with pytest.raises(ValueError, match="dashpots"):
         ss.modes.birth_form(state, ss.laws.for_pair(LAW, 0, 1, damping_n=0.1))
 

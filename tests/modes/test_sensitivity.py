@@ -7,6 +7,7 @@ import stickslip as ss
 from stickslip.core.arguments import checked
 from stickslip.core.contacts.jacobian import linearise
 from stickslip.solve import sensitivity as module
+from stickslip.solve.linearised import linearised
 from tests.modes.conftest import LAW, sheared, triangular
 
 eigenvalues_after = checked(module._eigenvalues_after)  # as within a public function: states are not checked again
@@ -119,8 +120,10 @@ def test_a_grain_that_is_let_go_is_left_out():
     state = ss.packings.from_arrays(np.vstack([place, small]), np.append(radius, 0.17), law, cell=cell, dim=2)
     truth = np.sort(np.linalg.eigvals(ss.modes.dynamical_matrix(without, law, ss.freedom(without)).toarray()).real)
     free = ss.modes.backbone(state, law)
-    modes = module._compute_modes(state, law, free)
-    opened = [c for c in module._list_changes(state, law, modes, ss.measure.touching(state)) if c[1] == "opens"]
+    modes = module._compute_modes(linearised(state, law), free)
+    opened = [
+        c for c in module._list_changes(linearised(state, law), modes, ss.measure.touching(state)) if c[1] == "opens"
+    ]
     mine = [change for change in opened if 15 in (state.contacts.i[change[0]], state.contacts.j[change[0]])]
     assert len(mine) == 2 and len(free) == len(truth) + 3
     for change in mine:
@@ -143,8 +146,12 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
     state = calm._replace(control=ss.control.stress_controlled(calm.control, {"xx": xx, "yy": yy}))
     found, free = ss.modes.contact_sensitivity(state, LAW), ss.modes.backbone(state, LAW)
     assert (free.axis == 6).sum() == 2
-    modes = module._compute_modes(state, LAW, free)
-    changes = {c[0]: c for c in module._list_changes(state, LAW, modes, ss.measure.touching(state)) if c[1] == "opens"}
+    modes = module._compute_modes(linearised(state, LAW), free)
+    changes = {
+        c[0]: c
+        for c in module._list_changes(linearised(state, LAW), modes, ss.measure.touching(state))
+        if c[1] == "opens"
+    }
     opened = [k for k in alone(state, found) if found.what[k] == "opens"]
     assert len(opened) > 5
     for k in opened:

@@ -6,6 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.jacobian import linearise
 from stickslip.core.contacts.neighbors import with_neighbor_list
+from stickslip.core.library import core
 from stickslip.data.exchange.files import capture_warnings
 from stickslip.loading.protocols import ramp
 from stickslip.loading.quasistatic import aqs
@@ -68,8 +69,15 @@ def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
 
 
 def test_no_spectrum_is_computed_for_an_answer_that_is_not_given(sheared, monkeypatch):
-    monkeypatch.setattr("stickslip.solve.stability.dynamical_matrix", lambda *_: pytest.fail("a spectrum"))
+    monkeypatch.setattr("stickslip.solve.stability.blocks_of", lambda *_: pytest.fail("a spectrum"))
     assert ss.stability(with_slip(sheared, 0.0), SHARP).stable is None
+
+
+def test_contacts_are_linearised_once_and_once_more_with_those_at_the_limit_sticking(sheared, monkeypatch):
+    calls, linearise = [], core.linearise
+    monkeypatch.setattr(core, "linearise", lambda *args: calls.append(linearise(*args)), raising=False)
+    found = ss.stability(sheared, SHARP)
+    assert found.balanced and found.if_stuck and len(calls) == 2
 
 
 def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):

@@ -57,8 +57,8 @@ def test_a_block_slides_where_its_kinetic_energy_suffices():
     assert np.isnan(found.first_pair) and 0 < found.slid.sum() < found.runs.sum()
     # friction is the same at rest and in motion: below the static limit, a block slides by some distance, and stops
     assert not found.lasting.any() and found.arrest.shape == (0, 2)
-    assert "slide on" not in found.sentence.replace("never slide on for another 2000", "")
-    assert "no run slides on, from which the load could be lowered" in found.sentence
+    assert "slide on" not in "; ".join(found.sentences).replace("never slide on for another 2000", "")
+    assert "no run slides on, from which the load could be lowered" in "; ".join(found.sentences)
 
 
 def test_the_lifetime_is_the_end_of_the_leg_in_which_the_block_had_slid():
@@ -255,23 +255,24 @@ def test_runs_that_last_and_ramps_down_are_those_of_dynamics_by_hand(bumps):
         assert (low, high) == (stops, above)
     assert len(found.arrest) == 3 and len(np.unique(found.arrest[:, 0])) > 1  # one ramp down does not tell
     assert found.arrest_range == (found.arrest[:, 0].min(), found.arrest[:, 1].max())
-    assert (
-        f"3 of 3 sliding samples stop between {found.arrest_range[0]:g} and {found.arrest_range[1]:g}" in found.sentence
+    assert f"3 of 3 sliding samples stop between {found.arrest_range[0]:g} and {found.arrest_range[1]:g}" in "; ".join(
+        found.sentences
     )
-    assert "slide by 2" in found.sentence and "slide on for another 400 from 0" in found.sentence
+    assert "slide by 2" in "; ".join(found.sentences) and "slide on for another 400 from 0" in "; ".join(
+        found.sentences
+    )
 
 
 def test_a_sample_that_slides_at_every_load_has_not_stopped(bumps):
     path, protocol = bumps
     found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramps=2, **BUMPS)
     assert found.arrest.tolist() == [[-np.inf, 0.3]] * 2
-    assert (
-        "2 of 2 still slide at 0.3, the lowest of these loads" in found.sentence
-        and "stop between" not in found.sentence
-    )
+    assert "2 of 2 still slide at 0.3, the lowest of these loads" in "; ".join(
+        found.sentences
+    ) and "stop between" not in "; ".join(found.sentences)
     found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramp_down=False, **BUMPS)
     assert found.arrest.shape == (0, 2) and np.isnan(found.arrest_range).all()
-    assert "still slide" not in found.sentence and "could be lowered" not in found.sentence
+    assert "still slide" not in "; ".join(found.sentences) and "could be lowered" not in "; ".join(found.sentences)
 
 
 def test_runs_are_independent_and_do_not_depend_on_what_else_is_run(bumps, monkeypatch):

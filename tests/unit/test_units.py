@@ -302,7 +302,7 @@ def test_packings_have_units_as_well(tmp_path, capsys):
             assert (words in table) == (path.stem == "named"), words
     assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["sheared_spheres"]) == told["named"]
     np.savez(tmp_path / "wrong.npz", **source, units="furlongs")
-    with pytest.raises(ValueError, match=r"units = 'furlongs' was given in .*wrong.npz: use"):
+    with pytest.raises(ValueError, match=r"wrong.npz: units = 'furlongs' was given: use"):
         app(["stability", str(tmp_path / "wrong.npz")], standalone_mode=False)
     app(["convert", str(tmp_path / "named.npz"), "--to", str(tmp_path / "again.npz"), "-q"], standalone_mode=False)
     app(["convert", str(tmp_path / "named.npz"), "--to", str(tmp_path / "again.h5"), "-q"], standalone_mode=False)

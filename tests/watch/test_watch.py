@@ -13,7 +13,7 @@ from stickslip.data.exchange.follow import open_source
 from stickslip.data.sample import PackingError
 from stickslip.experiments.watch import loop, measures
 from stickslip.experiments.watch.loop import watch
-from stickslip.experiments.watch.table import describe, read_table, write_table
+from stickslip.experiments.watch.table import describe, read_rows, write_rows
 from stickslip.solve.freedom import ZERO_BELOW, backbone, dynamical_matrix
 from stickslip.solve.spectrum import softest_eigenvalue
 from tests.conftest import stickslip_here
@@ -129,11 +129,11 @@ def test_a_table_comes_back_as_it_was_written(tmp_path):
     how = describe(source, "auto")
     rows = list(watch(source, {}, once=True))[-1].rows
     rows = rows | {5: measures.Row(5, "x", note='damaged, "quite"')}
-    write_table(tmp_path / "t.csv", rows, how)
-    assert read_table(tmp_path / "t.csv", how) == {step: row for step, row in rows.items() if step != 5}
+    write_rows(tmp_path / "t.csv", rows, how)
+    assert read_rows(tmp_path / "t.csv", how) == {step: row for step, row in rows.items() if step != 5}
     (tmp_path / "t.csv").write_text("time,friction\n0,1\n")
     with pytest.raises(ValueError, match="is not a table that stickslip watch wrote"):
-        read_table(tmp_path / "t.csv", how)
+        read_rows(tmp_path / "t.csv", how)
 
 
 def test_without_contacts_it_says_what_that_means(tmp_path):

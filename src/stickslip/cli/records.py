@@ -65,12 +65,15 @@ def fit(
     from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
 
+    if out is not None:
+        fit_report.check_folder(out, overwrite)
+    fixed = {name: value for name, value in (("stiffness", stiffness), ("v0", v0)) if value is not None}
+    names = ["stiffness"] * free_stiffness + ["trend"] * detrend
+    names += [name.strip() for name in free.split(",")] if free else []
     with terminal.console_output(quiet=quiet, as_json=as_json):
         found = fit_report.fit_record(
-            file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness,
-            free_stiffness=free_stiffness, v0=v0, before=before, detrend=detrend, normal=normal, out=out,
-            overwrite=overwrite, columns=columns, form=form, steps=steps if posterior else None,
-            more_free=tuple(name.strip() for name in free.split(",")) if free else (),
+            file, laws=("aging", "slip") if law == "both" else (law,), fixed=fixed, free=tuple(dict.fromkeys(names)),
+            before=before, normal=normal, columns=columns, form=form, steps=steps if posterior else None,
         )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
     if as_json:

@@ -112,6 +112,11 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
+def check_types(values: tuple) -> None:
+    """Check the types of all fields of a NamedTuple by their annotations."""
+    checked(type(values))(*values)
+
+
 _KEYWORD = 10**6  # index of parameters that are given by name only
 _MOST = 16  # values of *arguments that are checked
 

@@ -91,8 +91,7 @@ def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     >>> force.shape[1]
     3
     """
-    c = linearise(state, law, memory=memory)
-    return c.force_n[:, None] * c.normal - c.secant[:, None] * c.slip
+    return linearise(state, law, memory=memory).force
 
 
 @checked

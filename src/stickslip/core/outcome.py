@@ -37,6 +37,8 @@ class Outcome(NamedTuple):
     how: str = ""  # description of the solve
     fallback: bool = False  # True if Newton's method failed and damped dynamics was used
     warning: str = ""  # message to the user about a solve that succeeded
+    unstable: bool = False  # True if a check found that the equilibrium is unstable
+    left: bool = False  # True if a check found that a step of a path left its branch
 
     @property
     def ok(self) -> bool:

@@ -20,7 +20,6 @@ from ..core.text import SentenceError
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
-NO_CONTACTS = "no contacts were given: they were found from positions, without memory (zero slip)"
 _PLAIN = {function.__name__: function for function in (hertz_mindlin, linear, hertz_mindlin_reff)}
 LAWS = {
     law.name: partial(_PLAIN[law.name.removesuffix("_rescaled")], rescaled=True) if law.rescales else _PLAIN[law.name]
@@ -34,6 +33,13 @@ class PackingError(SentenceError):
 
 class Assumption(str):
     """A note on what was assumed about a packing; files that are made from the packing repeat it."""
+
+
+class MemoryNote(str):
+    """A note on the memory of the contacts, which is made for every frame of a series."""
+
+
+NO_CONTACTS = MemoryNote("no contacts were given: they were found from positions, without memory (zero slip)")
 
 
 def assumed_law(law: Law) -> Assumption:

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from ..experiments.terminal import STYLE, console, progress, show_table
+from ..experiments.terminal import STYLE, console, progress, show_pairs, show_table
 from . import machine
 from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck
@@ -31,9 +31,9 @@ def examine(*, as_json: bool = False) -> tuple[bool, str]:
 
 def show_machine(versions: dict, threads: dict, core: dict, parts: list[OptionalPart]) -> None:
     """Print tables of versions, threads, the compiled core and optional parts."""
-    _print_pairs("Versions", versions)
-    _print_pairs("Threads", threads)
-    _print_pairs("Compiled core", core | {"folder": _abbreviate_home(core["folder"])})
+    show_pairs("Versions", versions)
+    show_pairs("Threads", threads)
+    show_pairs("Compiled core", core | {"folder": _abbreviate_home(core["folder"])})
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
@@ -82,13 +82,6 @@ def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart]
         "seconds": round(found.seconds, 2),
     }
     return json.dumps(out, indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def _print_pairs(title: str, rows: dict) -> None:
-    table = Table(title=title, show_header=False, **STYLE)
-    for name, value in rows.items():
-        table.add_row(name, str(value))
-    show_table(table)
 
 
 def _abbreviate_home(path: str) -> str:

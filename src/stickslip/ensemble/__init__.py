@@ -10,9 +10,6 @@ Spread           number of simultaneous runs, and where they run
 Workers          type of `workers`: a number of processes, or the address of a Dask scheduler
 """
 
-from ..lazy import unknown
-from .pool import Member, Spread, Workers, default_workers, reach, run_members, trial
+from ..lazy import attach
 
-__all__ = ["Member", "Spread", "Workers", "default_workers", "reach", "run_members", "trial"]
-
-__getattr__ = unknown(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

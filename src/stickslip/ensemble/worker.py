@@ -42,8 +42,9 @@ class SchedulerGoneError(RuntimeError):
 
 
 def describe_error(problem: Exception) -> str:
-    """Type and message of an exception."""
-    return f"{type(problem).__name__}: {problem}"
+    """Message of an exception, and its type unless it is one whose message is a sentence."""
+    plain = isinstance(problem, RuntimeError | ValueError) and str(problem)
+    return str(problem) if plain else f"{type(problem).__name__}: {problem}"
 
 
 class WorkerProcess:

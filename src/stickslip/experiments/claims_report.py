@@ -72,8 +72,10 @@ def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
         group = place(c) + (f" @{variant(c)}" if variant(c) else "")
         label = c.id.partition("@")[0].replace("-", " ")
         unit = "" if c.unit == "1" else c.unit
+        missing = "left open" if isinstance(target, bool) else "not measured"
+        instead = missing if c.measured is None else format_value(c.measured) if isinstance(c.measured, bool) else ""
         values = format_measured(c), format_value(target)
-        out.append(Row(label, group, c.verdict, ends, error, *values, uses_reference, unit, not variant(c)))
+        out.append(Row(label, group, c.verdict, ends, error, *values, uses_reference, unit, not variant(c), instead))
     return out
 
 
@@ -109,9 +111,9 @@ def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
     own = [c for c in claims if not variant(c)]
     judged = [c for c in own if c.verdict != NO_REFERENCE]
     count = Counter(c.verdict for c in judged)
-    others = [f"{count[PARTLY]} in part", f"{count[NOT_REPRODUCED]} not", f"{count[REFUTED]} refuted",
-              f"{count[NOT_REFUTED]} not refuted", f"{count[UNDECIDED]} undecided"]  # fmt: skip
-    others = [words for words in others if not words.startswith("0 ")]
+    kinds = {PARTLY: "in part", NOT_REPRODUCED: "not", REFUTED: "refuted", NOT_REFUTED: "not refuted",
+             UNDECIDED: "undecided"}  # fmt: skip
+    others = [f"{count[kind]} {words}" for kind, words in kinds.items() if count[kind]]
     lacking = len(own) - len(judged)
     verb = "is" if count[REPRODUCED] == 1 else "are"
     first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"

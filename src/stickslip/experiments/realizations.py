@@ -9,7 +9,7 @@ from ..ensemble import Member, Workers, run_members
 Report = Callable[[str, float, str], None]
 
 
-def silent(stage: str, share: float, words: str) -> None:
+def silent(*_) -> None:
     """Report nothing."""
 
 
@@ -26,7 +26,13 @@ class Realizations(NamedTuple):
     """Results in the order of the tasks."""
 
     results: list[Any]  # None where a realization failed
-    sentences: list[str | None]  # label and reason of each failure, None elsewhere
+    labels: list[str]  # of the tasks
+    reasons: list[str | None]  # of each failure, None elsewhere
+
+    @property
+    def sentences(self) -> list[str | None]:
+        """Label and reason of each failure, None elsewhere."""
+        return [reason and f"{label}: {reason}" for label, reason in zip(self.labels, self.reasons, strict=True)]
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -36,7 +42,7 @@ class Realizations(NamedTuple):
     def groups(self, size: int) -> "list[Realizations]":
         """Split into groups of consecutive tasks."""
         starts = range(0, len(self.results), size)
-        return [Realizations(self.results[k : k + size], self.sentences[k : k + size]) for k in starts]
+        return [Realizations(*(part[k : k + size] for part in self)) for k in starts]
 
     @property
     def complete(self) -> list[Any]:
@@ -111,5 +117,4 @@ def run_realizations(
         load=load,
         save=save,
     )
-    sentences = [m.failure and f"{task.label}: {m.failure}" for task, m in zip(tasks, members, strict=True)]
-    return Realizations([member.result for member in members], sentences)
+    return Realizations([m.result for m in members], [task.label for task in tasks], [m.failure for m in members])

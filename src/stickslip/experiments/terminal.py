@@ -14,6 +14,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 
+from ..core.units import heading
+
 UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
 
 
@@ -155,6 +157,15 @@ def format_duration(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
+def new_table(*columns: str, title: str | None = None, units: dict[str, str] | None = None, left=()) -> Table:
+    """Table without rows, with units in its headings and numbers to the right; `left` names other columns."""
+    table = Table(title=title, **STYLE)
+    for name in columns:
+        justify = "left" if name in left else "right"
+        table.add_column(heading(name, (units or {}).get(name, "1")), justify=justify, overflow="fold")
+    return table
+
+
 def show_table(table: Table) -> None:
     """Print a table.
 
@@ -181,13 +192,13 @@ def show_markdown(text: str) -> None:
         console.print(Markdown(text))
 
 
-def show_pairs(title: str, pairs: dict[str, str]) -> None:
-    """Print names with their descriptions."""
+def show_pairs(title: str, pairs: dict) -> None:
+    """Print names with their values or descriptions."""
     table = Table(title=title, show_header=False, **STYLE)
     table.add_column(no_wrap=True)
     table.add_column()
-    for pair in pairs.items():
-        table.add_row(*pair)
+    for name, value in pairs.items():
+        table.add_row(name, str(value))
     show_table(table)
 
 

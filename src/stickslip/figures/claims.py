@@ -38,6 +38,7 @@ class Row(NamedTuple):
     beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
     unit: str = ""
     own: bool = True  # False for a variant of the paper's model, which counts separately
+    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or why there is no value
 
 
 @styled
@@ -91,11 +92,9 @@ def _draw_row(axes, k: int, row: Row) -> None:
             ends = np.clip([x - row.error, x + row.error], -1.15 * REACH, 1.15 * REACH)
             axes.plot(ends, [k, k], color=color, lw=1.0, zorder=2, solid_capstyle="butt")
         axes.plot(x, k, **style, zorder=3)
-    missing = "left open" if row.paper in ("yes", "no") else "not measured"
-    words = {"yes": "yes", "no": "no", "–": missing}.get(row.measured)
-    if not row.deviation and words:
+    if row.instead:
         box = {"facecolor": "white", "edgecolor": color, "lw": 0.5, "pad": 1.2}
-        axes.text(0, k, words, fontsize=6, ha="center", va="center", color=color, bbox=box, zorder=4)
+        axes.text(0, k, row.instead, fontsize=6, ha="center", va="center", color=color, bbox=box, zorder=4)
     grey = {"color": "0.45", "style": "italic"} if row.beside_reference else {}
     place = {"transform": axes.get_yaxis_transform(), "fontsize": 6.5, "va": "center"}
     axes.text(COLUMNS[0], k, row.measured, **place)

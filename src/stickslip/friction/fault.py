@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import check_types, checked, require_positive
 from ..core.readable import readable
 from ..core.text import quoted
 from .laws import EVOLUTIONS, FORMS, form_code
@@ -46,9 +46,7 @@ class Fault(NamedTuple):
     b2: np.ndarray | float = 0.0  # evolution effect of a second state, (N,) or a number
     dc2: np.ndarray | float = 1.0  # its characteristic slip, (N,) or a number; has no effect if b2 = 0 [m]
 
-    def check_entries(self) -> None:
-        """Check the types of all fields by their annotations."""
-        checked(type(self))(*self)
+    check_entries = check_types
 
     @property
     def modulus(self) -> float:

@@ -1,16 +1,15 @@
 """Laboratory records as CSV files with units in their headers, converted to metres and seconds on reading."""
 
-import csv
-import re
 import warnings
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import check_types, checked
 from ..core.readable import readable
-from ..core.text import parse_number, read_text, shortened
+from ..core.tables import labelled, read_table, split_label, write_table
+from ..core.text import parse_number, shortened
 from ..core.units import YEAR
 from .fitting import Data
 from .loads import check_times, load_steps
@@ -34,7 +33,6 @@ COLUMNS = {
 }
 LEAST = 10  # rows
 SHOWN = 8  # columns that a message lists
-_DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 
 
 @readable
@@ -49,9 +47,7 @@ class LabRecord(NamedTuple):
     velocity: np.ndarray | None = None  # [m/s]
     theta: np.ndarray | None = None  # [s]
 
-    def check_entries(self) -> None:
-        """Check the types of all fields by their annotations."""
-        checked(type(self))(*self)
+    check_entries = check_types
 
 
 @checked
@@ -75,7 +71,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
         with one sentence that names the offending column, unit or line, and states what is allowed.
     """
     path = Path(path)
-    header, rows = read_table(path, columns)
+    header, rows = _read(path, columns)
     found = _match_columns(path, header, si=columns is not None)
     _check_columns(path, header, found)
     full = [row for row in rows if all(row[1][k] for k, _ in found.values())]
@@ -116,12 +112,9 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
     """
     units = {"time": "s", "friction": "-", "normal_stress": "Pa", "velocity": "m/s", "theta": "s"}
     names = [name for name in LabRecord._fields if getattr(record, name) is not None]
-    lines = [f"# {line}" for line in comments]
-    lines.append(",".join(f"{name} [{units.get(name, 'm')}]" for name in names))
-    for row in zip(*(getattr(record, name) for name in names), strict=True):
-        lines.append(",".join(f"{value:.12g}" for value in row))
-    path = Path(path)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    labels, path = [labelled(name, units.get(name, "m")) for name in names], Path(path)
+    rows = zip(*(getattr(record, name) for name in names), strict=True)
+    write_table(path, labels, rows, digits=12, comments=comments)
     return path
 
 
@@ -150,36 +143,12 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     return Data(time, record.friction, legs, before=before)
 
 
-def read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _read(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Read the fields of the header, and the line number and fields of each row."""
-    try:
-        text = read_text(path, remedy="give a CSV file", fallback="cp1252")
-    except OSError as problem:
-        raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
-    if not lines:
-        raise ValueError(
-            f"{path} contains no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
-        )
-    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")  # commas may be decimal ones
-    rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
-    try:
-        split = [[field.strip() for field in row] for row in rows]
-    except csv.Error as problem:
-        raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
-    if len(split) != len(lines):
-        raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
-    width = len(split[0])
-    for (number, _), row in zip(lines, split, strict=True):
-        if len(row) != width:
-            raise ValueError(
-                f"{path}, line {number}, has {len(row)} fields but the header has {width}: correct the line"
-            )
-    if mark != ",":
-        split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
-    rows = [(number, row) for (number, _), row in zip(lines, split, strict=True)]
+    rows = read_table(path)
     if columns is None:
-        return split[0], rows[1:]
+        return rows[0][1], rows[1:]
+    width = len(rows[0][1])
     header = [""] * width
     for name, k in columns.items():
         if not 0 <= k < width:
@@ -192,18 +161,19 @@ def _match_columns(path: Path, header: list[str], *, si: bool) -> dict[str, tupl
     """Positions of known columns, and factors that convert them to metres, seconds and pascals."""
     found = {}
     for k, field in enumerate(header):
-        word, _, rest = field.replace("(", "[").partition("[")
-        word, unit = word.strip().lower().replace(" ", "_").replace("-", "_"), rest.rstrip("]) ").strip()
+        word, unit = split_label(field)
+        word = word.lower().replace(" ", "_").replace("-", "_")
         name = next((name for name, (_, aliases) in COLUMNS.items() if word in aliases), None)
         if name is None:
             continue
         if name in found:
             raise ValueError(f"{path} has two columns for {name}: keep one")
         units = COLUMNS[name][0]
-        if not rest and si:
+        if unit is None and si:
             unit = next(iter(units)) if units is not STRESS else "Pa"
-        elif not rest and units is not NUMBER:
+        elif unit is None and units is not NUMBER:
             raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
+        unit = unit or ""
         known = unit.lower() if units is STRESS else unit.replace(" ", "")
         if known not in units:
             raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_common_units(units))}")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import check_types
 from ..core.readable import readable
 from .loads import LoadStep, check_times, leg_arrays
 from .slider import DONE, build_slider, friction, history, state_history
@@ -32,9 +32,7 @@ class Data(NamedTuple):
     sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is uniform
     before: float | None = None  # slip velocity before the start; None for that of the first leg [length/time]
 
-    def check_entries(self) -> None:
-        """Check the types of all fields by their annotations."""
-        checked(type(self))(*self)
+    check_entries = check_types
 
 
 class Prepared(NamedTuple):

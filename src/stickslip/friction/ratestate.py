@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Series, checked, require_positive
+from ..core.arguments import Series, check_types, checked, require_positive
 from ..core.readable import readable
 from . import slider
 from .laws import EVOLUTIONS, FORMS
@@ -53,9 +53,7 @@ class RateState(NamedTuple):
     v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
     v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
 
-    def check_entries(self) -> None:
-        """Check the types of all fields by their annotations."""
-        checked(type(self))(*self)
+    check_entries = check_types
 
 
 @readable
@@ -65,9 +63,7 @@ class Spring(NamedTuple):
     stiffness: float  # k, stress per displacement over the reference normal stress [1/length]
     damping: float = 0.0  # η, radiation damping over the reference normal stress; 0 is quasi-static [time/length]
 
-    def check_entries(self) -> None:
-        """Check the types of all fields by their annotations."""
-        checked(type(self))(*self)
+    check_entries = check_types
 
 
 class End(Enum):

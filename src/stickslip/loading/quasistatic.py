@@ -1,19 +1,20 @@
 """Athermal quasi-static shear, with a check that each step follows the path of stable equilibria."""
 
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.arguments import checked, require_positive
 from ..core.laws.builtin import Law, damping_model
-from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.outcome import NotInEquilibriumError
 from ..core.readable import pluralize
 from ..core.state import State
 from ..solve.equilibrate import LeftPathError, UnstableEquilibriumWarning, equilibrate
+from ..solve.linearised import linearised
 from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
-from ..solve.stability import contacts_at_limit
 from .event_path import Judge, Point, commit, continuous, displacement, distance, fall
 from .protocols import Equilibrium, Protocol
 from .shear import shear_strain, sheared
@@ -22,8 +23,6 @@ CHOICES = ("tell", "follow-dynamics", "stop")
 STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
 LOOSE = 0.2  # likewise, of the motion of a step from the linear prediction
 HALVINGS = 4  # of a step whose grains do not move as the linear responses predict
-UNSTABLE, LEFT = "the equilibrium is unstable", "the step left its branch"
-NEGATIVE = "of negative stiffness"
 
 
 @checked
@@ -44,8 +43,8 @@ def aqs(
     tolerance : float, largest unbalanced force or torque/R [force]; default: as in `equilibrate`
     modes : whether spectra along the path contain modes
     on_instability : what happens after a step to an unstable equilibrium or another branch. "tell": the outcome of the
-        step contains a warning; the first one on a path that is not only about complex pairs, which the spectra of
-        the path contain, is also issued as an UnstableEquilibriumWarning.
+        step has `unstable` or `left` set and contains a warning; the first one on a path that is not only about complex
+        pairs, which the spectra of the path contain, is also issued as an UnstableEquilibriumWarning.
         "follow-dynamics": the end is that of damped dynamics from the state before the step, if this equilibrium is
         unstable under the drag or on another branch; there is a warning, too. "stop": a LeftPathError is raised
     drag : of the dynamics, for translations and rotations; needed for "follow-dynamics", because it decides which
@@ -97,44 +96,42 @@ class Watch:
 
     def check(self, start: State, point: Equilibrium) -> Equilibrium:
         """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
-        left = self._leaves(start, point)
-        words = [words for words in (instability(point.spectrum, point.state, self.law, self.drag), left) if words]
+        off = self._distance(start, point)
+        found, left = instability(point.spectrum, point.state, self.law, self.drag), off != 0
+        words = [str(found)] if found else []
+        words += [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
         if not words:
             return point
         if self.choice == "stop":
             raise LeftPathError(f"at strain {point.load:g} {' and '.join(words)}: use smaller steps, or dynamics")
         if self.choice == "follow-dynamics":
-            point, followed = self._follow(start, point, bool(left))
+            point, followed = self._follow(start, point, left)
             words += ["damped dynamics led to another state"] if followed else []
-        return self._tell(point, "; ".join(words))
-
-    def _tell(self, point: Equilibrium, words: str) -> Equilibrium:
-        if not self.warned and (NEGATIVE in words or LEFT in words):  # pairs are seen in the spectrum
+        if not self.warned and (left or found.negative):  # pairs are seen in the spectrum
             self.warned = True
             more = "further warnings are in the outcomes of the path"
-            warnings.warn(f"at strain {point.load:g} {words}; {more}", UnstableEquilibriumWarning, stacklevel=4)
-        known = f"{point.outcome.warning}; " if point.outcome.warning else ""
-        return point._replace(outcome=point.outcome._replace(warning=known + words))
+            said = f"at strain {point.load:g} {'; '.join(words)}; {more}"
+            warnings.warn(said, UnstableEquilibriumWarning, stacklevel=3)
+        warning = "; ".join(filter(None, [point.outcome.warning, *words]))
+        return point._replace(outcome=point.outcome._replace(warning=warning, unstable=found is not None, left=left))
 
-    def _leaves(self, start: State, point: Equilibrium) -> str:
-        """Description of how a step left its branch; empty if it did not."""
+    def _distance(self, start: State, point: Equilibrium) -> float:
+        """Distance of the end of a step from its branch, in mean diameters; see `branch_distance`."""
         strain, before = point.load - shear_strain(start), self.rate
         if not strain:
-            return ""
+            return 0.0
         moved, everything = displacement(start, point.state, strain) / strain, np.ones(len(start.grains.radius), bool)
         self.rate = moved
         if before is not None and before.shape == moved.shape:
             change = root_mean_square(moved - before, everything)
             if change <= STEADY * root_mean_square(before, everything):
-                return ""
+                return 0.0
         start = commit(start, self.law)
         judge = self._judge(start)
         begin, end = (Point(x, s, judge) for x, s in ((point.load - strain, start), (point.load, point.state)))
-        if (off := branch_distance(begin, end)) == 0.0:
-            return ""
-        self.rate = None
-        size = f", {off / judge.diameter:.2g} mean diameters away" if np.isfinite(off) else ""
-        return f"{LEFT}: smaller steps do not lead to this state{size}"
+        off = branch_distance(begin, end)
+        self.rate = self.rate if off == 0 else None
+        return off / judge.diameter
 
     def _judge(self, state: State) -> Judge:
         return Judge(state, self.law, self.drag or 0.0, slip=self.slip)
@@ -154,18 +151,34 @@ class Watch:
         return point._replace(state=end.state, spectrum=modes), True
 
 
-def instability(found: Spectrum, state: State, law: Law, drag: float | None = None) -> str:
-    """Description of the instability of an equilibrium, under a drag [1/time] if given; empty if it is stable."""
+def _diameters(off: float) -> str:
+    return f", {off:.2g} mean diameters away" if np.isfinite(off) else ""
+
+
+class Instability(NamedTuple):
+    """Growing modes of an equilibrium, and what they assume."""
+
+    negative: int  # directions of negative stiffness
+    pairs: int  # complex pairs
+    at_limit: bool  # contacts at the Coulomb limit keep sliding
+    undamped: bool  # the dashpots of the law are left out
+
+    def __str__(self) -> str:
+        parts = [f"{pluralize(self.negative, 'direction')} of negative stiffness"] if self.negative else []
+        parts += [pluralize(self.pairs, "complex pair")] if self.pairs else []
+        limit = ", if contacts at the Coulomb limit keep sliding" if self.at_limit else ""
+        limit += ", without the dashpots of the law" if self.undamped else ""
+        return f"the equilibrium is unstable ({' and '.join(parts)}{limit})"
+
+
+def instability(found: Spectrum, state: State, law: Law, drag: float | None = None) -> Instability | None:
+    """Growing modes of an equilibrium, under a drag [1/time] if given; None if it is stable."""
     real = found.eigenvalues.real[found.eigenvalues.imag == 0]
     negative = int((real < -REAL_BELOW * np.abs(found.eigenvalues).max(initial=0.0)).sum())
     pairs = found.pairs if drag is None else found.pairs[damped_exponents(found.pairs, drag) > 0]
-    parts = [f"{pluralize(negative, 'direction')} {NEGATIVE}"] if negative else []
-    parts += [f"{pluralize(len(pairs), 'complex pair')}"] if len(pairs) else []
-    if not parts:
-        return ""
-    limit = ", if contacts at the Coulomb limit keep sliding" if len(contacts_at_limit(state, law)) else ""
-    limit += ", without the dashpots of the law" if damping_model(law) else ""
-    return f"{UNSTABLE} ({' and '.join(parts)}{limit})"
+    if not (negative or len(pairs)):
+        return None
+    return Instability(negative, len(pairs), len(linearised(state, law).at_limit) > 0, bool(damping_model(law)))
 
 
 def branch_distance(start: Point, end: Point) -> float:
@@ -196,8 +209,3 @@ def _trace(start: Point, strain: float, halvings: int) -> Point | None:
         return None
     middle = _trace(start, 0.5 * (start.strain + strain), halvings - 1)
     return None if middle is None else _trace(middle, strain, halvings - 1)
-
-
-def parse_warning(outcome: Outcome) -> tuple[bool, bool]:
-    """Return whether a step landed on an unstable equilibrium, and whether it left its branch."""
-    return UNSTABLE in outcome.warning, LEFT in outcome.warning

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from ..core.arguments import Bodies, checked, require_positive
-from ..core.contacts.neighbors import TOO_FAR
+from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import body_numbers, stress_controlled
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome, Status
@@ -102,9 +102,7 @@ def _settle(state: State, load: float, law: Law, tolerance: float) -> tuple[Stat
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
             end, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
-    except ValueError as problem:
-        if str(problem) != TOO_FAR:
-            raise
+    except TooFarApartError:
         end, outcome = state, Outcome(Status.STEPS_SPENT, np.inf, 0)  # the sample flowed without end
     if not outcome.ok:
         raise NotInEquilibriumError(f"no equilibrium at a load of {load:.4g}", outcome)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import expit
 
 from ..core.arguments import checked, require_not_negative, require_positive
-from ..core.contacts.neighbors import TOO_FAR
+from ..core.contacts.neighbors import TooFarApartError
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import check_time_step
@@ -28,7 +28,8 @@ from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
-from ..solve.balance import BALANCED_BELOW, imbalance, motion_imbalance
+from ..solve.balance import BALANCED_BELOW, force_imbalance, motion_imbalance
+from ..solve.linearised import linearised
 from .protocols import Equilibrium, Protocol, perturbed
 from .shear import reduced_cell, wrapped
 
@@ -43,7 +44,7 @@ BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads a
 DROP = 1.92  # of the log-likelihood at the ends of an interval of 95 % (half of the quantile 3.84 of χ² with 1 degree)
 
 
-@readable(head=lambda found: found.sentence)
+@readable(head=lambda found: "; ".join(found.sentences))
 class KineticThreshold(NamedTuple):
     """Outcomes of kicks at several loads, the thresholds fitted to them, and the static thresholds of the same path."""
 
@@ -81,7 +82,7 @@ class KineticThreshold(NamedTuple):
         return (float(self.arrest[:, 0].min()), float(self.arrest[:, 1].max())) if len(self.arrest) else (np.nan,) * 2
 
     @property
-    def sentence(self) -> str:
+    def sentences(self) -> list[str]:
         """Thresholds in words."""
         words, slides, lasts = [], f"slide by {self.distance:g}", f"slide on for another {self.duration:g}"
         for k, kick in enumerate(self.kicks):
@@ -91,9 +92,9 @@ class KineticThreshold(NamedTuple):
                 found += f" and {_describe_rise(lasts, at, interval, self.lasting_probability[:, k])}"
             words.append(f"runs from velocities of {kick:.3g} {found}")
         words += _describe_arrest(self)
-        for name, load in (("first complex pair", self.first_pair), ("first contact at the limit", self.first_limit)):
-            words.append(f"{name} at {load:.4g}" if np.isfinite(load) else f"no {name.removeprefix('first ')}")
-        return "; ".join(words)
+        for name, load in (("complex pair", self.first_pair), ("contact at the limit", self.first_limit)):
+            words.append(f"first {name} at {load:.4g}" if np.isfinite(load) else f"no {name}")
+        return words
 
 
 def _describe_rise(verb: str, at: float, interval, share) -> str:
@@ -266,8 +267,8 @@ def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
 
 def _require_rest(point: Equilibrium, protocol: Protocol) -> None:
     """Raise ValueError if a state is not at rest under its load."""
-    state, law = protocol.apply(point.state, point.load), protocol.law
-    share = max(imbalance(state, law), motion_imbalance(state, law))
+    here = linearised(protocol.apply(point.state, point.load), protocol.law)
+    share = max(force_imbalance(here), motion_imbalance(here))
     if not share <= BALANCED_BELOW:
         raise ValueError(
             f"a path was given whose state at a load of {point.load:.4g} is not at rest there (forces are off by "
@@ -393,9 +394,7 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     """Run a state on. If it flows across boxes, its grains are put back, and those of earlier states move with them."""
     try:
         end, _, outcome = run(state, how.law, steps, how.dt, drag=how.drag, threads=1)
-    except ValueError as problem:
-        if str(problem) != TOO_FAR:
-            raise
+    except TooFarApartError as problem:
         if steps < 2 or state.control.spring.any():
             raise RuntimeError("a sample slid by tens of periodic boxes: use a shorter duration") from problem
         earlier, state = _run_leg(earlier, state, how, steps // 2)

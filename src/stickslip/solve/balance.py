@@ -6,11 +6,11 @@ from scipy.sparse.csgraph import connected_components
 
 from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
-from ..core.contacts.jacobian import linearise
+from ..core.contacts.jacobian import Linearisation, linearise
 from ..core.laws.builtin import Law
-from ..core.measure import Committed, mean_normal_force, overlaps, touching, volume
+from ..core.measure import Committed, overlaps, volume
 from ..core.state import SLIDE, STICK, Contacts, State
-from .freedom import unsupported_grains
+from .linearised import LinearisedState, linearised
 
 # Share of the mean contact force, from `python -m benchmarks.equilibrium`. Up to 1e-3, moving grains at random changes
 # the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings had a wrong verdict without its slips; the
@@ -43,9 +43,15 @@ def imbalance(state: State, law: Law) -> float:
     >>> round(imbalance(pair, law), 12)
     1.0
     """
-    loads = forces(state, law)[0]
+    return force_imbalance(linearised(state, law))
+
+
+def force_imbalance(here: LinearisedState) -> float:
+    """Largest unbalanced force over the mean normal contact force; see `imbalance`."""
+    state = here.state
+    loads = forces(state, here.law)[0]
     worst = np.abs(unbalanced_forces(state, loads)).max(axis=1)
-    found = max(map(_ratio, worst, _local_force_scales(state, law)), default=0.0) if worst.any() else 0.0
+    found = max(map(_ratio, worst, _local_force_scales(here)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
         has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
@@ -53,14 +59,14 @@ def imbalance(state: State, law: Law) -> float:
     return float(found)
 
 
-def _local_force_scales(state: State, law: Law) -> np.ndarray:
+def _local_force_scales(here: LinearisedState) -> np.ndarray:
     """(N + W,) mean |F_n| of the connected part that each body belongs to; of all contacts if that part has none."""
-    rows, n = touching(state), len(state.grains.radius)
+    state, rows = here.state, here.rows
     if not len(rows):
         return np.zeros(state.n_bodies)
-    force = np.abs(linearise(state, law).force_n[rows])
+    force = np.abs(here.line.force_n[rows])
     held = state.control.free[:, : state.cell.dim].any(axis=1)
-    held[:n] &= ~unsupported_grains(state, law)
+    held[: len(here.loose)] &= ~here.loose
     i, j = state.contacts.i[rows], state.contacts.j[rows]
     linked = held[i] & held[j]
     links = coo_array((np.ones(linked.sum()), (i[linked], j[linked])), shape=(state.n_bodies,) * 2)
@@ -73,22 +79,21 @@ def _local_force_scales(state: State, law: Law) -> np.ndarray:
     return np.where(held, means[part], whole)
 
 
-def motion_imbalance(state: State, law: Law) -> float:
+def motion_imbalance(here: LinearisedState) -> float:
     """Force change caused by the motion, v √(m k) for a spring k that stops a mass m, over the mean contact force.
 
     The largest value over all grains that are not rattlers. Velocities are relative to their mean if nothing holds
     the grains in place.
     """
-    rows, still = touching(state), ~unsupported_grains(state, law)
-    if not (len(rows) and still.any()):
+    state, still = here.state, ~here.loose
+    if not (len(here.rows) and still.any()):
         return 0.0
     grains, velocity = state.grains, state.grains.velocity[still]
     if not len(state.walls.mass) and state.control.free[: len(still), : state.cell.dim].all():
         velocity = velocity - np.average(velocity, axis=0, weights=grains.mass[still])
     turning = np.linalg.norm(grains.spin[still], axis=1) * grains.radius[still]
     speed = np.maximum(np.linalg.norm(velocity, axis=1), turning)
-    stiffness = linearise(state, law).slope_n[rows].mean()
-    return _ratio(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
+    return _ratio(float((speed * np.sqrt(grains.mass[still] * here.mean_stiffness)).max()), here.mean_force)
 
 
 def _ratio(part: float, whole: float) -> float:
@@ -117,22 +122,27 @@ def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
     The state can reveal contacts that were never sheared, missing confinement, motion, and positions with few digits.
     A different contact law cannot be seen in the state and is always listed last.
     """
-    found, n, rows = [], len(state.grains.radius), touching(state)
-    bears = linearise(state, law).limit[rows] > 0  # not across a gap without friction
+    return causes_of_imbalance(linearised(state, law))
+
+
+def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
+    """Possible reasons why forces do not balance; see `likely_causes`."""
+    found, state, rows = [], here.state, here.rows
+    bears = here.line.limit[rows] > 0  # not across a gap without friction
     bare = int((~state.contacts.slip[rows[bears]].any(axis=1)).sum())
     if bare:
         which = f"all {bare}" if bare == bears.sum() else f"{bare} of {bears.sum()}"
         found.append(f"no slips: {which} contacts are treated as never sheared")
     control = state.control
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
-    if not (state.cell.periodic.any() or len(state.walls.mass) or acts) and control.free[:n, : state.cell.dim].all():
+    free = control.free[: len(here.loose), : state.cell.dim].all()
+    if free and not (state.cell.periodic.any() or len(state.walls.mass) or acts):
         found.append("no cell: no periodic box, walls or loads hold the grains together")
-    if motion_imbalance(state, law) > BALANCED_BELOW:
+    if motion_imbalance(here) > BALANCED_BELOW:
         speed = np.linalg.norm(state.grains.velocity, axis=1).max()
         found.append(f"motion: the grains move, the fastest at {speed:.2g}")
     lost, error = _precision_loss(state)
-    stiffness = linearise(state, law).slope_n[rows].mean() if len(rows) else 0.0
-    share = _ratio(stiffness * error, mean_normal_force(state, law))
+    share = _ratio(here.mean_stiffness * error, here.mean_force)
     if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the position errors of two grains
         found.append(
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
@@ -176,8 +186,12 @@ def with_modes_under(state: State, law: Law) -> State:
     >>> set(found.contacts.mode[touching(state)].tolist()) == {STICK}
     True
     """
-    contacts, line = state.contacts, linearise(state, law)
-    count = len(line.limit)
+    return modes_under(state, law, linearise(state, law))
+
+
+def modes_under(state: State, law: Law, line: Linearisation) -> State:
+    """State with the modes that follow from its linearisation; see `with_modes_under`."""
+    contacts, count = state.contacts, len(line.limit)
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
     sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)
     slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0) & (overlaps(state) > 0))

@@ -39,22 +39,14 @@ from ..core.contacts.forces import forces
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
-from ..core.measure import overlaps, touching
+from ..core.measure import overlaps
 from ..core.readable import pluralize, readable
 from ..core.state import State
 from ..core.units import with_unit
-from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
-from .freedom import (
-    ZERO_BELOW,
-    Freedom,
-    backbone,
-    displaced,
-    dynamical_matrix,
-    jacobian,
-    residual_vector,
-    unsupported_grains,
-)
+from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
+from .freedom import ZERO_BELOW, Freedom, displaced, dynamical_matrix, jacobian, residual_vector
 from .linear import DENSE_BELOW, one_thread, suitable_threads
+from .linearised import LinearisedState, linearised
 from .spectrum import SOFTEST, near_zero
 from .stability import DENSE_UP_TO, stability
 
@@ -205,8 +197,9 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
         raise ValueError(
             "a law with dashpots was given: the normal form is that of motion without them, leave them out"
         )
-    state = with_modes_under(state, law)
-    residual, at_limit = imbalance(state, law), int(_at_limit(state, law).sum())
+    here = linearised(state, law)
+    here = here.with_modes(modes_under(state, law, here.line))
+    (state, law, _, rows, _), residual, at_limit = here, force_imbalance(here), int(_at_limit(here).sum())
     if not residual <= BALANCED_BELOW:
         raise ValueError(no_equilibrium_message(residual, 0.0))
     if at_limit:
@@ -219,12 +212,12 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
         raise ValueError(f"pair {pair} was asked for, but the state has {pluralize(len(pairs), 'complex pair')}")
     if not pairs[pair].real > 0:
         raise ValueError(f"λ = {pairs[pair]:.3g} was found for pair {pair}: it does not oscillate before it grows")
-    free = backbone(state, law)
+    free = here.backbone
     motion = _motion(state, law, free)
     plane = invariant_plane(motion.matrix, pairs[pair])
     root = np.sqrt(free.mass)
-    size = np.abs(overlaps(state)[touching(state)]).mean() * root.max() / np.abs(plane.u0).max()
-    changes = first_changes(state, law, free, ellipse(plane), SMALLEST * size)
+    size = np.abs(overlaps(state)[rows]).mean() * root.max() / np.abs(plane.u0).max()
+    changes = first_changes(here, free, ellipse(plane), SMALLEST * size)
     value, omega = plane.value, np.sqrt(plane.value.real)
     sigma, exact = value.imag / (2 * omega), np.sqrt(value)
     scale = min(amplitude for amplitude, _ in changes[:2])
@@ -237,7 +230,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     if not np.isfinite(peak) and cubic_peak > reached:
         peak = float(cubic_peak)
     if plane.nearness <= NEAR_BIRTH and detuned <= MOST_DETUNED and len(balance.amplitudes):
-        later = first_changes(state, law, free, balanced_motion(plane, balance, sigma), 0.1 * scale)
+        later = first_changes(here, free, balanced_motion(plane, balance, sigma), 0.1 * scale)
         changes[:3] = [new if np.isfinite(new[0]) else old for old, new in zip(changes[:3], later[:3], strict=True)]
     before = balance.amplitudes <= min(amplitude for amplitude, _ in changes[:2])
     return BirthForm(
@@ -248,17 +241,9 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     )  # fmt: skip
 
 
-def _at_limit(state: State, law: Law) -> np.ndarray:
+def _at_limit(here: LinearisedState) -> np.ndarray:
     """(C,) contacts at the Coulomb limit, without those of rattlers; smooth friction has a kink of curvature there."""
-    found = linearise(state, law)
-    return (found.closed > 0) & (found.slides > 0) & (found.limit > 0) & _supported(state, law)
-
-
-def _supported(state: State, law: Law) -> np.ndarray:
-    """(C,) pairs in the list without rattlers."""
-    loose = np.append(unsupported_grains(state, law), np.zeros(len(state.walls.mass), bool))
-    count = int(state.contacts.count[0])
-    return ~loose[state.contacts.i[:count]] & ~loose[state.contacts.j[:count]]
+    return (here.line.closed > 0) & (here.line.slides > 0) & (here.line.limit > 0) & here.supported
 
 
 def _motion(state: State, law: Law, free: Freedom) -> Motion:
@@ -403,7 +388,7 @@ def resonance_gap(matrix, omega: float) -> float:
     return float(np.abs(frequency - 2 * omega).min() / (2 * omega))
 
 
-def first_changes(state: State, law: Law, free: Freedom, motion, start: float) -> list[tuple[float, tuple[int, int]]]:
+def first_changes(here: LinearisedState, free: Freedom, motion, start: float) -> list[tuple[float, tuple[int, int]]]:
     """Amplitudes at which a contact first reaches the Coulomb limit, opens, closes, or reverses its slip.
 
     Amplitudes are raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of the
@@ -418,8 +403,8 @@ def first_changes(state: State, law: Law, free: Freedom, motion, start: float) -
     list of four (float, (int, int))
         each amplitude with the bodies of the contact; infinite and (−1, −1) if there is none
     """
-    contacts, root, first = state.contacts, np.sqrt(free.mass), linearise(state, law)
-    count, watched = len(first.closed), _supported(state, law)
+    state, law, first, *_ = here
+    contacts, root, count, watched = state.contacts, np.sqrt(free.mass), len(first.closed), here.supported
     closed, apart = watched & (first.closed > 0), watched & (first.closed == 0)
     stuck = closed & (first.slides == 0) & (first.limit > 0)
 

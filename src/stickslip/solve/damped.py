@@ -5,10 +5,7 @@ from scipy import sparse
 from scipy.linalg import eig
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
-from ..core.contacts.jacobian import contact_blocks
-from ..core.laws.builtin import Law
-from ..core.state import State
-from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, dynamical_matrix
+from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom
 from .linear import suitable_threads
 
 DENSE_UP_TO = 1_250  # coordinates, solved within seconds; the first-order form has twice as many
@@ -31,12 +28,14 @@ def check_damped_method(method: str, size: int) -> None:
 
 
 def growing_exponents(
-    state: State, law: Law, free: Freedom, undamped: np.ndarray, method: str, report
+    pull, dampers, free: Freedom, undamped: np.ndarray, method: str, report
 ) -> tuple[np.ndarray, np.ndarray, complex | None, str]:
     """Growing exponents s of exp(st) with dashpots, each contact held in its mode.
 
     Parameters
     ----------
+    pull : (n, n) sparse A of `dynamical_matrix` [1/time²]
+    dampers : (n, n) sparse ∂(Pᵀf)/∂q̇ [force time/length]
     undamped : (P,) complex, growing exponents without dashpots, near which others are sought in large packings [1/time]
     method : of `stability`; "dense", "all", "auto" and "fastest" compute all exponents of up to 1250 coordinates
 
@@ -52,9 +51,8 @@ def growing_exponents(
     Tisseur & Meerbergen, doi:10.1137/S0036144500381988, Sec. 3.4, for the first-order form of the quadratic
     eigenvalue problem.
     """
-    pull, root = dynamical_matrix(state, law, free), 1 / np.sqrt(free.mass)
-    _, blocks = contact_blocks(state, law)
-    drag = sparse.csr_array(sparse.diags_array(-root) @ assembled(state, blocks, free) @ sparse.diags_array(root))
+    root = 1 / np.sqrt(free.mass)
+    drag = sparse.csr_array(sparse.diags_array(-root) @ dampers @ sparse.diags_array(root))
     unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in this unit both blocks are of order one
     pull, drag = pull / unit**2, drag / unit
     if method == "dense" or (method in ("auto", "all", "fastest") and len(free) <= DENSE_UP_TO):

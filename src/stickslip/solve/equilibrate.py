@@ -14,13 +14,13 @@ from ..core.outcome import Outcome
 from ..core.readable import pluralize
 from ..core.scales import natural_scales
 from ..core.state import State
-from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
+from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
 from .freedom import dynamical_matrix, freedom, translations
 from .linear import DENSE_BELOW, suitable_threads
+from .linearised import LinearisedState, linearised
 from .newton import Factorisation, approach, at_rest, newton
 from .relax import relax, residual
 from .spectrum import soft_modes, symmetric_part_is_positive
-from .stability import contacts_at_limit
 
 BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which damped dynamics hands over to Newton again
@@ -78,9 +78,9 @@ def equilibrate(
     -------
     State, Outcome
         `outcome.how` describes the method used. `outcome.fallback` is True if damped dynamics was needed.
-        `outcome.warning` is set if the equilibrium is unstable (an UnstableEquilibriumWarning is then also issued) or
-        if the tolerance is too large for stability to be judged. Unless the outcome is CONVERGED, the given state is
-        returned.
+        `outcome.unstable` is True if the equilibrium is unstable; an UnstableEquilibriumWarning is then also issued.
+        `outcome.warning` says so, or that the tolerance is too large for stability to be judged. Unless the outcome is
+        CONVERGED, the given state is returned.
 
     Examples
     --------
@@ -98,14 +98,18 @@ def equilibrate(
     end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.renewals):
         return end, outcome
-    if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
+    if check == "nothing":
+        keep.found_stable = keep.renewals
+        return end, outcome
+    here = linearised(end, law)
+    if (rest := force_imbalance(here)) > BALANCED_BELOW:
         return end, outcome._replace(warning=no_equilibrium_message(rest))
-    words = _describe_instability(end, law, check)
-    if words and len(contacts_at_limit(end, law)):
+    words = _describe_instability(here, check)
+    if words and len(here.at_limit):
         words += ", if contacts at the Coulomb limit keep sliding"
     keep.found_stable = -1 if words else keep.renewals
     if words:
-        outcome = outcome._replace(warning=words)
+        outcome = outcome._replace(warning=words, unstable=True)
         warnings.warn(words, UnstableEquilibriumWarning, stacklevel=2)
     return end, outcome
 
@@ -155,12 +159,10 @@ def _damped_dynamics(
     return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
 
 
-def _describe_instability(state: State, law: Law, check: str) -> str:
+def _describe_instability(here: LinearisedState, check: str) -> str:
     """Describe the instability of an equilibrium; empty if none was found."""
-    if check == "nothing":
-        return ""
-    free = freedom(state)
-    matrix = dynamical_matrix(state, law, free)
+    free = freedom(here.state)
+    matrix = here.dynamical_matrix(free)
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         # without rattlers, whose zeros would crowd out the other eigenvalues
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)

@@ -7,12 +7,12 @@ from scipy import sparse
 
 from ..core.arguments import checked, require_shape
 from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
-from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
+from ..core.contacts.jacobian import Linearisation, blocks_of, inverse_radii, linearise, triplets
 from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
 from ..core.fields import Field, check_entry
 from ..core.laws.builtin import Law
-from ..core.measure import Committed, branch_vectors, contact_forces, least_supports, rattlers, volume
+from ..core.measure import Committed, branch_vectors, least_supports, rattlers, volume
 from ..core.readable import readable
 from ..core.state import State, groups
 
@@ -170,14 +170,18 @@ def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int
     >>> ss.jacobian(state, law).shape
     (300, 300)
     """
-    free = freedom(state) if free is None else free
-    blocks, _ = contact_blocks(state, law, memory=memory)
+    free, line = freedom(state) if free is None else free, linearise(state, law, memory=memory)
+    return stiffness_of(state, line, blocks_of(state, law, line, memory)[0], free)
+
+
+def stiffness_of(state: State, line: Linearisation, blocks: np.ndarray, free: Freedom):
+    """(n, n) sparse J from a linearisation and its contact blocks; see `jacobian`."""
     matrix = assembled(state, blocks, free)
     if state.control.spring.any():
         matrix = sparse.csr_array(matrix - spring_stiffness(state, free))
     if not free.length:
         return matrix
-    return sparse.csr_array(matrix + cell_geometric_terms(state, contact_forces(state, law, memory=memory), free))
+    return sparse.csr_array(matrix + cell_geometric_terms(state, line.force, free))
 
 
 def spring_stiffness(state: State, free: Freedom):
@@ -258,7 +262,11 @@ def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
     divided by √mass are the modes.
     """
     free = freedom(state) if free is None else free
-    matrix = jacobian(state, law, free)
+    return mass_weighted(jacobian(state, law, free), free)
+
+
+def mass_weighted(matrix, free: Freedom):
+    """(n, n) sparse −M^(−1/2) J M^(−1/2), in place."""
     root = 1 / np.sqrt(free.mass)
     matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
     return matrix

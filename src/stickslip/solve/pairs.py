@@ -91,7 +91,7 @@ def complex_pairs(
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """
-    tell = report or _no_report
+    tell = report or (lambda *_: None)
     free = freedom(state)
     n = len(free)
     if not n:
@@ -122,10 +122,6 @@ def complex_pairs(
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
     tell(1.0, f"{len(values)} complex pairs")
     return ComplexPairs(values, modes, residual, free, certified)
-
-
-def _no_report(share: float, words: str) -> None:
-    """Ignore progress."""
 
 
 def _pairs_dense(matrix, tell: Report):

@@ -8,16 +8,26 @@ from scipy import sparse
 from scipy.linalg import eig, eigvals
 
 from ..core.arguments import checked
-from ..core.contacts.jacobian import contact_blocks, linearise
+from ..core.contacts.jacobian import Linearisation, blocks_of, contact_blocks, linearise
 from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
-from ..core.measure import contact_forces, touching
+from ..core.measure import touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
-from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
-from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
+from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
+from .freedom import (
+    PAIR_ABOVE,
+    ZERO_BELOW,
+    Freedom,
+    backbone,
+    cell_geometric_terms,
+    incidence,
+    mass_weighted,
+    stiffness_of,
+)
 from .linear import suitable_threads
-from .stability import LEFT_OUT, contacts_at_limit, joined
+from .linearised import LinearisedState, linearised
+from .stability import LEFT_OUT, joined
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes
 WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
@@ -130,23 +140,24 @@ def contact_sensitivity(
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
     ['buckles', 'buckles', 'buckles']
     """
-    free = backbone(state, law)
+    here = linearised(state, law)
+    free = here.backbone
     if not len(free):
         raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
         raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
     if most is not None and most < 0:
         raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
-    if (residual := imbalance(state, law)) > BALANCED_BELOW:
+    if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):
-        modes = _compute_modes(state, law, free)
+        modes = _compute_modes(here, free)
         growth, verdict = _assess(modes.values)
-        rows = touching(state)
+        rows = here.rows
         bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
         rows = rows[np.isin(bodies, free.body).any(axis=0)]
         value, condition, derivative = _pair_sensitivity(modes, rows, pair)
-        changes = _list_changes(state, law, modes, rows)
+        changes = _list_changes(here, modes, rows)
         predicted = np.array([_predict_growth(modes, row, block) for row, _, block, _ in changes])
         order = np.argsort(predicted if growth else -predicted, kind="stable")
         chosen = order[: _default_count(len(free), len(changes)) if most is None else most]
@@ -157,7 +168,7 @@ def contact_sensitivity(
             after[one], words[one] = _assess(_eigenvalues_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
-    sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(contacts_at_limit(state, law)) else ""
+    sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""
     scope = joined(scope, LEFT_OUT if damping_model(law) else "", sliding)
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
@@ -166,7 +177,7 @@ def contact_sensitivity(
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
-        _mobilisation(state, law)[contact], predicted[last], after[last], words[last], scope,
+        _mobilisation(here.line)[contact], predicted[last], after[last], words[last], scope,
     )  # fmt: skip
 
 
@@ -181,8 +192,10 @@ def _default_count(size: int, count: int) -> int:
     return min(count, max(LEAST, int(WORK / size**3)))
 
 
-def _compute_modes(state: State, law: Law, free: Freedom) -> _ModeData:
-    matrix = dynamical_matrix(state, law, free).toarray()
+def _compute_modes(here: LinearisedState, free: Freedom) -> _ModeData:
+    state, law, line, *_ = here
+    blocks = blocks_of(state, law, line)[0]
+    matrix = mass_weighted(stiffness_of(state, line, blocks, free), free).toarray()
     values, right = eig(matrix)
     order = np.lexsort((values.imag, values.real))
     values, right = values[order], right[:, order]
@@ -190,9 +203,8 @@ def _compute_modes(state: State, law: Law, free: Freedom) -> _ModeData:
         left = np.linalg.inv(right)
     except np.linalg.LinAlgError:
         raise ValueError("modes coincide to round-off: this packing is at the birth of a complex pair") from None
-    blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
     columns = incidence(state, len(blocks), free, blocks.shape[1]) / np.sqrt(free.mass)[:, None]
-    return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
+    return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, line.force)
 
 
 def _assess(values: np.ndarray) -> tuple[float, str]:
@@ -223,25 +235,26 @@ def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
     return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, modes.blocks[rows], right)
 
 
-def _list_changes(state: State, law: Law, modes: _ModeData, rows: np.ndarray) -> list:
+def _list_changes(here: LinearisedState, modes: _ModeData, rows: np.ndarray) -> list:
     """(row, kind of change, change of block, change of force) for every contact that can slide or open."""
-    slid, blocks, force = _with_all_sliding(state, law), modes.blocks, modes.force
-    slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
+    (state, law, line, *_), blocks, force = here, modes.blocks, modes.force
+    slid = _with_all_sliding(state, line)
+    slid_line = linearise(slid, law)
+    slid_blocks, slid_force = blocks_of(slid, law, slid_line)[0], slid_line.force
     still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
     slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
-    sticks = (state.contacts.mode[rows] == STICK) & (linearise(state, law).limit[rows] > 0)
+    sticks = (state.contacts.mode[rows] == STICK) & (line.limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
 
 
-def _with_all_sliding(state: State, law: Law) -> State:
+def _with_all_sliding(state: State, line: Linearisation) -> State:
     """State with every contact at the Coulomb limit, in the direction of its slip."""
-    c, contacts = linearise(state, law), state.contacts
-    count = len(c.limit)
+    contacts, count = state.contacts, len(line.limit)
     slip, mode = contacts.slip.copy(), contacts.mode.copy()
     size = np.linalg.norm(slip[:count], axis=1)
-    stretched = (size > 0) & (c.stiffness_t > 0)
-    reach = c.limit[stretched] / c.stiffness_t[stretched]
+    stretched = (size > 0) & (line.stiffness_t > 0)
+    reach = line.limit[stretched] / line.stiffness_t[stretched]
     slip[:count][stretched] *= (reach / size[stretched])[:, None]
     mode[:count][mode[:count] != OPEN] = SLIDE
     return state._replace(contacts=contacts._replace(slip=slip, mode=mode))
@@ -254,10 +267,9 @@ def _without_memory(state: State, rows: np.ndarray) -> State:
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
-def _mobilisation(state: State, law: Law) -> np.ndarray:
+def _mobilisation(line: Linearisation) -> np.ndarray:
     """(C,) |F_t| over its limit for every pair in the list; NaN without a limit."""
-    c, force = linearise(state, law), contact_forces(state, law)
-    limit, pull = c.limit, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
+    limit, pull = line.limit, np.linalg.norm(line.force - line.force_n[:, None] * line.normal, axis=1)
     return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import eigvals
 
 from ..core.arguments import checked
 from ..core.contacts.forces import forces
-from ..core.contacts.jacobian import contact_blocks, linearise
+from ..core.contacts.jacobian import blocks_of, contact_blocks, linearise
 from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import MU, Law
@@ -83,7 +83,8 @@ class Response:
     def __init__(self, state: State, law: Law, prune: float = PRUNE, *, slip: bool = True):
         self.state, self.law, self.slip = state, law, slip
         self.support = support(state, law, prune=prune)
-        self.blocks = contact_blocks(state, law)[0]
+        self.line = linearise(state, law)
+        self.blocks = blocks_of(state, law, self.line)[0]
         self.branch = branch_vectors(state)
         self._switched: dict[tuple[int, int], np.ndarray] = {}
 
@@ -162,15 +163,13 @@ class Response:
         count, width = self.blocks.shape[:2]
         change = (incidence(self.state, count, free, width).T @ motion).reshape(count, width)
         change[:, 0] += self.branch[:, 1]
-        line = linearise(self.state, self.law)
-        force = (line.force_n[:, None] * line.normal - line.secant[:, None] * line.slip)[:, 0]
         changed = np.einsum("cl,cl->c", self.blocks[:, 0], change)
-        return -float(changed @ self.branch[:, 1] + force @ change[:, 1]) / volume(self.state)
+        return -float(changed @ self.branch[:, 1] + self.line.force[:, 0] @ change[:, 1]) / volume(self.state)
 
     @cached_property
     def mobilised(self) -> np.ndarray:
         """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
-        line = linearise(self.state, self.law)
+        line = self.line
         bears = (line.closed > 0) & (line.limit > 0)
         pull = line.secant * np.linalg.norm(line.slip, axis=1)
         return np.divide(pull, line.limit, out=np.full(len(pull), np.nan), where=bears)

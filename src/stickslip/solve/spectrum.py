@@ -13,9 +13,10 @@ from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import pluralize, readable
 from ..core.state import State
-from .balance import BALANCED_BELOW, imbalance
-from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, jacobian
+from .balance import BALANCED_BELOW, force_imbalance
+from .freedom import ZERO_BELOW, Freedom, assembled, freedom, jacobian
 from .linear import factorised, suitable_threads
+from .linearised import linearised
 
 ALL_UP_TO = 120  # coordinates up to which all eigenvalues are computed where a few would do
 SOFTEST = 40  # eigenvalues nearest to zero that are computed if not all are
@@ -114,7 +115,8 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
             f"{len(free)} coordinates were given: the dense spectrum takes at most 10000; "
             f"use `complex_pairs` up to 12000 and `fastest_pair` beyond"
         )
-    matrix, root = dynamical_matrix(state, law, free).toarray(), np.sqrt(free.mass)
+    here, root = linearised(state, law), np.sqrt(free.mass)
+    matrix = here.dynamical_matrix(free).toarray()
     with suitable_threads(len(free)):
         if modes:
             values, vectors = eig(matrix, overwrite_a=True)
@@ -124,7 +126,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     values, vectors = values[order], vectors[:, order] if modes else vectors
     real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max()
     values = np.where(real, values.real, values)
-    return Spectrum(values, vectors / root[:, None], free, imbalance(state, law))
+    return Spectrum(values, vectors / root[:, None], free, force_imbalance(here))
 
 
 def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):

@@ -8,34 +8,25 @@ import numpy as np
 from scipy.linalg import eig
 
 from ..core.arguments import checked
-from ..core.contacts.jacobian import linearise
-from ..core.laws.builtin import SHARP, Law, damping_model, rescales
-from ..core.measure import touching
+from ..core.contacts.jacobian import blocks_of
+from ..core.laws.builtin import Law, damping_model, rescales
 from ..core.readable import pluralize, readable
-from ..core.state import SLIDE, STICK, State
+from ..core.state import STICK, State
 from ..core.units import with_unit
 from .balance import (
     BALANCED_BELOW,
-    imbalance,
-    likely_causes,
+    causes_of_imbalance,
+    force_imbalance,
+    modes_under,
     motion_imbalance,
     no_equilibrium_message,
-    with_modes_under,
 )
 from .certificate import certificate_seconds, format_seconds
 from .damped import check_damped_method, growing_exponents
 from .fastest import fastest_pair
-from .freedom import (
-    PAIR_ABOVE,
-    ZERO_BELOW,
-    Freedom,
-    backbone,
-    dynamical_matrix,
-    freedom,
-    translations,
-    unsupported_grains,
-)
+from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, freedom, mass_weighted, stiffness_of, translations
 from .linear import suitable_threads
+from .linearised import LinearisedState, linearised
 from .pairs import complex_pairs
 from .spectrum import SOFTEST, soft_modes
 
@@ -218,14 +209,15 @@ def stability(
     """
     if method not in (known := ("auto", "fastest", "all", "certify", "dense", "pairs")):
         raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
-    state, has_dashpots = with_modes_under(state, law), bool(damping_model(law))
-    found = _analyse(state, law, method, has_dashpots and dashpots, report)
+    here, has_dashpots = linearised(state, law), bool(damping_model(law))
+    here = here.with_modes(modes_under(state, law, here.line))
+    found = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:
         found = found._replace(scope=joined(found.scope, LEFT_OUT))
-    rows = contacts_at_limit(state, law)
+    rows = here.at_limit
     if not len(rows) or found.method == "none":
         return found
-    stuck = _analyse(with_sticking(state, rows), law, method, has_dashpots and dashpots, report)
+    stuck = _analyse(here.with_modes(with_sticking(here.state, rows)), method, has_dashpots and dashpots, report)
     found, undamped = (_with_stuck(*both, len(rows)) for both in ((found, stuck), (found.undamped, stuck.undamped)))
     return found._replace(undamped=undamped)
 
@@ -245,16 +237,6 @@ def unloading_scope(law: Law) -> str:
     return UNLOADED if rescales(law) else ""
 
 
-def contacts_at_limit(state: State, law: Law) -> np.ndarray:
-    """Rows of contacts at the Coulomb limit under sharp friction, without those of rattlers."""
-    if law.coulomb != SHARP:
-        return np.zeros(0, np.int64)
-    rows = touching(state)
-    loose = np.append(unsupported_grains(state, law), np.zeros(len(state.walls.mass), bool))
-    slides = (state.contacts.mode[rows] == SLIDE) & (linearise(state, law).limit[rows] > 0)
-    return rows[slides & ~loose[state.contacts.i[rows]] & ~loose[state.contacts.j[rows]]]
-
-
 def with_sticking(state: State, rows: np.ndarray) -> State:
     """State with the given contacts sticking."""
     mode = state.contacts.mode.copy()
@@ -262,23 +244,23 @@ def with_sticking(state: State, rows: np.ndarray) -> State:
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
-def _analyse(state: State, law: Law, method: str, dashpots: bool, report) -> Stability:
+def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stability:
     """Stability with every contact held in its mode."""
-    loose = unsupported_grains(state, law)
-    free = backbone(state, law)
+    (state, law, line, rows, loose), free = here, here.backbone
     size = len(free)
     if not size:
         raise ValueError("the packing has only rattlers: stability needs grains that support each other")
-    residual, moves = imbalance(state, law), motion_imbalance(state, law)
-    causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
-    about = len(loose), len(touching(state)), np.flatnonzero(loose), residual, moves
+    residual, moves = force_imbalance(here), motion_imbalance(here)
+    causes = () if max(residual, moves) <= BALANCED_BELOW else causes_of_imbalance(here)
+    about = len(loose), len(rows), np.flatnonzero(loose), residual, moves
     if causes and method == "auto":
         nothing = np.zeros(0)
         return Stability(*about, nothing + 0j, nothing, 0, 0, np.zeros((size, 0)), free, "none", "", causes)
     asked, method = method, _cheapest_way(method, size)
     if dashpots:
         check_damped_method(asked, size)
-    matrix = dynamical_matrix(state, law, free)
+    blocks, dampers = blocks_of(state, law, line)
+    matrix = mass_weighted(stiffness_of(state, line, blocks, free), free)
     if method == "dense":
         pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
@@ -290,12 +272,15 @@ def _analyse(state: State, law: Law, method: str, dashpots: bool, report) -> Sta
     scope = joined(scope, unloading_scope(law))
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     found = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
-    return _with_dashpots(found, state, law, asked, report) if dashpots else found
+    if not dashpots:
+        return found
+    drag = assembled(state, dampers, free)
+    return _with_dashpots(found, law, growing_exponents(matrix, drag, free, found.exponents, asked, report))
 
 
-def _with_dashpots(undamped: Stability, state: State, law: Law, method: str, report) -> Stability:
+def _with_dashpots(undamped: Stability, law: Law, exponents: tuple) -> Stability:
     """Stability from the exponents with dashpots."""
-    s, modes, slowest, near = growing_exponents(state, law, undamped.free, undamped.exponents, method, report)
+    s, modes, slowest, near = exponents
     swings = s.imag < 0
     scope = joined(near, undamped.scope if near else unloading_scope(law))
     return undamped._replace(

@@ -51,6 +51,10 @@ class TransientGrowth(NamedTuple):
         return self.amplitude**2
 
 
+class NoElasticEnergyError(ValueError):
+    """The stiffness is not positive definite, so growth cannot be measured by the elastic energy."""
+
+
 class _ModalMotion(NamedTuple):
     """(y, ẏ)(t) = Re X exp(st) W u from a start u, with norm |Re P exp(st) W u|; one of each conjugate pair of s."""
 
@@ -191,7 +195,7 @@ def _modal_motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple
     try:
         root = cholesky((pull + pull.T) / 2)
     except LinAlgError:
-        raise ValueError(
+        raise NoElasticEnergyError(
             "the symmetric part of the stiffness is not positive definite, so there is no elastic energy to measure "
             "growth: use norm='displacement'"
         ) from None

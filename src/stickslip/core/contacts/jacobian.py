@@ -56,6 +56,11 @@ class Linearisation(NamedTuple):
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
 
+    @property
+    def force(self) -> np.ndarray:
+        """(C, 3) elastic force on body i [force]."""
+        return self.force_n[:, None] * self.normal - self.secant[:, None] * self.slip
+
 
 def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
@@ -106,8 +111,11 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     ------
     doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata of the documentation.
     """
-    c = linearise(state, law, memory=memory)
+    return blocks_of(state, law, linearise(state, law, memory=memory), memory)
 
+
+def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
+    """Contact blocks of a linearisation; see `contact_blocks`."""
     count, cross_n = len(c.normal), cross_matrix(c.normal)
     turn = make_turn(c.normal, c.inverse, c.way)
     by_way = np.zeros((count, 3, 6))

@@ -16,6 +16,10 @@ MAX_BODIES = 1 << BODY_BITS
 TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
 
 
+class TooFarApartError(ValueError):
+    """Two touching grains are more periodic boxes apart than keys can hold."""
+
+
 class Grid(NamedTuple):
     """Cell data for the pair search, constant while the cell does not change."""
 
@@ -96,7 +100,7 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
         raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")
     contacts = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
-        raise ValueError(TOO_FAR)
+        raise TooFarApartError(TOO_FAR)
     return state._replace(contacts=contacts if law is None else with_own_memory(contacts, law))
 
 

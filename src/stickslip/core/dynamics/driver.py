@@ -14,7 +14,7 @@ import numpy as np
 from ..contacts.forces import Bodies, forces
 from ..contacts.interaction_range import with_own_memory
 from ..contacts.memory import FROZEN
-from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, select_rows
+from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows
 from ..fields import pack_keys
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
@@ -319,5 +319,5 @@ def _rebuild_with_skin(skin, position, known: Bodies, contacts, cell, law: Law):
     """List rebuilt with the given skin."""
     contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts._replace(skin=skin))
     if contacts.count[0] < 0:
-        raise ValueError(TOO_FAR)
+        raise TooFarApartError(TOO_FAR)
     return with_own_memory(contacts, law)

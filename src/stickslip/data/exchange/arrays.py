@@ -99,7 +99,7 @@ def _units(path: Path, given: np.ndarray | None, dim: int) -> Units | None:
     try:
         return units_from(given.tolist(), dim)
     except ValueError as problem:
-        raise PackingError(str(problem).replace(" was given", f" was given in {path}", 1)) from None
+        raise PackingError(f"{path}: {problem}") from None
 
 
 def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:

@@ -51,8 +51,9 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     Parameters
     ----------
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
-        take precedence over the law in the file. LAMMPS files contain no law; to read contacts from a dump, give all
-    of its parameters i0 : float, moment of inertia I0 m R²
+        take precedence over the law in the file. LAMMPS files contain no law; to read contacts from a dump, give all of
+        its parameters
+    i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, or a
         time step in a dump; for GSD and dumps, the last one by default
     contacts : path of the `dump local` that belongs to the grains and provides their memory

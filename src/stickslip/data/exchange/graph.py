@@ -32,8 +32,8 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     >>> import stickslip as ss
     >>> law = ss.laws.hertz_mindlin()
     >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
-    >>> [(i, j, round(force, 9)) for i, j, force in contact_graph(pair, law).edges(data="force_n")]
-    [(0, 1, 0.001)]
+    >>> list(contact_graph(pair, law).edges())
+    [(0, 1)]
     """
     graph, columns = require("networkx", "exchange").MultiGraph(), frame_of(state, law).contacts
     n = len(state.grains.radius)

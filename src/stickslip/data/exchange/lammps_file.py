@@ -25,7 +25,7 @@ from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
-from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
+from ..sample import NO_CONTACTS, MemoryNote, PackingError, PackingWarning, accepted, from_arrays
 from .lammps_text import Table, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -319,4 +319,5 @@ def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State,
     state = reconstruct_memory(packing, pairs, law)
     mode = state.contacts.mode[: state.contacts.count[0]]
     count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
-    return state, [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]
+    note = f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"
+    return state, [*packing.words, MemoryNote(note)]

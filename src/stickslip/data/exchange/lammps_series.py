@@ -207,7 +207,7 @@ def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame],
     return dict(sorted(found.items())), notes
 
 
-def read_table(frame: DumpFrame) -> Table:
+def read_content(frame: DumpFrame) -> Table:
     """Content of a frame."""
     with frame.path.open("rb") as file:
         file.seek(frame.start)
@@ -224,8 +224,8 @@ def read_frame(
     grains: DumpFrame, contacts: DumpFrame | None, law: Law, *, columns: str | None = None, boundary: str | None = None
 ) -> tuple[State, list[str]]:
     """Accepted state of a frame, with memory if there is one of contacts, and notes; see `read_lammps`."""
-    table, pairs = read_table(grains), None
-    local = None if contacts is None else read_table(contacts)
+    table, pairs = read_content(grains), None
+    local = None if contacts is None else read_content(contacts)
     if local is not None and table.periodic is None:
         table = table._replace(periodic=local.periodic)
     packing = packing_from_table(table, grains.path, boundary)

@@ -3,13 +3,12 @@
 from functools import partial
 
 import numpy as np
-from rich.table import Table as TerminalTable
 
 from ...core.readable import pluralize
 from ...figures import catalogue as figures_of
 from ...loading.event_types import EventKind
 from ..run_folder import EVENTS, STEPS, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .measures import class_counts, measures, predictor_skills
 from .simulate import CatalogueResult
 from .tables import event_table, step_table, write_table
@@ -74,9 +73,7 @@ def show(result: CatalogueResult) -> None:
         f"{found['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
         f"highest frequency."
     )
-    table = TerminalTable(title="Events", **STYLE)
-    table.add_column("class")
-    table.add_column("number", justify="right")
+    table = new_table("class", "number", title="Events", left=("class",))
     for kind, number in class_counts(event_table(result.samples)).items():
         table.add_row(EventKind[kind.upper()].value, str(number))
     show_table(table)
@@ -86,11 +83,8 @@ def show(result: CatalogueResult) -> None:
 
 
 def _show_skills(result: CatalogueResult) -> None:
-    window = result.scenario.shear.window
-    table = TerminalTable(title=f"Announcements of an event within a strain of {window:g}", **STYLE)
-    table.add_column("predictor")
-    for name in ("area under ROC", "95 % interval", "steps"):
-        table.add_column(name, justify="right", no_wrap=True)
+    title = f"Announcements of an event within a strain of {result.scenario.shear.window:g}"
+    table = new_table("predictor", "area under ROC", "95 % interval", "steps", title=title, left=("predictor",))
     for one in predictor_skills(result):
         interval = f"{one.low:.3f} to {one.high:.3f}" if np.isfinite(one.low) else "–"
         area = f"{one.roc.area:.3f}" if np.isfinite(one.roc.area) else "–"

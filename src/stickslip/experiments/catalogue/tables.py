@@ -6,13 +6,11 @@ eigenvalue at several distances, are arrays with two dimensions; in a file they 
 
 import re
 from collections.abc import Iterable
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from ...core.text import read_text
+from ...core import tables
 from ...core.units import Fields, current_units, in_units, units_of
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
@@ -72,14 +70,12 @@ def write_table(path: Path, table: Table, digits: int = 8) -> None:
     for name, values in table.items():
         unit = units.get(name, "1")
         unit = in_units(unit, current_units()) if current_units() else unit.replace("force/length^(dim-1)", "stress")
-        unit = unit.replace("^", "")
-        unit = "-" if unit == "1" else unit
         flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
         columns |= {
-            label if values.dtype.kind == "U" else f"{label} [{unit}]": column for label, column in flat.items()
+            label if values.dtype.kind == "U" else tables.labelled(label, unit.replace("^", "")): column
+            for label, column in flat.items()
         }
-    text = pd.DataFrame(columns).to_csv(index=False, float_format=f"%.{digits}g", na_rep="nan", lineterminator="\n")
-    path.write_text(text, encoding="utf-8")
+    tables.write_table(path, columns, zip(*columns.values(), strict=True), digits=digits)
 
 
 def read_table(path: str | Path) -> Table:
@@ -95,21 +91,14 @@ def read_table(path: str | Path) -> Table:
     >>> read_table = ss.experiments.catalogue.read_table
     >>> events = read_table("results/catalogue/events.csv")  # doctest: +SKIP
     """
-    found = pd.read_csv(StringIO(read_text(path, remedy="give events.csv or steps.csv in the folder of a run")))
+    (_, labels), *rows = tables.read_table(path, remedy="give events.csv or steps.csv in the folder of a run")
     out: dict[str, list] = {}
-    for label in found.columns:
-        name = label.split(" [")[0]
+    for label, cells in zip(labels, np.array([fields for _, fields in rows]).reshape(-1, len(labels)).T, strict=True):
+        name, unit = tables.split_label(label)
         spread = _SPREAD.fullmatch(name)
-        out.setdefault(spread[1] if spread else name, []).append(found[label].to_numpy())
-    return {name: _column(name, parts) for name, parts in out.items()}
-
-
-def _column(name: str, parts: list[np.ndarray]) -> np.ndarray:
-    """Return a column that was read, with its type."""
-    if len(parts) > 1:
-        return np.stack(parts, axis=1).astype(float)
-    kind = int if name in _WHOLE else float if parts[0].dtype.kind in "iuf" else str
-    return parts[0].astype(kind)
+        kind = int if name in _WHOLE else str if unit is None else float
+        out.setdefault(spread[1] if spread else name, []).append(cells.astype(kind))
+    return {name: parts[0] if len(parts) == 1 else np.stack(parts, axis=1) for name, parts in out.items()}
 
 
 def joined_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:

@@ -3,16 +3,15 @@
 from functools import partial
 
 import numpy as np
-from rich.table import Table
 
 from ...core.outcome import Outcome
-from ...core.units import Fields, heading
+from ...core.units import Fields
 from ...figures import disk_array as figures_of
 from ...figures.instability import static_and_kinetic
 from ...loading.protocols import Family
 from ...solve.spectrum import Spectrum
 from ..run_folder import MOVIE, archive_fields
-from ..terminal import STYLE, console
+from ..terminal import console, new_table
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .paper import Reproduction
@@ -144,9 +143,8 @@ def _numbers(result: DiskArrayResult) -> dict:
 
 def show(result: DiskArrayResult) -> None:
     """Print a summary of a run on the terminal."""
-    pairs = Table(title="Complex pairs along the load path", **STYLE)
-    for name in ("pair", "born at", "by load step", "dies at", heading("largest Im λ", "1/time^2"), "at push"):
-        pairs.add_column(name, justify="right", overflow="fold")
+    names = ("pair", "born at", "by load step", "dies at", "largest Im λ", "at push")
+    pairs = new_table(*names, title="Complex pairs along the load path", units={"largest Im λ": "1/time^2"})
     coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
     for k, f in enumerate(result.families):
         top = int(np.argmax(f.eigenvalues.imag))
@@ -161,20 +159,16 @@ def show(result: DiskArrayResult) -> None:
     if result.families:
         console.print("  by load step: distance to the nearest birth on the same path with twice the load step")
     if result.free_runs:
-        runs = Table(title="Free runs", **STYLE)
-        kinds = {"predicted growth rate": "1/time", "fitted": "1/time", "M at the end": "length^2"}
-        for name in ("push", *kinds, "verdict"):
-            runs.add_column(heading(name, kinds.get(name, "1")), justify="right", overflow="fold")
+        units = {"predicted growth rate": "1/time", "fitted": "1/time", "M at the end": "length^2"}
+        runs = new_table("push", *units, "verdict", title="Free runs", units=units)
         for load, f in result.free_runs.items():
             fitted = f"{f.growth.growth_rate:.4e}" if f.growth else "–"
             words = "slides" if f.slid else "unstable, arrested" if f.predicted_growth > 0 else "stable"
             runs.add_row(f"{load:g}", f"{f.predicted_growth:.4e}", fitted, f"{f.msd[-1]:.2e}", words)
         console.print(runs)
     if result.sliding:
-        slides = Table(title="Sliding", **STYLE)
-        kinds = {"velocity": "length/time", "forward front": "length/time"}
-        for name in ("push", "realizations", "slid in time", *kinds):
-            slides.add_column(heading(name, kinds.get(name, "1")), justify="right", overflow="fold")
+        units = {"velocity": "length/time", "forward front": "length/time"}
+        slides = new_table("push", "realizations", "slid in time", *units, title="Sliding", units=units)
         for load, e in result.sliding.items():
             good = e.velocity[np.isfinite(e.velocity)]
             found = forward_front(result, e)

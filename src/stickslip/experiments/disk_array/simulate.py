@@ -64,9 +64,7 @@ class DiskArrayResult(NamedTuple):
 def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
     """Return the protocol by which a scenario applies a push (in its own numbers) and finds equilibria."""
     how = scenario.relaxation
-    options = {"tolerance": how.tolerance}
-    if how.method == "dynamics":
-        options |= {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt, "steps": how.steps}
+    options = _damping(scenario) if how.method == "dynamics" else {"tolerance": how.tolerance}
 
     def apply(state, load):
         return with_push(state, load * scenario.load.unit, scenario.load.disk - 1)
@@ -80,18 +78,12 @@ def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
 def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
     """Bring the array to equilibrium under its normal load."""
     state, law = build_array(scenario)
-    how = scenario.relaxation
-    state, _ = equilibrium(
-        state,
-        law,
-        what="the normal load alone",
-        tolerance=how.tolerance,
-        drag=how.drag,
-        spin_drag=how.spin_drag,
-        dt=how.dt,
-        steps=how.steps,
-    )
-    return state, law
+    return equilibrium(state, law, what="the normal load alone", **_damping(scenario))[0], law
+
+
+def _damping(scenario: DiskArrayScenario) -> dict:
+    """Options of `relax`."""
+    return {name: getattr(scenario.relaxation, name) for name in ("tolerance", "drag", "spin_drag", "dt", "steps")}
 
 
 def push_disk_array(

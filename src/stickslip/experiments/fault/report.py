@@ -3,14 +3,13 @@
 from functools import partial
 
 import numpy as np
-from rich.table import Table
 
 from ...core.units import Fields, for_people
 from ...figures import fault as figures_of
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
 from ...friction.fault_record import YEAR
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from . import seas_files
 from .simulate import FaultResult
 
@@ -57,18 +56,12 @@ def numbers(result: FaultResult) -> dict:
 
 def show(result: FaultResult) -> None:
     """Print the events and their average."""
-    events, table = result.history.events, Table(title="Events", **STYLE)
+    events = result.history.events
     lasted, unit = for_people(events.end - events.start, "s")
-    for name in (
-        "year",
-        f"duration [{unit}]",
-        "nucleates at [km]",
-        "rupture [km]",
-        "max V [m/s]",
-        "slip [m]",
-        "surface [m]",
-    ):
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table(
+        "year", f"duration [{unit}]", "nucleates at [km]", "rupture [km]", "max V [m/s]", "slip [m]", "surface [m]",
+        title="Events",
+    )  # fmt: skip
     for k in range(min(SHOWN, len(events.start))):
         table.add_row(
             f"{events.start[k] / YEAR:.3f}", f"{lasted[k]:.4g}", f"{events.depth[k] / 1e3:.2f}",

@@ -4,12 +4,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
+from ...core.tables import write_table
 from ...core.units import Fields, heading, units_of, with_unit
 from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
 from .pouring import Poured
 from .simulate import FlowResult, FlowSeries, StageEnd
@@ -71,22 +71,20 @@ def _write_series(result: FlowResult, path: Path) -> None:
         values, kind, unit = getattr(series, name), name.split("_")[0], units.get(name, "1")
         if kind in bodies:
             for k, body in enumerate(bodies[kind]):
-                columns |= {f"{body}_{name.split('_')[1]}_{a}": (unit, values[:, k, m]) for m, a in enumerate("xyz")}
+                what = f"{body}_{name.split('_')[1]}".replace(",", " ")
+                columns |= {heading(f"{what}_{a}", unit): values[:, k, m] for m, a in enumerate("xyz")}
         elif values.ndim == 1:
-            columns[name] = unit, values
+            columns[heading(name, unit)] = values
         elif name in ("center", "low", "high"):
-            columns |= {f"{name}_{a}": (unit, values[:, m]) for m, a in enumerate("xyz")}
-    header = ",".join(heading(name.replace(",", " "), unit) for name, (unit, _) in columns.items())
-    table = np.stack([values for _, values in columns.values()], axis=1)
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+            columns |= {heading(f"{name}_{a}", unit): values[:, m] for m, a in enumerate("xyz")}
+    write_table(path, columns, zip(*columns.values(), strict=True))
 
 
 def show(result: FlowResult) -> None:
     """Print the end of each stage and the measures of plane shear."""
-    table = Table(title="Stages", **STYLE)
-    kinds = {"until": "time", "energy": "energy", "deposit along x": "length", "top": "length"}
-    for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
-        table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
+    units = {"until": "time", "energy": "energy", "deposit along x": "length", "top": "length"}
+    names = ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top")
+    table = new_table(*names, title="Stages", units=units)
     series, around = result.series, "x" in result.scenario.cell.periodic
     for number, stage in enumerate(result.stages):
         k = np.flatnonzero(series.stage == number)[-1]

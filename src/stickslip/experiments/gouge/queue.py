@@ -17,6 +17,7 @@ from ..lammps.memory import is_complete
 from ..lammps.process import require_lammps
 from ..lammps.run import sample_path, write_start
 from ..lammps.script import write_input
+from ..realizations import silent
 from .lammps import Place, engine_of, make_leg, read_output
 from .protocol import TRUNK, Engine, Series, run_branch, settled_sample, slide_trunk
 from .sample import Gouge
@@ -49,11 +50,11 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     for seed in range(scenario.seed, scenario.seed + scenario.realizations):
         one = scenario.model_copy(update={"realizations": 1, "seed": seed})
         kept = checkpoint_in(folder, scenario, Gouge).of(one.digest).of(TRUNK)
-        gouge = settled_sample(one, seed, _silent, kept)
+        gouge = settled_sample(one, seed, silent, kept)
         bare = one.model_copy(update={"ledger_steps": 0})
-        trunk = slide_trunk(bare, gouge, engine_of(written.write), _silent)
+        trunk = slide_trunk(bare, gouge, engine_of(written.write), silent)
         for start in trunk.branches:
-            run_branch(bare, start, engine_of(written.write), _silent)
+            run_branch(bare, start, engine_of(written.write), silent)
     (folder / LEGS / TABLE).write_text(json.dumps(written.table, indent=1), encoding="utf-8")
     return [*written.paths, folder / LEGS / TABLE, *write_scripts(folder, written.ends, scenario.ranks)]
 
@@ -84,10 +85,6 @@ def engine(folder: Path) -> Engine:
                 f"LAMMPS has not finished in {end.parent}: let it finish there first, for example with sh run.sh"
             )
     return engine_of(partial(_read, folder, numbers))
-
-
-def _silent(share: float, words: str) -> None:
-    pass
 
 
 def _key(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> tuple:

@@ -5,15 +5,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from ...core.readable import pluralize
+from ...core.tables import labelled, write_table
 from ...core.units import units_of
 from ...figures import gouge as figures_of
 from ...figures.style import power_of_ten
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import CURVES, SERIES, SLIPS, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from . import measures as measured
 from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
@@ -170,37 +170,35 @@ def numbers(result: GougeResult) -> dict:
 def _write_series(result: GougeResult, path: Path) -> None:
     """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
-    units = {name: "-" if unit == "1" else unit.replace("^", "") for name, unit in units_of(Series).items()}
-    header = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
-    header.append("hold [s]")
-    lines = [",".join(header + [f"{name} [{units.get(name, '-')}]" for name in names])]
-    for one in result.realizations:
-        for k, test in enumerate(one.tests):
-            head = (
-                f"{one.seed},{k},{test.part},{test.branch},{test.kind},{test.before:g},{test.velocity:g},{test.hold:g},"
-            )
-            table = np.stack([getattr(test.series, name) for name in names], axis=1)
-            lines += [head + ",".join(f"{x:.7g}" for x in row) for row in table]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    labels = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
+    rows = (
+        (one.seed, k, test.part, test.branch, test.kind, test.before, test.velocity, test.hold, *row)
+        for one in result.realizations
+        for k, test in enumerate(one.tests)
+        for row in zip(*(getattr(test.series, name) for name in names), strict=True)
+    )
+    write_table(path, [*labels, "hold [s]", *_labels(names, units_of(Series))], rows, digits=7)
+
+
+def _labels(names, units: dict[str, str]) -> list[str]:
+    return [labelled(name, units.get(name, "1").replace("^", "")) for name in names]
 
 
 def _write_slips(found: Slips, path: Path) -> None:
     """Write one row for each slip."""
-    units = units_of(Slips)
-    lines = [",".join(f"{name} [{units.get(name, '-')}]" for name in found._fields)]
-    lines += [",".join(f"{x:.7g}" for x in row) for row in zip(*found, strict=True)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table(path, _labels(found._fields, units_of(Slips)), zip(*found, strict=True), digits=7)
 
 
 def _write_curves(found, path: Path) -> None:
     """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
-    lines = ["run,kind,before [m/s],hold [s],after [m/s],x,unit of x,mean,error,deviation"]
-    for run, result in found.results.items():
-        for kind, where, unit, curve in _mean_curves(result):
-            head = f"{run.replace(',', ';')},{kind}," + ",".join("" if w is None else f"{w:g}" for w in where)
-            rows = zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
-            lines += [f"{head},{x:.5g},{unit},{mean:.5g},{error:.3g},{band:.3g}" for x, mean, error, band in rows]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    names = "run", "kind", "before [m/s]", "hold [s]", "after [m/s]", "x", "unit of x", "mean", "error", "deviation"
+    rows = (
+        (run.replace(",", ";"), kind, *where, x, unit, *numbers)
+        for run, result in found.results.items()
+        for kind, where, unit, curve in _mean_curves(result)
+        for x, *numbers in zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
+    )
+    write_table(path, names, rows, digits=5)
 
 
 def _mean_curves(result: GougeResult):
@@ -243,9 +241,7 @@ def show(result: GougeResult) -> None:
     """Print steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
     console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
-    table = Table(**STYLE)
-    for name in ("velocity [m/s]", "steady friction", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table("velocity [m/s]", "steady friction", "±")
     for velocity in measured.velocities(result):
         found = measured.mean_friction(result, velocity)
         table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.half:.4f}")
@@ -269,9 +265,8 @@ def show(result: GougeResult) -> None:
 
 
 def _show_holds(result: GougeResult) -> None:
-    table = Table(title="Slides after holds", **STYLE)
-    for name in ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
+    names = ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±")
+    table = new_table(*names, title="Slides after holds")
     for before, hold, after in measured.reslides(result):
         found = measured.peak(measured.reslide_curve(result, before, hold, after))
         scaled = normalised_hold(result.scenario, hold, before)

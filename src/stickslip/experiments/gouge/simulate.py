@@ -1,7 +1,6 @@
 """Simulation of gouge experiments in parallel processes; finished realizations are saved and not run again."""
 
 import os
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -107,9 +106,8 @@ class _Ensemble:
         out = []
         for k, (one, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
             mine = [b for b, owner in enumerate(owners) if owner == k]
-            reasons = [trunks.sentences[k], *(tests.sentences[b] for b in mine)]
-            if wrong := next(filter(None, reasons), None):
-                out.append(re.sub(r"^[A-Z][A-Za-z]+: ", "", wrong.partition(": ")[2]))
+            if wrong := next(filter(None, [trunks.reasons[k], *(tests.reasons[b] for b in mine)]), None):
+                out.append(wrong)
                 continue
             out.append(make_realization(one, one.seed, trunk, [tests.results[b] for b in mine]))
             self._save(one, out[-1])

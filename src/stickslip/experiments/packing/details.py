@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from rich.table import Table
 
 from ...core.laws.builtin import Law
 from ...core.state import State
@@ -12,13 +11,12 @@ from ...solve.density import participation_ratio
 from ...solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ...solve.sensitivity import ContactSensitivity, contact_sensitivity
 from ...solve.stability import Stability
-from ...solve.transient import TransientGrowth, transient_growth
-from ..terminal import STYLE, console, show_table
+from ...solve.transient import NoElasticEnergyError, TransientGrowth, transient_growth
+from ..terminal import console, new_table, show_table
 
 CONTACTS = 5  # rows of the table of contacts
 SHOWN = 12  # participation ratios that are printed
 UNBALANCED = "since the packing is not in equilibrium"
-POSITIVE = "the symmetric part of the stiffness"
 
 
 class Details(NamedTuple):
@@ -54,10 +52,12 @@ def _try(function, *arguments, **options):
 def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth | str:
     if found.grows:
         return "since exponential growth exceeds any transient"
-    by_energy = _try(transient_growth, state, law, report=report)
-    if isinstance(by_energy, str) and by_energy.startswith(POSITIVE):
+    try:
+        return transient_growth(state, law, report=report)
+    except NoElasticEnergyError:
         return _try(transient_growth, state, law, norm="displacement", report=report)
-    return by_energy
+    except ValueError as problem:
+        return str(problem)
 
 
 def to_dict(more: Details) -> dict:
@@ -119,9 +119,7 @@ def show(more: Details, found: Stability) -> None:
 def _show_moduli(m: ElasticModuli) -> None:
     unit = unit_name("force/length^(dim-1)").replace("-", "−")
     console.print(f"\nelastic moduli in {unit}, with fixed contact modes")
-    table = Table(**STYLE)
-    for column in ("", "total", "affine", "non-affine"):
-        table.add_column(column, justify="right")
+    table = new_table("", "total", "affine", "non-affine")
     for name, total, affine in (("bulk K", m.bulk, m.bulk_affine), ("shear G", m.shear, m.shear_affine)):
         table.add_row(name, f"{total:.5g}", f"{affine:.5g}", f"{total - affine:.5g}")
     show_table(table)
@@ -149,9 +147,8 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
         f"{turned}" + (f"; {s.scope}" if s.scope else "")
     )
     slope = dict(zip(s.contacts, s.growth_derivative, strict=True)) if len(s.derivative) else {}
-    table = Table(**STYLE)
-    for column in ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then", *["∂/∂ln s"] * bool(slope)):
-        table.add_column(column, justify="right")
+    names = ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then")
+    table = new_table(*names, *["∂/∂ln s"] * bool(slope))
     for k in range(len(s.contact))[:CONTACTS]:
         after, words = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
         other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"

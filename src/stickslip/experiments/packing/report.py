@@ -15,7 +15,7 @@ from ...core.laws.kinds import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.readable import pluralize
 from ...core.state import State
-from ...core.units import heading, with_unit
+from ...core.units import with_unit
 from ...data.atomic import replace_atomically
 from ...data.sample import Assumption
 from ...solve.balance import BALANCED_BELOW, imbalance
@@ -23,15 +23,15 @@ from ...solve.birth import BirthForm, birth_form
 from ...solve.equilibrate import equilibrate
 from ...solve.freedom import backbone
 from ...solve.stability import Stability
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from . import details as stability_more
 
-KINDS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}  # units; others: 1/time
+UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
+UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
 SHOWN = 12  # pairs listed in the table
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
-UNKNOWN_LAW = "another law"  # beginning of the last of `likely_causes`
 
 
 class Settling(NamedTuple):
@@ -87,13 +87,13 @@ def verdict(found: Stability, calm: Settling | None = None) -> str:
 
 def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, inferred from the packing and the options given for its law."""
-    known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
+    known, law = list(found.causes[:-1]), "another law than that of the packing"  # the last cause says no more of it
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any(isinstance(line, Assumption) for line in words)
     if given:
-        known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
+        known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumed:
-        known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, so the defaults were used")
+        known.append(f"{law}: none was given, so the defaults were used")
     return known or list(found.causes)
 
 
@@ -200,9 +200,7 @@ def _show_form(form: BirthForm | str) -> None:
         f"which leaves β uncertain by {100 * form.detuned:.2g} %"
     )
     if len(form.rates):
-        table = Table(**STYLE)
-        for column in ("amplitude", heading("growth rate", "1/time"), "over σ"):
-            table.add_column(column, justify="right")
+        table = new_table("amplitude", "growth rate", "over σ", units=UNITS)
         for k in range(len(form.rates) // 4 - 1, len(form.rates), len(form.rates) // 4):
             if np.isfinite(form.rates[k]):
                 ratio = form.rates[k] / form.growth_rate
@@ -233,10 +231,7 @@ def describe_law(law: Law) -> str:
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
-    table = Table(title=title, **STYLE)
-    for column in columns:
-        table.add_column(heading(column, KINDS.get(column, "1/time")), justify="right", overflow="fold")
-    return table
+    return new_table(*columns, title=title, units=UNITS)
 
 
 def _show_exponents(found: Stability) -> None:

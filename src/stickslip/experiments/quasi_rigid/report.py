@@ -4,13 +4,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
+from ...core.tables import write_table
 from ...core.units import Fields, units_of
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
 
 
@@ -78,28 +78,19 @@ def _sample(one: SampleResult) -> dict:
 
 def _write_curves(result: QuasiResult, path: Path) -> None:
     """Write one row per point: sample, curve, load, strain, volumetric strain, stress ratio."""
-    lines = ["sample,curve,load,strain,volumetric_strain,stress_ratio"]
-
-    def add(seed: int, name: str, curve: Curve) -> None:
-        for row in zip(*curve, strict=True):
-            lines.append(f"{seed},{name}," + ",".join(f"{x:.9g}" for x in row))
-
+    curves = []
     for one in result.tested:
-        add(one.seed, "path", one.curve)
-        if one.back is not None:
-            add(one.seed, "unloading", one.back)
-        for run in one.slow:
-            add(one.seed, f"dynamics {run.time:g}", run.curve)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        curves.append((one.seed, "path", one.curve))
+        curves += [] if one.back is None else [(one.seed, "unloading", one.back)]
+        curves += [(one.seed, f"dynamics {run.time:g}", run.curve) for run in one.slow]
+    names = ("sample", "curve", "load", "strain", "volumetric_strain", "stress_ratio")
+    write_table(path, names, ((seed, name, *row) for seed, name, curve in curves for row in zip(*curve, strict=True)))
 
 
 def show(result: QuasiResult) -> None:
     """Print the end of every path on the terminal."""
-    title = "Paths, strain error of the slowest dynamics, and its collapse load"
-    table = Table(title=title, **STYLE)
     names = ("sample", "ends at", "ratio", "strain", "sliding", "events", "error", "collapse")
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table(*names, title="Paths, strain error of the slowest dynamics, and its collapse load")
     for one in result.tested:
         last = one.path.points[-1]
         off = min(one.slow, key=lambda run: -run.time).error if one.slow else None

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.table import Table
 
+from ...core.tables import format_table, labelled
 from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
 from ...extras import require
@@ -19,7 +19,7 @@ from ...friction.model_comparison import LawComparison, compare_laws
 from ...friction.remedies import stiffness_doubt, trend_gain
 from ...friction.sampling import PERCENTS, Posterior, posterior
 from ..run_folder import foreign_files_message
-from ..terminal import STYLE, console, progress, show_table
+from ..terminal import console, new_table, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 DRAWS, CORNER = "posterior.csv", "posterior.png"
@@ -49,32 +49,26 @@ class RecordFits(NamedTuple):
 
 
 def fit_record(
-    file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
-    detrend: bool, normal: bool, out: Path | None, overwrite: bool, columns: str | None = None,
-    form: str = "logarithmic", more_free: tuple[str, ...] = (), steps: int | None = None,
+    file: Path, *, laws, fixed: dict[str, float], free: tuple[str, ...] = (), before: float | None = None,
+    normal: bool = False, columns: str | None = None, form: str = "logarithmic", steps: int | None = None,
 ) -> RecordFits:  # fmt: skip
-    """Read a record and fit each law to it; the output folder is checked first.
+    """Read a record and fit each law to it.
 
     With a number of steps, the posterior of the law, or of the law that the data prefer, is sampled as well.
     """
-    if out is not None:
-        _check_folder(out, overwrite)
-    if stiffness is not None and free_stiffness:
+    if "stiffness" in fixed and "stiffness" in free:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
     raw = read_csv(file, columns=_parse_columns(columns))
     record = record_data(raw, before=before, normal=normal)
-    sprung = len(record.legs) > 0
-    if sprung and stiffness is None and not free_stiffness:
+    sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
+    if sprung and not has_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
-    if not sprung and (stiffness is not None or free_stiffness):
+    if not sprung and has_stiffness:
         raise ValueError(
             f"{file} has a slip velocity but no load_point, so there is no spring: leave out the stiffness"
         )
-    changes = normal and np.ptp([leg.normal for leg in record.legs]) > 0
-    free = tuple(name for name, on in (("stiffness", free_stiffness), ("alpha", changes), ("trend", detrend)) if on)
-    free = tuple(dict.fromkeys(free + more_free))
-    given = {"stiffness": stiffness, "v0": v0}
-    fixed = {name: value for name, value in given.items() if value is not None}
+    if normal and np.ptp([leg.normal for leg in record.legs]) > 0:
+        free = tuple(dict.fromkeys([*(name for name in free if name == "stiffness"), "alpha", *free]))
     if steps is not None:
         require("emcee", "posterior")
     solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
@@ -124,7 +118,8 @@ def _parse_columns(text: str | None) -> dict[str, int] | None:
     return {name.strip(): parse_integer(number) for name, _, number in pairs}
 
 
-def _check_folder(out: Path, overwrite: bool) -> None:
+def check_folder(out: Path, overwrite: bool) -> None:
+    """Raise ValueError if a fit may not be written to a folder."""
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
@@ -185,9 +180,8 @@ def _replace_nonfinite(thing):
 def show(found: RecordFits) -> None:
     """Print a table for each law, and the comparison."""
     for one in found.fits:
-        table = Table(title=f"{one.law.capitalize()} law", **STYLE)
-        for name in ("parameter", "value", "95 % interval", "unit"):
-            table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
+        names, title = ("parameter", "value", "95 % interval", "unit"), f"{one.law.capitalize()} law"
+        table = new_table(*names, title=title, left=("parameter", "unit"))
         for name in one.names:
             table.add_row(name, *_format_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
         if {"a", "b"} & set(one.names):
@@ -210,9 +204,8 @@ def show(found: RecordFits) -> None:
 
 
 def _show_posterior(one: Posterior) -> None:
-    table = Table(title=f"Posterior, {one.fit.law} law", **STYLE)
-    for name in ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit"):
-        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
+    names, title = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit"), f"Posterior, {one.fit.law} law"
+    table = new_table(*names, title=title, left=("parameter", "unit"))
     for name in one.names:
         table.add_row(name, *(f"{value:.5g}" for value in one.percentiles[name]), UNITS.get(name, ""))
     show_table(table)
@@ -273,7 +266,7 @@ def write(out: Path, found: RecordFits) -> list[Path]:
 
 def _draws_csv(file: Path, one: Posterior) -> str:
     """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
-    head = ",".join(f"{name} [{UNITS.get(name, '-')}]" for name in one.names)
     fixed = ", ".join(f"{name} = {value:.6g}" for name, value in one.fit.fixed.items())
-    notes = f"# draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form\n# fixed: {fixed}\n"
-    return notes + "\n".join([head, *(",".join(f"{value:.8g}" for value in row) for row in one.draws)]) + "\n"
+    notes = f"draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form", f"fixed: {fixed}"
+    labels = [labelled(name, UNITS.get(name, "1")) for name in one.names]
+    return format_table(labels, one.draws, digits=8, comments=notes)

@@ -4,14 +4,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from ...figures import rate_state as figures_of
 from ...friction.closed_forms import steady_friction
 from ...friction.cycles import passing_velocity, recurrence
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .simulate import SliderResult
 
 
@@ -40,9 +39,8 @@ def numbers(result: SliderResult) -> dict:
 
 def show(result: SliderResult) -> None:
     """Print the legs, their stability and the end of the history."""
-    h, table = result.history, Table(title="Legs of the load point", **STYLE)
-    for name in ("velocity [m/s]", "until [s]", "final friction", "least", "greatest"):
-        table.add_column(name, justify="right", no_wrap=True)
+    h, names = result.history, ("velocity [m/s]", "until [s]", "final friction", "least", "greatest")
+    table = new_table(*names, title="Legs of the load point")
     ends = np.cumsum([leg.duration for leg in result.legs])
     for leg, end in zip(result.legs, ends, strict=True):
         within = (h.time > end - leg.duration) & (h.time <= end)

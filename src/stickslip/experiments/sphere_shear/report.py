@@ -1,13 +1,11 @@
 """Output of sheared packings: files in the run folder and the summary on the terminal."""
 
 import numpy as np
-from rich.table import Table
 
 from ...core.readable import pluralize
-from ...core.units import heading
 from ...figures import sphere_shear as figures_of
 from ..run_folder import archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .simulate import ShearResult
 
 
@@ -41,10 +39,8 @@ def numbers(result: ShearResult) -> dict:
 
 def show(result: ShearResult) -> None:
     """Print a summary of a run on the terminal."""
-    table = Table(title="Sheared packings", **STYLE)
-    for name in ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end"):
-        name = heading(name, "force/length^(dim-1)") if name == "pressure" else name
-        table.add_column(name, justify="right", no_wrap=True)
+    names = ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end")
+    table = new_table(*names, title="Sheared packings", units={"pressure": "force/length^(dim-1)"})
     for p in result.paths:
         born = f"{p.onset.strain:.6g}" if p.onset else "at the start" if p.pairs[0] else "never"
         table.add_row(
@@ -60,10 +56,8 @@ def show(result: ShearResult) -> None:
             console.print(f"packing {p.seed} stopped early: {p.stopped}", style="yellow")
     runs = [r for r in (*result.single, *result.later) if r]
     if runs:
-        table = Table(title="Newtonian runs", **STYLE)
-        kinds = {"growth rate": "1/time", "fitted": "1/time", "last M": "length^2"}
-        for name in ("strain", "pairs", *kinds, "drop/p", "contacts lost"):
-            table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
+        units = {"growth rate": "1/time", "fitted": "1/time", "last M": "length^2"}
+        table = new_table("strain", "pairs", *units, "drop/p", "contacts lost", title="Newtonian runs", units=units)
         for r in runs:
             fitted = f"{r.growth.growth_rate:.4e}" if r.growth else "–"
             table.add_row(

@@ -16,7 +16,7 @@ from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Member, Workers
 from ...loading.packing import PackingInfo
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
-from ...loading.quasistatic import aqs, parse_warning
+from ...loading.quasistatic import aqs
 from ...loading.release import Released, release
 from ...solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
 from ...solve.spectrum import spectrum
@@ -164,13 +164,9 @@ def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
         point = protocol.step(state, strain)
     size = np.abs(point.spectrum.eigenvalues)
     zeros = int((size < 1e-9 * size.max()).sum())
+    how = point.outcome
     return Step(
-        float(strain),
-        point.state,
-        _path_columns(point, protocol.law),
-        zeros,
-        point.outcome.fallback,
-        *parse_warning(point.outcome),
+        float(strain), point.state, _path_columns(point, protocol.law), zeros, how.fallback, how.unstable, how.left
     )
 
 

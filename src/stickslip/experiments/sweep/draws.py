@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.tables import read_table, split_label
 from ...core.text import parse_number
 from ...data.dotted_keys import field_at
 from ...data.schema import LARGEST, ScenarioError
-from ...friction.laboratory import read_table
 
 MOST_ROWS = 100_000  # the values are part of the text of the sweep
 PLAIN = ("", "-", "1")  # units of numbers
@@ -45,23 +45,17 @@ def read_draws(draws, entries: dict[str, dict], kind) -> dict[str, list[float]]:
 
 def _read_file(path: Path) -> dict[str, tuple[str, list[float]]]:
     try:
-        header, rows = read_table(path, None)
+        (_, header), *rows = read_table(path)
     except OSError as problem:
         raise ScenarioError(f"sweep.draws = {path} cannot be read ({problem.strerror}): give a CSV file") from None
     except ValueError as problem:
         raise ScenarioError(f"sweep.draws: {problem}") from None
     if not 1 <= len(rows) <= MOST_ROWS:
         raise ScenarioError(f"sweep.draws = {path} has {len(rows)} rows: give 1 to {MOST_ROWS}")
-    names = [_split_header(field) for field in header]
+    names = [(name, unit or "") for name, unit in map(split_label, header)]
     if len({name for name, _ in names}) < len(names):
         raise ScenarioError(f"sweep.draws = {path} has two columns of the same name: keep one")
     return {name: (unit, [_parse(path, row, k, name) for row in rows]) for k, (name, unit) in enumerate(names)}
-
-
-def _split_header(field: str) -> tuple[str, str]:
-    """Return name and unit of a header such as `dc [m]`."""
-    name, _, unit = field.replace("(", "[").partition("[")
-    return name.strip(), unit.rstrip("]) ").strip()
 
 
 def _parse(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:

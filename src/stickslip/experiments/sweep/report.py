@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 
 from ...core.units import for_people
@@ -16,7 +15,7 @@ from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...ensemble import Workers, reach
 from ..resume import read_json
 from ..run_folder import OPTIONS, check_writable, foreign_files_message
-from ..terminal import STYLE, console, progress, show_table
+from ..terminal import console, new_table, progress, show_table
 from .cycles import FIGURE, write_cycles
 from .dataset import DATASET
 from .definition import Sweep, describe_differences, member
@@ -154,9 +153,9 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
 def show(swept: SweepResult) -> None:
     """Print the ranges of the measures, and the failures."""
     rows = [one for one in swept.found if one]
-    table = Table(title=f"Measures of {len(rows)} of {len(swept.names)} members", **STYLE)
-    for name in ("measure", "unit", "members", "least", "median", "greatest"):
-        table.add_column(name, justify="left" if name in ("measure", "unit") else "right", no_wrap=True)
+    names = ("measure", "unit", "members", "least", "median", "greatest")
+    title = f"Measures of {len(rows)} of {len(swept.names)} members"
+    table = new_table(*names, title=title, left=("measure", "unit"))
     for name, known in ranges(swept).items():
         cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
         cells, unit = for_people(cells, known["unit"])

@@ -20,6 +20,7 @@ from ...data.checkpoint import remove_checkpoint as drop_pieces
 from ...data.manifest import add_to_manifest, write_file
 from ...ensemble import Workers, reach, run_members, trial
 from ..experiment import named_measures
+from ..realizations import silent
 from ..registry import experiment_of
 from ..run_folder import NUMBERS, OPTIONS, list_files, staged_results
 from ..terminal import format_duration
@@ -95,16 +96,10 @@ def _time_first_member(text: str) -> float:
     seconds = PROBE
     for _ in range(2):
         with tempfile.TemporaryDirectory() as scratch:  # outside of the sweep's folder, which may be inaccessible
-            seconds = min(
-                seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), False, _ignore_report).seconds
-            )
+            seconds = min(seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), False, silent).seconds)
         if seconds > 0.3 * PROBE:  # a second run might exceed the limit
             break
     return seconds
-
-
-def _ignore_report(share: float, words: str) -> None:
-    pass
 
 
 def read_finished(folder: Path) -> dict | None:

@@ -1,17 +1,16 @@
 """Output of the static and kinetic friction of a sample: files in the run folder and the summary on the terminal."""
 
-import csv
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
+from ...core.tables import write_table
 from ...core.units import Fields, heading
 from ...figures.instability import static_and_kinetic
 from ...solve.fastest import FastestPair
 from ..run_folder import THRESHOLD, archive_fields
-from ..terminal import STYLE, console, show_table
+from ..terminal import console, new_table, show_table
 from .simulate import ThresholdResult
 
 LABEL = {
@@ -33,13 +32,13 @@ def files(result: ThresholdResult):
 
 
 def _write_outcomes(result: ThresholdResult, path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        velocity, lifetime = heading("velocity", "length/time"), heading("median lifetime", "time")
-        writer.writerow(["load", velocity, "runs", "slid", "share", "lasting", "lasting share", lifetime])
-        for load, _, kick, runs, slid, lasting, lifetime in _outcomes(result):
-            time = "" if np.isnan(lifetime) else lifetime
-            writer.writerow([load, kick, runs, slid, slid / runs, lasting, lasting / runs, time])
+    velocity, lifetime = heading("velocity", "length/time"), heading("median lifetime", "time")
+    names = ("load", velocity, "runs", "slid", "share", "lasting", "lasting share", lifetime)
+    rows = (
+        (load, kick, runs, slid, slid / runs, lasting, lasting / runs, time)
+        for load, _, kick, runs, slid, lasting, time in _outcomes(result)
+    )
+    write_table(path, names, rows, digits=None)
 
 
 def _outcomes(result: ThresholdResult):
@@ -75,15 +74,14 @@ def numbers(result: ThresholdResult) -> dict:
 
 def show(result: ThresholdResult) -> None:
     """Print a summary of a run on the terminal."""
-    table = Table(title="Kicked runs", **STYLE)
-    kinds = {"velocity": "length/time", "median lifetime": "time"}
-    for name in ("load", "pairs", "velocity", "slid", "lasting", "median lifetime"):
-        table.add_column(heading(name, kinds.get(name, "1")), justify="right", no_wrap=True)
+    units = {"velocity": "length/time", "median lifetime": "time"}
+    names = ("load", "pairs", "velocity", "slid", "lasting", "median lifetime")
+    table = new_table(*names, title="Kicked runs", units=units)
     for load, pairs, kick, runs, slid, lasting, lifetime in _outcomes(result):
         time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
         table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)
     show_table(table)
-    for sentence in result.sentence.split("; "):
+    for sentence in result.sentences:
         console.print(f"  {sentence}", soft_wrap=True)
     if left := [load for load in result.scenario.load.loads if load > result.path[-1].load]:
         console.print(

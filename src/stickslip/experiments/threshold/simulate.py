@@ -28,7 +28,7 @@ from .scenario import ArraySample, GougeSample, Kicks, PackingSample, ThresholdS
 STEP_SHARE = 0.2  # default time step, over the largest stable one
 
 
-@result_of(EXPERIMENT, head=lambda result: result.sentence)
+@result_of(EXPERIMENT, head=lambda result: "; ".join(result.sentences))
 class ThresholdResult(NamedTuple):
     """Static and kinetic friction of a sample."""
 
@@ -39,11 +39,11 @@ class ThresholdResult(NamedTuple):
     found: KineticThreshold
 
     @property
-    def sentence(self) -> str:
+    def sentences(self) -> list[str]:
         """Static and kinetic friction in words."""
         held = f"held a load of {self.path[-1].load:.4g}"
         static = f"slid by itself at {self.strength:.4g}" if np.isfinite(self.strength) else "did not slide by itself"
-        return f"the sample {held} and {static}; {self.found.sentence}"
+        return [f"the sample {held} and {static}", *self.found.sentences]
 
 
 def make_sample(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report) -> tuple[State, Protocol]:

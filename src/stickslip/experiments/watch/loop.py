@@ -5,14 +5,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ...data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
-from ...data.sample import NO_CONTACTS, PackingError
+from ...data.sample import MemoryNote, PackingError
 from .measures import Row, measure_frame
 
 NO_MEMORY = (
     "without a dump of contacts, the slip of contacts is unknown and set to zero: stress is that of the normal forces, "
     "sliding contacts are unknown, and forces that friction balances appear unbalanced, which leaves no verdict"
 )
-OF_EACH = ("slip of ", NO_CONTACTS)  # how notes begin that every frame has
 
 
 class Progress(NamedTuple):
@@ -102,4 +101,4 @@ def _compute(source: Source, pair: Pair, method: str, report) -> tuple[Row, list
         )
     except ArithmeticError as problem:
         raise PackingError(f"its spectrum could not be computed ({problem})") from None
-    return row, [line for line in words if not line.startswith(OF_EACH)]
+    return row, [line for line in words if not isinstance(line, MemoryNote)]

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.laws.builtin import Law
-from ...core.measure import coordination, least_supports, stress, touching
+from ...core.measure import coordination, least_supports, stress
 from ...core.state import SLIDE, State
-from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message, with_modes_under
-from ...solve.freedom import backbone, dynamical_matrix
+from ...solve.balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
+from ...solve.linearised import linearised
 from ...solve.spectrum import softest_eigenvalue
 from ...solve.stability import DENSE_UP_TO, Stability, stability
 from ..packing.report import to_dict
@@ -68,14 +68,14 @@ def measure_frame(
     method : one of `METHODS`; with "auto", the spectrum of more than 1500 coordinates is computed only in equilibrium
     report : called as report(stage, share done, words)
     """
-    mode = state.contacts.mode[: state.contacts.count[0]]
+    here, mode = linearised(state, law), state.contacts.mode[: state.contacts.count[0]]
     row = Row(
-        step, digest, len(state.grains.radius), len(touching(state)),
+        step, digest, len(state.grains.radius), len(here.rows),
         coordination=coordination(state, least_supports(law, state.cell.dim)),
-        sliding=int((mode == SLIDE).sum()) if memory else None, residual=imbalance(state, law),
+        sliding=int((mode == SLIDE).sum()) if memory else None, residual=force_imbalance(here),
     )  # fmt: skip
     row = _add_stress(row, state, law)
-    free = backbone(state, law)
+    free = here.backbone
     if not len(free):
         return _note(row, "no grain is supported by others, so there is no spectrum")
     large = method == "auto" and len(free) > DENSE_UP_TO
@@ -83,7 +83,8 @@ def measure_frame(
         row = _without_spectrum(row)
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
     found = stability(state, law, method="fastest" if large else method, report=report)
-    return _add_spectrum(row, found, softest_eigenvalue(dynamical_matrix(with_modes_under(state, law), law, free)))
+    matrix = here.with_modes(modes_under(state, law, here.line)).dynamical_matrix(free)
+    return _add_spectrum(row, found, softest_eigenvalue(matrix))
 
 
 def _note(row: Row, words: str) -> Row:

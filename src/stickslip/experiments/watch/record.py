@@ -9,7 +9,7 @@ from ..packing.page_output import check_output
 from .loop import Progress, watch
 from .page import write_page
 from .screen import screen
-from .table import describe, read_table, write_table
+from .table import describe, read_rows, write_rows
 
 SAVE_EVERY = 3.0  # least time between two writes of table and page [s]
 REST = 5.0  # the same, over the time that a write takes
@@ -30,11 +30,11 @@ def watch_and_record(
         raise ValueError(f"--out {table} ends with {table.suffix or 'nothing'!r}: use .csv")
     check_output(page, (".html",), overwrite=overwrite, made_from=made_from)
     check_free([table], overwrite=True, made_from=made_from)
-    known, due = read_table(table, how, overwrite=overwrite), float("-inf")
+    known, due = read_rows(table, how, overwrite=overwrite), float("-inf")
     done = Progress(known, (), 0)
 
     def save(done: Progress) -> None:
-        write_table(table, done.rows, how)
+        write_rows(table, done.rows, how)
         write_page(page, source.folder, table, done, how)
 
     try:

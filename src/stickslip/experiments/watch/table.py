@@ -1,18 +1,17 @@
 """The table of a watched simulation: a CSV file with a comment that says how it was computed."""
 
-import csv
-import io
 import json
 from pathlib import Path
 
 from ... import __version__
+from ...core.tables import format_table, read_table
 from ...core.text import parse_number, read_text
 from ...data.atomic import write_atomically
 from ...data.exchange.follow import Source
 from ..packing.report import describe_law
 from .measures import Row
 
-MARK = "# written by stickslip watch "
+MARK = "written by stickslip watch "
 NUMBERS = {name: kind for name, kind in Row.__annotations__.items() if kind is not str}
 
 
@@ -26,18 +25,14 @@ def describe(source: Source, method: str) -> dict:
     }  # fmt: skip
 
 
-def write_table(path: Path, rows: dict[int, Row], how: dict) -> None:
+def write_rows(path: Path, rows: dict[int, Row], how: dict) -> None:
     """Write all rows, by step, all or nothing."""
-    text = io.StringIO()
-    text.write(f"{MARK}{__version__}: {json.dumps(how)}\n")
-    sheet = csv.writer(text, lineterminator="\n")
-    sheet.writerow(Row._fields)
-    for _, row in sorted(rows.items()):
-        sheet.writerow(["" if value is None else value for value in row])
-    write_atomically(path, text.getvalue().encode())
+    ordered = [row for _, row in sorted(rows.items())]
+    comment = f"{MARK}{__version__}: {json.dumps(how)}"
+    write_atomically(path, format_table(Row._fields, ordered, digits=None, comments=[comment]).encode())
 
 
-def read_table(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Row]:
+def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Row]:
     """Rows of an earlier watch, without those that could not be computed; none if there is no table.
 
     Raises
@@ -49,15 +44,16 @@ def read_table(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, R
         return {}
     remedy = "give another --out, or --overwrite to compute it anew"
     text = read_text(path, remedy=remedy)
-    head, _, body = text.partition("\n")
+    head = text.partition("\n")[0]
     try:
-        if not head.startswith(MARK):
+        if not head.startswith(f"# {MARK}"):
             raise ValueError("it has no such comment")
         before = json.loads(head.partition(": ")[2])
         if not isinstance(before, dict):
             raise ValueError("its comment is no JSON object")
-        rows = [_parse(line) for line in csv.DictReader(io.StringIO(body), strict=True)]
-    except (ValueError, KeyError, TypeError, csv.Error):
+        (_, names), *lines = read_table(path)
+        rows = [_parse(dict(zip(names, fields, strict=True))) for _, fields in lines]
+    except (ValueError, KeyError, TypeError):
         raise ValueError(f"{path} is not a table that stickslip watch wrote: {remedy}") from None
     other = [name for name, value in json.loads(json.dumps(how)).items() if before.get(name) != value]
     if other:
@@ -67,8 +63,6 @@ def read_table(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, R
 
 
 def _parse(line: dict[str, str]) -> Row:
-    if None in line or None in line.values():
-        raise ValueError("a row has more or fewer cells than the header")
     values = {name: line[name] for name in Row._fields} | {"step": str(int(line["step"]))}
     return Row(**{name: _number(text) if name in NUMBERS else text for name, text in values.items()})
 

@@ -1,0 +1,11 @@
+from .core.control import between as between
+from .core.control import driven as driven
+from .core.control import fixed as fixed
+from .core.control import force_controlled as force_controlled
+from .core.control import rigid as rigid
+from .core.control import spring_forces as spring_forces
+from .core.control import spring_loaded as spring_loaded
+from .core.control import strained_at as strained_at
+from .core.control import stress_controlled as stress_controlled
+from .core.control import time_dependent as time_dependent
+from .core.state import loads as loads

@@ -1,0 +1,82 @@
+"""Tables in CSV files: lines of comments after #, one row of headings such as `time [s]`, rows of numbers and words."""
+
+import csv
+import io
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from .text import read_text
+
+_DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
+
+
+def labelled(name: str, unit: str) -> str:
+    """Heading of a column in a file, such as `time [s]`; numbers have the unit `-`."""
+    return f"{name} [{'-' if unit == '1' else unit}]"
+
+
+def split_label(heading: str) -> tuple[str, str | None]:
+    """Name and unit of a heading such as `dc [m]` or `dc (m)`; None without a unit."""
+    name, bracket, unit = heading.replace("(", "[").partition("[")
+    return name.strip(), unit.rstrip("]) ").strip() if bracket else None
+
+
+def format_table(
+    headings: Iterable[str], rows: Iterable[Iterable], *, digits: int | None = 9, comments: Iterable[str] = ()
+) -> str:
+    """CSV of rows of numbers and words; None is an empty cell.
+
+    Parameters
+    ----------
+    digits : significant digits of floating-point numbers; None: as many as they need
+    """
+    text, form = io.StringIO(), str if digits is None else f"{{:.{digits}g}}".format
+    text.writelines(f"# {line}\n" for line in comments)
+    sheet = csv.writer(text, lineterminator="\n")
+    sheet.writerow(headings)
+    sheet.writerows([form(x) if isinstance(x, float) else x for x in row] for row in rows)
+    return text.getvalue()
+
+
+def write_table(path: Path, headings: Iterable[str], rows: Iterable[Iterable], **options) -> None:
+    """Write a table; see `format_table`."""
+    path.write_text(format_table(headings, rows, **options), encoding="utf-8")
+
+
+def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tuple[int, list[str]]]:
+    """Line number and fields of every row of a table, that of the headings first.
+
+    Separators are commas, semicolons or tabs; with the last two, numbers may have decimal commas. Lines that start with
+    # are comments. Files that are not UTF-8 are read as Windows-1252.
+
+    Raises
+    ------
+    ValueError
+        with one sentence that names the line.
+    """
+    try:
+        text = read_text(path, remedy=remedy, fallback="cp1252")
+    except OSError as problem:
+        raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
+    if not lines:
+        raise ValueError(
+            f"{path} contains no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
+        )
+    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")  # commas may be decimal ones
+    rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
+    try:
+        split = [[field.strip() for field in row] for row in rows]
+    except csv.Error as problem:
+        raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
+    if len(split) != len(lines):
+        raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
+    for (number, _), row in zip(lines, split, strict=True):
+        if len(row) != len(split[0]):
+            raise ValueError(
+                f"{path}, line {number}, has {len(row)} fields but the header has {len(split[0])}: correct the line"
+            )
+    if mark != ",":
+        split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
+    return [(number, row) for (number, _), row in zip(lines, split, strict=True)]

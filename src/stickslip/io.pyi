@@ -1,0 +1,14 @@
+from .core.units import units_in_use as units_in_use
+from .data.exchange.files import packing_units as packing_units
+from .data.exchange.files import read_packing as read_packing
+from .data.exchange.files import read_packings as read_packings
+from .data.exchange.files import write_packing as write_packing
+from .data.exchange.follow import follow_packings as follow_packings
+from .data.exchange.frame import frame_of as frame_of
+from .data.exchange.graph import contact_graph as contact_graph
+from .data.exchange.motion import mode_frames as mode_frames
+from .data.exchange.motion import read_mode as read_mode
+from .experiments.dataset import contact_table as contact_table
+from .experiments.dataset import open_dataset as open_dataset
+from .experiments.sweep.dataset import open_sweep as open_sweep
+from .experiments.sweep.definition import read_sweep as read_sweep

@@ -1,0 +1,12 @@
+from .core.laws.builtin import elastic_constants as elastic_constants
+from .core.laws.builtin import for_pair as for_pair
+from .core.laws.builtin import hertz_mindlin as hertz_mindlin
+from .core.laws.builtin import hertz_mindlin_reff as hertz_mindlin_reff
+from .core.laws.builtin import linear as linear
+from .core.laws.user import custom as custom
+from .core.laws.user import from_file as from_file
+from .core.laws.validation import LawWarning as LawWarning
+from .loading.packing import frictionless as frictionless
+from .solve.collision import collision as collision
+from .solve.collision import eq8_damping as eq8_damping
+from .solve.collision import with_restitution as with_restitution

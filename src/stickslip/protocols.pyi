@@ -1,0 +1,13 @@
+from .experiments.lammps.run import run_in_lammps as run_in_lammps
+from .loading.events import find_events as find_events
+from .loading.protocols import Protocol as Protocol
+from .loading.protocols import fit_growth as fit_growth
+from .loading.protocols import free_run as free_run
+from .loading.protocols import load_path as load_path
+from .loading.protocols import ramp as ramp
+from .loading.protocols import stable_window as stable_window
+from .loading.quasistatic import aqs as aqs
+from .loading.release import release as release
+from .loading.stress import cell_shear as cell_shear
+from .loading.stress import plate_shear as plate_shear
+from .loading.threshold import kinetic_threshold as kinetic_threshold
