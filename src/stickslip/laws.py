@@ -8,6 +8,9 @@ Built-in laws
     for_pair            other parameters for one pair of materials
     frictionless        the same normal force without friction and dashpots
 
+Properties of any law
+    with_lever          lever arms R or R − δ/2
+
 User-defined laws
     custom              a law from Python functions of scalars
     from_file           the same from a Python file
@@ -20,6 +23,7 @@ Dashpots
 """
 
 from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear
+from .core.laws.properties import with_lever
 from .core.laws.user import custom, from_file
 from .core.laws.validation import LawWarning
 from .lazy import unknown
@@ -38,6 +42,7 @@ __all__ = [
     "hertz_mindlin",
     "hertz_mindlin_reff",
     "linear",
+    "with_lever",
     "with_restitution",
 ]
 

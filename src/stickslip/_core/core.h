@@ -29,6 +29,9 @@ struct Bodies {
   int64_t len_normal;
 };
 
+// first columns of `Contacts.rolling`, see `core/contacts/rolling.py`: ψ; angle_i − angle_j; whether ψ is at its cap
+constexpr int64_t ANCHOR = 3, AT_CAP = 6;
+
 struct Contacts {
   int32_t *i;
   int32_t *j;
@@ -126,9 +129,9 @@ API uint8_t limit_displacements(const Moving *moving, const double *origin, doub
 API void gather_bodies(const Moving *moving, const Bodies *bodies, const double *kick, const double *kick_t);
 API void scatter_bodies(const Moving *moving, const Bodies *bodies);  // copies bodies back to the state's order
 // Writes the pair vectors and angles of touching contacts, unless the outputs are null. Returns true if they are those
-// of the committed memory.
+// of the committed memory. `angular`: as in `Law`
 API uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle,
-                            const double *radius, const double *vectors, double *pair, double *roll);
+                            const double *radius, const double *vectors, int64_t angular, double *pair, double *roll);
 API int64_t find_not_finite(const Moving *moving);  // first body with a non-finite coordinate or angle, or −1
 API int64_t find_runaway(const Moving *moving, double dt);  // first that moves more than its radius in a step, or −1
 
@@ -147,6 +150,7 @@ struct Law {
   int64_t damping;      // 0, or VELOCITY, MASS, VISCOELASTIC
   int64_t tension;      // dashpots may make a contact pull
   int64_t rate;         // slip update as in LAMMPS
+  int64_t lever;        // lever arms of grains on grains are R − δ/2, not R
   int64_t len_table;    // materials
   int64_t width;        // parameters
   double *table;        // (materials, materials, width)
@@ -160,7 +164,7 @@ struct Law {
   void *rolling;        // k_r and dk_r/dδ, null: no rolling resistance
   void *rolling_cap;    // largest moment
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
-  int64_t rolls;         // there is a rolling memory
+  int64_t angular;       // first columns of `Contacts.rolling`, for moments and lever arms
   void *update;          // own memory at a given overlap
   double *memory;        // of a contact that closes
   int64_t len_memory;
@@ -358,6 +362,9 @@ struct Linearisation {
   double *limit;
   double *mu;
   double *fade;
+  double *half;  // half the overlap, and halfway since the memory was committed
+  double *half_mid;
+  double *together;  // (C, 3)
   double *fading;
 };
 

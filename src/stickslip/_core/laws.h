@@ -68,15 +68,13 @@ inline double reach(const Law &law, Parameters q, double r_eff, bool open) {
   return law.bonds && open ? 0.0 : range(law, q, r_eff);
 }
 
-constexpr int64_t ROLLING = 7;  // first columns of `Contacts.rolling` if a law has rolling resistance
-
 inline double *own_memory(const Law &law, const Contacts &contacts, int64_t c) {
-  return contacts.rolling + contacts.width_rolling * c + (law.rolls ? ROLLING : 0);
+  return contacts.rolling + contacts.width_rolling * c + law.angular;
 }
 
 // Own memory of contact c, which is that of a new one if it is open.
 inline const double *memory_at(const Law &law, const Contacts &contacts, int64_t c) {
-  bool has = contacts.width_rolling == (law.rolls ? ROLLING : 0) + law.len_memory;
+  bool has = contacts.width_rolling == law.angular + law.len_memory;
   return law.len_memory && has && contacts.mode[c] != OPEN ? own_memory(law, contacts, c) : law.memory;
 }
 

@@ -14,6 +14,8 @@ struct End {  // a contact at one end of a step
   double given[2], slope[2];  // k_t and Coulomb limit, and derivatives of `energy` with respect to them
   double friction;            // tangential force without its dashpot
   double power;               // of the dashpots
+  double created;             // by a slip update whose lever arms are not those of the torques, per time
+  double shorter;             // lever arms are R less this
   Vec<double> force, turn;    // on i, and torque/R
 };
 
@@ -32,6 +34,11 @@ static Vec<double> only(const uint8_t *free, bool wanted, Vec<double> v) {
 static Vec<double> surface_velocity(int dim, const Bodies &bodies, const Pair &pair, int64_t i, int64_t j) {
   Vec<double> v = vector_at(dim, bodies.velocity, i) - vector_at(dim, bodies.velocity, j);
   return at_contact(pair.n, v + transform(bodies.rate, pair.r), surface_rotation(dim, bodies, bodies.spin, i, j));
+}
+
+static Vec<double> sum_of_rotations(int dim, const double *angle, int64_t i, int64_t j) {
+  Vec<double> sum = vector_at(3, angle, i) + vector_at(3, angle, j);
+  return dim == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
 }
 
 // Energy of the tangential spring, and its derivatives.
@@ -63,9 +70,15 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
   end.given[0] = spring.stiffness;
   if (!pair.touches) return end;
   double fn = end.normal = spring.force, vn = 0.0, factor = 0.0;
-  Vec<double> v = {};
+  const int64_t i = step.after->i[c], j = step.after->j[c];
+  Vec<double> v = {}, less = {};  // the latter: of the surface velocity with shorter lever arms
+  if (law.lever && !pair.wall) {
+    end.shorter = 0.5 * overlap;
+    less = end.shorter * cross(pair.n, sum_of_rotations(dim, bodies.spin, i, j));
+  }
   if (law.damping) {
-    v = surface_velocity(dim, bodies, pair, step.after->i[c], step.after->j[c]);
+    v = surface_velocity(dim, bodies, pair, i, j);
+    if (!law.rate) v = v - less;
     vn = dot(v, pair.n);
     v = v - vn * pair.n;
     factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap);
@@ -78,6 +91,7 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
   store_energy(law, slip, end);
   end.friction = length(t);
   end.power = (spring.force - fn) * vn - dot(whole - t, v);
+  if (law.rate) end.created = -dot(whole, less);
   end.force = fn * pair.n + whole;
   end.turn = -1.0 * cross(pair.n, whole);
   return end;
@@ -124,6 +138,9 @@ static double slid_distance(const LedgerStep &step, int64_t c, Kept slip, const 
   double half = step.law->rate ? 1.0 : 0.5 * (1.0 + fade);
   Vec<double> roll = surface_rotation(dim, *step.now, step.now->angle, i, j) -
                      surface_rotation(dim, *step.old, step.old->angle, i, j);
+  if (step.law->lever && !step.law->rate && !now.pair.wall)
+    roll = roll - mid_shortening(now.pair.n, now.pair.inverse, now.pair.overlap, d) *
+                      (sum_of_rotations(dim, step.now->angle, i, j) - sum_of_rotations(dim, step.old->angle, i, j));
   Vec<double> increment = half * slip_increment(now.pair.n, mid, d, roll);
   double slid = length(fade * onto_plane(now.pair.n, mid, slip.old) + fraction * increment - slip.now);
   if (step.law->rescaled && !slip.closed) return 0.0;
@@ -154,11 +171,12 @@ static double hysteresis(const Law &law, Kept slip, const End &old, const End &n
 static double imposed_work(const LedgerStep &step, int64_t c, const End &old, const End &now) {
   int64_t i = step.after->i[c], j = step.after->j[c];
   Vec<double> force = now.force + old.force, turn = now.turn + old.turn;
+  Vec<double> less = now.shorter * now.turn + old.shorter * old.turn;
   double sum = dot(now.force, transform(step.strain, now.pair.r)) + dot(old.force, transform(step.strain, old.pair.r));
   sum += work(step, false, i, 0, force, vector_at(3, step.way, i));
   sum -= work(step, false, j, 0, force, vector_at(3, step.way, j));
-  sum += work(step, false, i, 3, turn, step.now->radius[i] * rotation(step, i));
-  sum += work(step, false, j, 3, turn, step.now->radius[j] * rotation(step, j));
+  sum += work(step, false, i, 3, step.now->radius[i] * turn - less, rotation(step, i));
+  sum += work(step, false, j, 3, step.now->radius[j] * turn - less, rotation(step, j));
   return 0.5 * sum;
 }
 
@@ -187,6 +205,7 @@ static void add_contact(const LedgerStep &step, int64_t m, int64_t c) {
   bool stays = slip.known && slip.closed, touched = slip.known || slip.closed;
   double fade = law.rescaled && stays ? contact_radius_ratio(now.depth, now.depth - old.depth) : 1.0;
   step.row[NONPOTENTIAL] += nonpotential(law, slip, old, now, fade) + hysteresis(law, slip, old, now);
+  step.row[NONPOTENTIAL] += 0.5 * step.dt * (now.created + old.created);
   step.row[VISCOUS] += 0.5 * step.dt * (now.power + old.power);
   step.row[EXTERNAL] -= imposed_work(step, c, old, now);
   if (touched)

@@ -31,6 +31,14 @@ static Transport<double> transported(const Law &law, const Bodies &bodies, const
   Vec<double> rolled = surface_rotation(DIM, bodies, bodies.angle, contacts.i[c], contacts.j[c]);
   Vec<double> slip = vector_at(3, contacts.slip, c), way = pair.r - vector_at(3, contacts.pair, c);
   Vec<double> turn = rolled - vector_at(3, contacts.roll, c);
+  if (law.lever && !pair.wall) {
+    const double *anchor = contacts.rolling + contacts.width_rolling * c + ANCHOR;
+    Vec<double> apart = relative_angle(DIM, bodies.angle, contacts.i[c], contacts.j[c]) - vector_at(3, anchor, 0);
+    Vec<double> together = turned_together(bodies.radius, contacts.i[c], contacts.j[c], turn, apart);
+    out.half_mid[c] = mid_shortening(pair.n, pair.inverse, pair.overlap, way);
+    turn = turn - out.half_mid[c] * together;
+    store(out.together + 3 * c, together);
+  }
   store(out.before + 3 * c, slip), store(out.way + 3 * c, way), store(out.turn + 3 * c, turn);
   return transport_slip(law, false, pair.n, pair.inverse, pair.overlap, way, turn, slip);
 }
@@ -60,6 +68,7 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   double factor = damping_factor(law, r_eff, pair.m_eff, overlap);
   store(out.normal + 3 * c, pair.n), store(out.slip + 3 * c, slip);
   out.inverse[c] = pair.inverse, out.weighted[c] = weighted;
+  if (law.lever && !pair.wall) out.half[c] = 0.5 * overlap;
   out.closed[c] = 1.0, out.remembers[c] = contacts.mode[c] != OPEN, out.slides[c] = slides;
   out.force_n[c] = spring.force, out.slope_n[c] = slope.first;
   out.stiffness_t[c] = spring.stiffness, out.slope_t[c] = slope.second, out.mu[c] = edge.first, out.limit[c] = limit;

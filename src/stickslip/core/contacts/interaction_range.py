@@ -4,8 +4,8 @@ import numpy as np
 
 from ..laws.builtin import Law
 from ..laws.kinds import Kind, evaluate_role, find_user_law, own_memory
+from ..laws.properties import angular_columns
 from ..state import Contacts, State
-from .rolling import WIDTH, resists_rolling
 
 
 def largest_gap(state: State, law: Law) -> float:
@@ -24,8 +24,8 @@ def with_range(state: State, law: Law) -> Contacts:
 
 
 def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
-    """List with a row of memory for each pair, if the law has rolling resistance or a memory of its own."""
-    row = np.append(np.zeros(WIDTH * resists_rolling(law.kind)), [*own_memory(law.kind).values()])
+    """List with a row of memory for each pair, if the law has one for rotations or of its own."""
+    row = np.append(np.zeros(angular_columns(law)), [*own_memory(law.kind).values()])
     if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
         return contacts
     return contacts._replace(rolling=np.tile(row, (len(contacts.i), 1)))

@@ -21,17 +21,10 @@ import numpy as np
 
 from ..laws.builtin import Law
 from ..laws.compiled import TANGENTS, law_struct
-from ..laws.kinds import USER_LAWS, Kind
+from ..laws.properties import resists_rolling
 from ..library import core
 from .geometry import shifts
 from .tangent import Turn, column, memory_tangent, outer, spring_tangent
-
-WIDTH = 7  # columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
-
-
-def resists_rolling(kind: int) -> bool:
-    """Return True if a law has rolling resistance."""
-    return isinstance(kind, Kind) and kind in USER_LAWS and "rolling_stiffness" in USER_LAWS[kind].functions
 
 
 class _MomentLinearisation(NamedTuple):
@@ -50,7 +43,9 @@ class _MomentLinearisation(NamedTuple):
 
 
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
-    """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ) from those of (F, T/R), at rest; see `jacobian`.
+    """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ), of which those without moments are given.
+
+    At rest; see `jacobian`.
 
     dM = −[φ/|ψ| (I − ψ̂ψ̂ᵀ) + ∂φ/∂|ψ| ψ̂ψ̂ᵀ] dψ + ∂φ/∂δ ψ̂ (n·dr), with dψ as in `tangent`.
     """
@@ -67,18 +62,17 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     )  # fmt: skip
     spring, hat = spring_tangent(psi, line.remembers * line.closed, out.secant, out.along)
     hat_n, moved = outer(hat, line.normal), spring @ by_psi
-    whole, rub = np.zeros((2, count, 9, 9))
-    whole[:, :6, :6], rub[:, :6, :6] = stiff, damp
-    whole[:, 6:, :3] = moved[:, :, :3] + column(out.by_overlap) * hat_n
-    whole[:, 6:, 6:] = moved[:, :, 3:]
+    whole, rub = stiff.copy(), damp.copy()
+    whole[:, 6:, :3] += moved[:, :, :3] + column(out.by_overlap) * hat_n
+    whole[:, 6:, 6:] += moved[:, :, 3:]
     by_force = out.by_force[:, None] * hat - np.einsum("ckl,cl->ck", spring, by_reach * out.reach_by_force[:, None])
-    rub[:, 6:, :3] = column(line.damping_n) * outer(by_force, line.normal)
+    rub[:, 6:, :3] += column(line.damping_n) * outer(by_force, line.normal)
     return whole, rub
 
 
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
     """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
-    if not resists_rolling(law.kind):
+    if not resists_rolling(law):
         return 0.0
     struct, shift = law_struct(law, members=("range", "rolling")), shifts(state.contacts, state.cell.vectors)
     total = np.zeros(state.n_bodies)

@@ -21,6 +21,7 @@ COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
 VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
 DAMPING = {"velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC}
 NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
+LEVER = 1  # property: lever arms of grains on grains are R − δ/2
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
@@ -35,11 +36,13 @@ class Law(NamedTuple):
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
+    properties: int = 0  # sum of those of `laws.properties`
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if compiled code does not know this law."""
         dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
-        for name, known in (("coulomb", COULOMB.values()), ("damping", dampings), ("kind", None)):
+        known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(2)), ("kind", None)
+        for name, known in known_values:
             value = getattr(self, name)
             if not isinstance(value, Integral) or (known and value not in known):
                 raise ValueError(f"law.{name} is {value!r}: take a law from stickslip.laws")
@@ -225,7 +228,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
 
 def laws_equal(a: Law, b: Law) -> bool:
     """Return True if two laws have the same kind and parameters."""
-    return a[:2] == b[:2] and a.damping == b.damping and np.array_equal(a.table, b.table)
+    return a[:2] == b[:2] and a[3:] == b[3:] and np.array_equal(a.table, b.table)
 
 
 def with_values(law: Law, **parameters) -> Law:
@@ -260,6 +263,7 @@ def _describe(law: Law) -> str:
     for parameter, values in _given(law).items():
         low, high = values.min(), values.max()
         shown.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
+    shown += ["lever arms R - δ/2"] if law.properties & LEVER else []
     return ", ".join(shown)
 
 
@@ -297,6 +301,8 @@ def _rows(law: Law):
     for name, values in given.items():
         if name not in differ:
             yield name, float(values[0, 0]), *known.get(name, ())
+    if law.properties & LEVER:
+        yield "lever arms", "R - δ/2", "", "between grains; R at walls"
     if damping_model(law):
         pull = "contacts never attract" if law.damping & NO_TENSION else "contacts may attract as they open"
         yield "dashpots", dashpots, "", pull

@@ -14,8 +14,9 @@ from functools import cache, lru_cache, partial
 import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS
-from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
+from .builtin import LEVER, NO_TENSION, SMOOTH, STEP, Law, damping_model
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
+from .properties import angular_columns
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"
 TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
@@ -33,7 +34,7 @@ MEMBERS = {  # C functions of a user's law, and the function of the law that eac
 }
 _GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
 _OPTIONS = {"fastmath": True, "error_model": "numpy"}
-_NO_MEMORY: dict = {"bonds": False, "rolls": False, "memory": None}
+_NO_MEMORY: dict = {"bonds": False, "memory": None}
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -49,7 +50,8 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
         find_user_law(law.kind)
     return _fixed_members(law.kind, members) | {
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & 3, "tension": not law.damping & NO_TENSION,
-        "rate": rate, "len_table": len(law.table), "width": law.table.shape[2],
+        "rate": rate, "lever": bool(law.properties & LEVER), "angular": angular_columns(law),
+        "len_table": len(law.table), "width": law.table.shape[2],
         "table": np.ascontiguousarray(law.table, float),
     }  # fmt: skip
 
@@ -72,7 +74,7 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in own.functions}
     out |= {
         "uses_radius": any("r_eff" in taken for taken in own.arguments.values()), "bonds": own.bonds,
-        "rolls": "rolling_stiffness" in own.functions, "memory": np.array([*own.memory.values()], float),
+        "memory": np.array([*own.memory.values()], float),
     }  # fmt: skip
     return {"hertz": False, "rescaled": False, **out}
 

@@ -46,6 +46,8 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         lost.append("the memory of rolling or of the law")
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")
+    if law.properties:
+        lost.append("the lever arms of the law")
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
