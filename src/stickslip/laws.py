@@ -4,6 +4,9 @@ Built-in laws
     hertz_mindlin       F_n = k_n δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020
     hertz_mindlin_reff  F_n = k_n √(R_eff) δ^(3/2), as in Ferdowsi & Rubin 2021 and LAMMPS `gran/hertz/history`
     linear              F_n = k_n δ, as in McNamara & Herrmann 2006
+    jkr, dmt            adhesive spheres, with pull-off at a gap or at touch
+    liquid_bridge       wet spheres
+    walton_braun        plastic contacts
     elastic_constants   k_n and k_t from Young's modulus and Poisson's ratio
     for_pair            other parameters for one pair of materials
     frictionless        the same normal force without friction and dashpots
@@ -23,6 +26,7 @@ Dashpots
 """
 
 from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear
+from .core.laws.normal import dmt, jkr, liquid_bridge, walton_braun
 from .core.laws.properties import with_lever
 from .core.laws.user import custom, from_file
 from .core.laws.validation import LawWarning
@@ -34,6 +38,7 @@ __all__ = [
     "LawWarning",
     "collision",
     "custom",
+    "dmt",
     "elastic_constants",
     "eq8_damping",
     "for_pair",
@@ -41,7 +46,10 @@ __all__ = [
     "from_file",
     "hertz_mindlin",
     "hertz_mindlin_reff",
+    "jkr",
     "linear",
+    "liquid_bridge",
+    "walton_braun",
     "with_lever",
     "with_restitution",
 ]

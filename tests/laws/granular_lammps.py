@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
+from stickslip.core.laws.builtin import dashpot_coefficients
 
 STORE = Path(__file__).with_suffix(".json")
 RADII, MASSES, STEP = (0.5, 0.3), (2.0, 0.7), 1e-3
@@ -25,8 +26,34 @@ def hooke(**more):
     return ss.laws.linear(KN, KT, **{"mu": 0.5, "damping": "mass_velocity", "damping_n": 3.0, "damping_t": 1.5} | more)
 
 
+def hertz(**more):
+    return arms(ss.laws.hertz_mindlin_reff(KN, KT, 0.5, **more))
+
+
+def without_root_two(restitution):
+    """Coefficient of restitution with the α of tsuji over √2, as in LAMMPS up to the release of July 2025."""
+    law = ss.laws.hertz_mindlin(damping="tsuji", damping_n=restitution)
+    alpha = dashpot_coefficients(law)[0, 0, 0] / np.sqrt(2)
+    return float(np.exp(-np.pi * alpha / np.sqrt(5 - alpha**2)))
+
+
 def arms(law):
     return ss.laws.with_lever(law, "overlap")
+
+
+def adhesive(make, **more):
+    return arms(make(KN, KT, 0.5, work=WORK, damping="mass_velocity", **more))
+
+
+POISSON, WORK = 0.3, 5.0
+YOUNG = 1.5 * (1 - POISSON**2) * KN  # k_n = (4/3) E/(2 (1 - ν²)) of two spheres, and of a sphere and a wall
+DAMPED = {"damping_n": 3.0, "damping_t": 1.5}
+
+
+def adhesive_in_lammps(name, dashpot):
+    """Coefficients of an adhesive law."""
+    mindlin = f"tangential mindlin {KT} 0.5 0.5"
+    return f"{name} {YOUNG!r} {dashpot} {POISSON} {WORK / 2} damping mass_velocity {mindlin}"
 
 
 HOOKE, SPRING = f"hooke {KN} 3.0", f"tangential linear_history {KT} 0.5"
@@ -34,6 +61,27 @@ HOOKE, SPRING = f"hooke {KN} 3.0", f"tangential linear_history {KT} 0.5"
 CASES = {
     "sticks": (f"{HOOKE} damping mass_velocity {SPRING} 0.5", lambda: arms(hooke()), 5, OVERLAP),
     "slides": (f"{HOOKE} damping mass_velocity {SPRING} 0.05", lambda: arms(hooke(mu=0.05)), 5, OVERLAP),
+    "tsuji": (
+        f"hertz {KN} 0.7 damping tsuji tangential mindlin {KT} 0.5 0.5",
+        lambda: hertz(damping="coeff_restitution", damping_n=without_root_two(0.7), damping_t=0.5),
+        5,
+        OVERLAP,
+    ),
+    "coeff_restitution": (
+        f"hertz {KN} 0.7 damping coeff_restitution tangential mindlin {KT} 0.5 0.5",
+        lambda: hertz(damping="coeff_restitution", damping_n=0.7, damping_t=0.5),
+        5,
+        OVERLAP,
+    ),
+    "coeff_restitution, linear": (
+        f"hooke {KN} 0.3 damping coeff_restitution {SPRING} 0.5",
+        lambda: arms(hooke(damping="coeff_restitution", damping_n=0.3, damping_t=0.5)),
+        5,
+        OVERLAP,
+    ),
+    "jkr": (adhesive_in_lammps("jkr", 3.0), lambda: adhesive(ss.laws.jkr, **DAMPED), 5, OVERLAP),
+    "jkr across a gap": (adhesive_in_lammps("jkr", 0.0), lambda: adhesive(ss.laws.jkr), 5, -0.005),
+    "dmt": (adhesive_in_lammps("dmt", 3.0), lambda: adhesive(ss.laws.dmt, **DAMPED), 5, OVERLAP),
     "velocity": (f"{HOOKE} damping velocity {SPRING} 0.5", lambda: arms(hooke(damping="velocity")), 5, OVERLAP),
 }
 

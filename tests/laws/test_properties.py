@@ -17,6 +17,12 @@ LAWS = {
     "arms and rescaling": lambda **more: ss.laws.with_lever(
         ss.laws.hertz_mindlin_reff(rescaled=True, **more), "overlap"
     ),
+    "coeff_restitution": lambda **more: ss.laws.hertz_mindlin_reff(
+        **more | {"damping": "coeff_restitution", "damping_n": 0.5}
+    ),
+    "jkr": lambda **more: ss.laws.jkr(kt=0.8, work=5e-3, **more),
+    "dmt": lambda **more: ss.laws.dmt(kt=0.8, work=1e-3, **more),
+    "liquid_bridge": lambda **more: ss.laws.liquid_bridge(surface_tension=1e-3, volume=1e-4, **more),
 }
 EVERY = pytest.mark.parametrize("name", LAWS)
 
@@ -74,7 +80,7 @@ def test_energy_is_balanced_as_the_time_step_goes_to_zero(name, dim):
         defect.append(np.abs(record.ledger.defect).max() / record.ledger.kinetic[0])
     assert record.ledger.tangential.max() > 1e-3 * record.ledger.kinetic[0] and record.ledger.coulomb[-1] > 0
     # second order but for the instants at which contacts close, open and slide, each of them of first order
-    assert defect[1] < 0.5 * defect[0] and defect[1] < 2e-3
+    assert defect[1] < 2e-3 and (defect[1] < 0.5 * defect[0] or name == "dmt")  # whose force jumps at touch
 
 
 @EVERY
@@ -91,6 +97,9 @@ def test_a_run_goes_on_to_the_last_bit_through_an_archive(name, tmp_path):
     assert len(rows) == count
     for field in ("slip", "rolling"):
         mine, theirs = (getattr(end.contacts, field) for end in (rest, whole))
+        if mine is None:
+            assert theirs is None
+            continue
         np.testing.assert_array_equal(mine[ss.measure.touching(rest)], theirs[rows])
 
 
@@ -183,3 +192,38 @@ def test_energy_is_balanced_with_the_slip_of_lammps():
 def test_a_wrong_arm_is_refused():
     with pytest.raises(ValueError, match="arm='centre' was given: 'radius' and 'overlap' are allowed"):
         ss.laws.with_lever(ss.laws.linear(), "centre")
+
+
+# ---- dashpots for a coefficient of restitution
+
+
+@pytest.mark.parametrize(
+    "size", [{"radius": 0.5, "mass": 1.0, "speed": 0.01}, {"radius": 3.0, "mass": 7.0, "speed": 1.0}]
+)
+@pytest.mark.parametrize("make", [ss.laws.linear, ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff])
+def test_a_collision_has_the_given_restitution_at_any_size_and_speed(make, size):
+    for restitution in (0.05, 0.5, 0.95):
+        law = make(damping="coeff_restitution", damping_n=restitution)
+        assert ss.laws.collision(law, **size).restitution == pytest.approx(restitution, abs=1e-8)
+        if make is not ss.laws.linear:  # a fit to simulations
+            law = make(damping="tsuji", damping_n=restitution)
+            assert ss.laws.collision(law, **size).restitution == pytest.approx(restitution, abs=5e-3)
+
+
+def test_a_run_has_the_restitution_of_a_collision():
+    start = ss.assembly(ss.spheres([[0, 0, 0], [1.001, 0, 0]], 0.5))
+    velocity = np.array([[0.05, 0, 0], [-0.05, 0, 0]])
+    law = ss.laws.hertz_mindlin_reff(damping="coeff_restitution", damping_n=0.6)
+    end, _, _ = ss.run(start._replace(grains=start.grains._replace(velocity=velocity)), law, 20_000, 5e-4)
+    assert end.grains.velocity[1, 0] == pytest.approx(0.6 * 0.05, rel=1e-4)
+
+
+def test_without_restitution_there_are_no_dashpots_and_more_than_one_is_refused():
+    law = ss.laws.linear(damping="tsuji")
+    assert ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1).restitution == pytest.approx(1.0, abs=1e-9)
+    with pytest.raises(ValueError, match=r"damping_n = 1.5 was given: .* the coefficient of restitution, from 0"):
+        ss.laws.linear(damping="coeff_restitution", damping_n=1.5)
+    with pytest.raises(ValueError, match="damping_n = 2 was given"):
+        ss.laws.for_pair(law, 0, 1, damping_n=2.0)
+    with pytest.raises(ValueError, match="a coefficient of restitution already"):
+        ss.laws.with_restitution(law, 0.5, radius=0.5, mass=1.0, speed=0.1)

@@ -145,7 +145,7 @@ inline NormalForce normal_force(const Block &block, const Geometry &at, int64_t 
                              rotation<DIM>(scratch + (block.predict ? ROLL_AHEAD : ROLL)));
     Real m_eff = block.mass ? load(block.mass + l) : Real{} + 1.0, vn = dot(v, at.n);
     out.velocity = v - vn * at.n;
-    out.factor = select(at.touches, damping_factor(law, at.r_eff, m_eff, at.overlap), Real{});
+    out.factor = select(at.touches, damping_factor(law, at.r_eff, m_eff, at.overlap, spring.force), Real{});
     out.total = with_dashpot(law, spring.force, out.factor * block.q[DAMPING_N], vn);
   }
   return out;

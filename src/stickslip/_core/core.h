@@ -142,12 +142,16 @@ API int64_t find_runaway(const Moving *moving, double dt);  // first that moves 
 typedef void (*LawFunction)(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
                             const double *memory, double *one, double *two);
 
+// Functions of built-in laws with parameters of their own, by place after the laws in `laws.h`: force, cap, slopes, cap
+// slopes, energy, range and update; null if the law has none
+API void *law_function(int64_t law, int64_t member);
+
 struct Law {
   int64_t hertz;        // F_n grows as overlap^(3/2), else linearly
   int64_t uses_radius;  // stiffnesses contain √R_eff, or a user's function takes R_eff
   int64_t rescaled;     // a decreasing overlap shortens the slip
   int64_t smooth;       // smoothed Coulomb limit
-  int64_t damping;      // 0, or VELOCITY, MASS, VISCOELASTIC
+  int64_t damping;      // 0, or VELOCITY, MASS, VISCOELASTIC, or for a restitution TSUJI, RESTITUTION
   int64_t tension;      // dashpots may make a contact pull
   int64_t rate;         // slip update as in LAMMPS
   int64_t lever;        // lever arms of grains on grains are R − δ/2, not R

@@ -81,7 +81,7 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
     if (!law.rate) v = v - less;
     vn = dot(v, pair.n);
     v = v - vn * pair.n;
-    factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap);
+    factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap, spring.force);
     fn = with_dashpot(law, spring.force, factor * q[DAMPING_N], vn);
   }
   double limit = end.given[1] = cap(law, q, pair.r_eff, overlap, fn, law.rate && law.damping);

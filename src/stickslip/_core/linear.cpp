@@ -65,7 +65,7 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   Vec<double> slip = a + d;
   Tangent tangent =
       friction_tangent(law.smooth, spring.stiffness, slope, limit, edge, root(dot(slip, slip)), slides);
-  double factor = damping_factor(law, r_eff, pair.m_eff, overlap);
+  double factor = damping_factor(law, r_eff, pair.m_eff, overlap, spring.force);
   store(out.normal + 3 * c, pair.n), store(out.slip + 3 * c, slip);
   out.inverse[c] = pair.inverse, out.weighted[c] = weighted;
   if (law.lever && !pair.wall) out.half[c] = 0.5 * overlap;

@@ -123,7 +123,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     Vec<double> rolling = rolled<DIM>(sweep.spin, bodies.radius, i, j);
     if (shorter && !law.rate) rolling = rolling - 0.5 * overlap * sum<DIM>(sweep.spin, i, j);
     v = at_contact(n, v, rolling);
-    const double vn = dot(v, n), factor = damping_factor(law, r_eff, m_eff, overlap);
+    const double vn = dot(v, n), factor = damping_factor(law, r_eff, m_eff, overlap, fn);
     v = v - vn * n;
     fn = with_dashpot(law, fn, factor * q[DAMPING_N], vn);
     damping = factor * q[DAMPING_T];

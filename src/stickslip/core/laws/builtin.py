@@ -18,8 +18,11 @@ from .kinds import USER_LAWS, Kind, check_kind, find_user_law
 
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
-VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
-DAMPING = {"velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC}
+VELOCITY, MASS, VISCOELASTIC, TSUJI, RESTITUTION = 1, 2, 3, 8, 9
+DAMPING = {
+    "velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC, "tsuji": TSUJI,
+    "coeff_restitution": RESTITUTION,
+}  # fmt: skip
 NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
 LEVER = 1  # property: lever arms of grains on grains are R − δ/2
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
@@ -50,7 +53,7 @@ class Law(NamedTuple):
         sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
         check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
         for k, name in enumerate(names):
-            low = 1 / MAX_PARAMETER if name == "kn" else 0.0 if name in PARAMETERS else -LARGEST
+            low = 1 / MAX_PARAMETER if name == "kn" else -LARGEST if name in _signed(self) else 0.0
             check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
 
@@ -72,7 +75,9 @@ def hertz_mindlin(
     damping : factor that converts `damping_n` and `damping_t` (γ, not negative) to c_n and c_t [force time/length]:
         "velocity", one; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j); "viscoelastic", m_eff times
         the contact radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and bodies that `Control` does not let move
-        count as infinitely heavy, walls as flat.
+        count as infinitely heavy, walls as flat. With "coeff_restitution" and "tsuji", `damping_n` is the coefficient
+        of restitution e (0: no dashpots), `damping_t` is c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), at any size and speed:
+        see `dashpot_coefficients`
     tension : False clips F_n at zero where the dashpot would make the contact pull
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
         overlap leaves it unchanged. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
@@ -90,7 +95,7 @@ def hertz_mindlin(
     Law: hertz_mindlin, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5
     """
     name = "hertz_mindlin_rescaled" if rescaled else "hertz_mindlin"
-    return _make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -109,7 +114,7 @@ def linear(
     ------
     Cundall & Strack, doi:10.1680/geot.1979.29.1.47.
     """
-    return _make_law("linear", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return make_law("linear", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -131,7 +136,7 @@ def hertz_mindlin_reff(
     Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
     """
     name = "hertz_mindlin_reff_rescaled" if rescaled else "hertz_mindlin_reff"
-    return _make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -159,17 +164,73 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-def _make_law(law_name, coulomb, damping, tension, *values) -> Law:
+def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
+    """Law from the values of its parameters; `own` are those that only this law has."""
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
         raise ValueError(f"damping={quoted(damping)} was given: {', '.join(map(repr, DAMPING))} are allowed")
-    for name, value in zip(PARAMETERS, values, strict=True):
-        check_parameter(name, value)
-    table = np.array(values, float)[None, None, :].copy()
-    return Law(NAMES.index(law_name), COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    for name, value in (*zip(PARAMETERS, values, strict=True), *own.items()):
+        check_parameter(name, value, (*PARAMETERS, *own))
+    table = np.array([*values, *own.values()], float)[None, None, :].copy()
+    law = Law(NAMES.index(law_name), COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    return _checked_values(law)
 
 
+@checked
+def dashpot_coefficients(law: Law) -> np.ndarray:
+    """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
+
+    With coeff_restitution these are α = −√5 ln e/√(π² + ln² e), exact for Hertzian contacts that may attract as they
+    open; 2 in place of √5 for linear ones. With tsuji α is a polynomial of e that was fitted to simulations. With
+    the other models these are `damping_n` and `damping_t`.
+
+    Source
+    ------
+    Antypov & Elliott, doi:10.1209/0295-5075/94/50004; Tsuji et al., doi:10.1016/0032-5910(92)88030-L, whose polynomial
+    is Eq 53 of Marshall, doi:10.1016/j.jcp.2008.10.020, times √2 for the effective mass; LAMMPS, `pair_style granular`.
+
+    Examples
+    --------
+    >>> law = hertz_mindlin(damping="coeff_restitution", damping_n=0.5)
+    >>> dashpot_coefficients(law)[0, 0].round(4).tolist()
+    [0.4818, 0.0]
+    """
+    model, given = law.damping & ~NO_TENSION, law.table[..., [DAMPING_N, DAMPING_T]]
+    if model not in (TSUJI, RESTITUTION):
+        return given
+    e = given[..., 0]
+    if model == TSUJI:
+        alpha = np.sqrt(2) * np.polynomial.Polynomial(_TSUJI)(e)
+    else:
+        log = np.log(np.where(e > 0, e, 1.0))
+        linear = not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].exponent == 1
+        alpha = -(2.0 if linear else np.sqrt(5)) * log / np.hypot(np.pi, log)
+    alpha = np.where(e > 0, np.maximum(alpha, 0.0), 0.0)
+    return np.stack([alpha, given[..., 1] * alpha], axis=-1)
+
+
+def _checked_values(law: Law) -> Law:
+    most = law.table[..., DAMPING_N].max()
+    if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION) and most > 1:
+        raise ValueError(
+            f"damping_n = {most:g} was given: with this model of damping it is the coefficient of restitution, from 0 "
+            f"(no dashpots) to 1"
+        )
+    names = parameter_names(law)
+    if not isinstance(law.kind, Kind) and "k_unload" in names:
+        ratio = (law.table[..., names.index("k_unload")] / law.table[..., KN]).min()
+        if ratio < 1:
+            raise ValueError(f"k_unload = {ratio:g} kn was given: at least kn is allowed, or contacts create energy")
+    return law
+
+
+def _signed(law: Law) -> tuple[str, ...]:
+    """Names of parameters that may be negative."""
+    return tuple(set(parameter_names(law)) - {*PARAMETERS}) if isinstance(law.kind, Kind) else ()
+
+
+_TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
@@ -178,7 +239,7 @@ def damping_model(law: Law) -> int:
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
 
-def check_parameter(name, value, names=PARAMETERS):
+def check_parameter(name, value, names=PARAMETERS, signed=()):
     """Raise ValueError with a one-sentence message if a law has no such parameter, or if the value is not allowed."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
@@ -186,7 +247,7 @@ def check_parameter(name, value, names=PARAMETERS):
         value = value.item()
     if not isinstance(value, Real):
         raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
-    low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
+    low_ok = value > 0 if name == "kn" else value >= 0 or name in signed
     if not (abs(value) < np.inf and low_ok):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
@@ -221,9 +282,9 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     old = len(law.table)
     table[:old, :old] = law.table
     for name, value in parameters.items():
-        check_parameter(name, value, names)
+        check_parameter(name, value, names, _signed(law))
         table[a, b, names.index(name)] = table[b, a, names.index(name)] = value
-    return law._replace(table=table)
+    return _checked_values(law._replace(table=table))
 
 
 def laws_equal(a: Law, b: Law) -> bool:
@@ -235,9 +296,9 @@ def with_values(law: Law, **parameters) -> Law:
     """Law with other parameters between all materials."""
     names, table = parameter_names(law), law.table.copy()
     for name, value in parameters.items():
-        check_parameter(name, value, names)
+        check_parameter(name, value, names, _signed(law))
         table[..., names.index(name)] = value
-    return law._replace(table=table)
+    return _checked_values(law._replace(table=table))
 
 
 def rescales(law: Law) -> bool:
@@ -247,9 +308,9 @@ def rescales(law: Law) -> bool:
 
 def parameter_names(law: Law) -> tuple[str, ...]:
     """Names of a law's parameters, in the order of its table."""
-    if not isinstance(law.kind, Kind):
-        return PARAMETERS
-    return find_user_law(law.kind).names
+    if isinstance(law.kind, Kind):
+        return find_user_law(law.kind).names
+    return *PARAMETERS, *(p.name for p in BUILTIN_LAWS[law.kind].parameters)
 
 
 def _name(law: Law) -> str:
@@ -269,8 +330,8 @@ def _describe(law: Law) -> str:
 
 def _given(law: Law) -> dict[str, np.ndarray]:
     """Parameters by name, (materials, materials); those of dashpots only if any pair has them."""
-    own = USER_LAWS.get(law.kind)
-    columns = zip(own.names if own else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
+    known = law.kind in USER_LAWS or 0 <= law.kind < len(NAMES)
+    columns = zip(parameter_names(law) if known else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
     return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
 
 
@@ -278,12 +339,14 @@ DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in
     VELOCITY: ("force time/length", "proportional to the velocity"),
     MASS: ("1/time", "proportional to effective mass and velocity"),
     VISCOELASTIC: ("1/(time length)", "proportional to effective mass, contact radius and velocity"),
+    TSUJI: ("1", "with a coefficient of restitution, damping_n"),
+    RESTITUTION: ("1", "with a coefficient of restitution, damping_n"),
 }
 
 
 def _rows(law: Law):
     """Rows of a table of a law: parameters that all pairs of materials share, then those that differ, by pair."""
-    damping, dashpots = DASHPOTS.get(law.damping & 3, ("", ""))
+    damping, dashpots = DASHPOTS.get(law.damping & ~NO_TENSION, ("", ""))
     built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
     stiffness = built_in.stiffness_unit if built_in else ""
     known = {
@@ -291,6 +354,7 @@ def _rows(law: Law):
         "mu": ("1", "coefficient of friction"), "damping_n": (damping, "normal dashpot"),
         "damping_t": (damping, "tangential dashpot"),
     }  # fmt: skip
+    known |= {p.name: (p.unit, p.words) for p in built_in.parameters} if built_in else {}
     given = _given(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
     yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"

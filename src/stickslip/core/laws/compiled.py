@@ -13,8 +13,9 @@ from functools import cache, lru_cache, partial
 
 import numpy as np
 
-from ...builtin_laws import BUILTIN_LAWS
-from .builtin import LEVER, NO_TENSION, SMOOTH, STEP, Law, damping_model
+from ...builtin_laws import BUILTIN_LAWS, FIRST_OF_OWN
+from ..library import core
+from .builtin import DAMPING_N, DAMPING_T, LEVER, NO_TENSION, SMOOTH, STEP, Law, damping_model, dashpot_coefficients
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 from .properties import angular_columns
 
@@ -34,7 +35,7 @@ MEMBERS = {  # C functions of a user's law, and the function of the law that eac
 }
 _GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
 _OPTIONS = {"fastmath": True, "error_model": "numpy"}
-_NO_MEMORY: dict = {"bonds": False, "memory": None}
+_OWN = "force", "cap", "slopes", "cap_slopes", "energy", "range", "update"  # members of a law in `normal_laws.cpp`
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -49,11 +50,16 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
     if isinstance(law.kind, Kind):
         find_user_law(law.kind)
     return _fixed_members(law.kind, members) | {
-        "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & 3, "tension": not law.damping & NO_TENSION,
-        "rate": rate, "lever": bool(law.properties & LEVER), "angular": angular_columns(law),
-        "len_table": len(law.table), "width": law.table.shape[2],
-        "table": np.ascontiguousarray(law.table, float),
+        "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
+        "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
+        "angular": angular_columns(law), "len_table": len(law.table), "width": law.table.shape[2], "table": _table(law),
     }  # fmt: skip
+
+
+def _table(law: Law) -> np.ndarray:
+    table = np.array(law.table, float)
+    table[..., [DAMPING_N, DAMPING_T]] = dashpot_coefficients(law)
+    return table
 
 
 @lru_cache
@@ -63,13 +69,12 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     out = dict.fromkeys(MEMBERS)
     if not isinstance(kind, Kind):
         known = BUILTIN_LAWS[kind]
-        return {
-            "hertz": known.exponent == 1.5,
-            "uses_radius": known.uses_radius,
-            "rescaled": known.rescales,
-            **_NO_MEMORY,
-            **out,
-        }
+        if known.parameters:
+            out |= {name: core.law_function(kind - FIRST_OF_OWN, k) for k, name in enumerate(_OWN)}
+        return out | {
+            "hertz": known.exponent == 1.5, "uses_radius": known.uses_radius, "rescaled": known.rescales,
+            "bonds": known.bonds, "memory": np.zeros(len(known.memory)),
+        }  # fmt: skip
     own = USER_LAWS[kind]
     out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in own.functions}
     out |= {
