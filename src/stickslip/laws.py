@@ -13,6 +13,8 @@ Built-in laws
 
 Properties of any law
     with_lever          lever arms R or R − δ/2
+    with_rolling        resistance to rolling: constant, viscous, or a spring with a cap
+    with_twisting       resistance to twisting
 
 User-defined laws
     custom              a law from Python functions of scalars
@@ -27,7 +29,7 @@ Dashpots
 
 from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear
 from .core.laws.normal import dmt, jkr, liquid_bridge, walton_braun
-from .core.laws.properties import with_lever
+from .core.laws.properties import with_lever, with_rolling, with_twisting
 from .core.laws.user import custom, from_file
 from .core.laws.validation import LawWarning
 from .lazy import unknown
@@ -52,6 +54,8 @@ __all__ = [
     "walton_braun",
     "with_lever",
     "with_restitution",
+    "with_rolling",
+    "with_twisting",
 ]
 
 __getattr__ = unknown(__name__)

@@ -50,6 +50,17 @@ YOUNG = 1.5 * (1 - POISSON**2) * KN  # k_n = (4/3) E/(2 (1 - ν²)) of two spher
 DAMPED = {"damping_n": 3.0, "damping_t": 1.5}
 
 
+def rolling(law, mu, k=200.0, gamma=5.0):
+    return ss.laws.with_rolling(law, k_roll=k, mu_roll=mu, gamma_roll=gamma)
+
+
+def twisting(law, mu, k=4.0, gamma=0.1):
+    return ss.laws.with_twisting(law, k_twist=k, mu_twist=mu, gamma_twist=gamma)
+
+
+ROLLING, TWISTING = "rolling sds 200.0 5.0", "twisting sds 4.0 0.1"
+
+
 def adhesive_in_lammps(name, dashpot):
     """Coefficients of an adhesive law."""
     mindlin = f"tangential mindlin {KT} 0.5 0.5"
@@ -82,6 +93,36 @@ CASES = {
     "jkr": (adhesive_in_lammps("jkr", 3.0), lambda: adhesive(ss.laws.jkr, **DAMPED), 5, OVERLAP),
     "jkr across a gap": (adhesive_in_lammps("jkr", 0.0), lambda: adhesive(ss.laws.jkr), 5, -0.005),
     "dmt": (adhesive_in_lammps("dmt", 3.0), lambda: adhesive(ss.laws.dmt, **DAMPED), 5, OVERLAP),
+    "rolls": (
+        f"{HOOKE} damping mass_velocity {SPRING} 0.5 {ROLLING} 0.5",
+        lambda: rolling(arms(hooke()), 0.5),
+        5,
+        OVERLAP,
+    ),
+    "rolls at the cap": (
+        f"{HOOKE} damping mass_velocity {SPRING} 0.5 {ROLLING} 0.05",
+        lambda: rolling(arms(hooke()), 0.05),
+        5,
+        OVERLAP,
+    ),
+    "twists": (
+        f"{HOOKE} damping mass_velocity {SPRING} 0.5 {TWISTING} 0.5",
+        lambda: twisting(arms(hooke()), 0.5),
+        5,
+        OVERLAP,
+    ),
+    "twists at the cap": (
+        f"{HOOKE} damping mass_velocity {SPRING} 0.5 {TWISTING} 0.001",
+        lambda: twisting(arms(hooke()), 0.001),
+        5,
+        OVERLAP,
+    ),
+    "jkr rolls and twists": (
+        f"{adhesive_in_lammps('jkr', 3.0)} {ROLLING} 0.5 {TWISTING} 0.5",
+        lambda: twisting(rolling(adhesive(ss.laws.jkr, **DAMPED), 0.5), 0.5),
+        5,
+        OVERLAP,
+    ),
     "velocity": (f"{HOOKE} damping velocity {SPRING} 0.5", lambda: arms(hooke(damping="velocity")), 5, OVERLAP),
 }
 

@@ -29,6 +29,8 @@ def loads(law, steps, overlap, wall):
     contacts.mode[0], contacts.pair[0] = ss.STICK, pair
     if contacts.rolling is not None and contacts.rolling.shape[1] >= 7:
         contacts.rolling[0, :3] = time * (turned - turned @ normal * normal)
+        if contacts.rolling.shape[1] == 9:
+            contacts.rolling[0, 7] = time * turned @ normal
     force, torque = np.zeros((2, state.n_bodies, 3))
     struct = law_struct(law, rate=True, members=FORCES)
     core.evaluate_contacts(struct, 3, bodies(state), contacts, state.cell.vectors, FREE, force, torque)

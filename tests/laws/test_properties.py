@@ -7,11 +7,33 @@ import stickslip as ss
 from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import driver
+from stickslip.core.laws.builtin import ROLLING, TWISTING
 from stickslip.data import archive
 from tests.conftest import make_packing, stirred
 from tests.laws.test_mechanics import differences, rate_differences
 
+
+def rolling(law, k_roll=0.1, mu_roll=0.15, **more):
+    return ss.laws.with_rolling(law, k_roll=k_roll, mu_roll=mu_roll, **more)
+
+
+def twisting(law, k_twist=0.01, mu_twist=0.05, **more):
+    return ss.laws.with_twisting(law, k_twist=k_twist, mu_twist=mu_twist, **more)
+
+
 LAWS = {
+    "rolling": lambda **more: rolling(ss.laws.hertz_mindlin(kt=0.8, **more)),
+    "twisting": lambda **more: twisting(ss.laws.hertz_mindlin(kt=0.8, **more)),
+    "dashpots of moments": lambda **more: twisting(
+        rolling(ss.laws.hertz_mindlin(kt=0.8, **more), mu_roll=20.0, gamma_roll=0.05), mu_twist=5.0, gamma_twist=0.01
+    ),
+    "constant": lambda **more: ss.laws.with_rolling(
+        ss.laws.hertz_mindlin(kt=0.8, **more), "constant", mu_roll=0.1, gamma_roll=0.05
+    ),
+    "viscous": lambda **more: ss.laws.with_rolling(ss.laws.linear(kt=0.8, **more), "viscous", gamma_roll=2.0),
+    "everything": lambda **more: ss.laws.with_lever(
+        twisting(rolling(ss.laws.jkr(kt=0.8, work=5e-3, **more))), "overlap"
+    ),
     "arms": lambda **more: ss.laws.with_lever(ss.laws.hertz_mindlin(kt=0.8, **more), "overlap"),
     "smooth arms": lambda **more: ss.laws.with_lever(ss.laws.hertz_mindlin(coulomb="smooth", **more), "overlap"),
     "arms and rescaling": lambda **more: ss.laws.with_lever(
@@ -35,7 +57,16 @@ def packed(name, dim, **more):
         count = int(state.contacts.count[0])
         mode, gap = state.contacts.mode[:count], -ss.measure.overlaps(state)
         slips = np.linalg.norm(state.contacts.slip[:count], axis=1)[(mode == ss.SLIDE) & (gap < 0)]
-        if len(slips) and slips.min() > 0.02 and (mode == ss.STICK).any() and np.abs(gap).min() > 2e-3:
+        good = len(slips) and slips.min() > 0.02 and (mode == ss.STICK).any() and np.abs(gap).min() > 2e-3
+        memory = state.contacts.rolling
+        if good and memory is not None:
+            turned, at_cap = np.linalg.norm(memory[:count, :3], axis=1), memory[:count, 6] > 0
+            good = not (at_cap & (turned > 0) & (turned < 0.01)).any()
+        if good and state.cell.dim == 3 and name in ("rolling", "twisting", "everything"):
+            parts = (6, ROLLING), (8, TWISTING)
+            caps = [memory[:count, k][mode > 0] for k, part in parts if law.properties & part]
+            good = all(0 < at_cap.sum() < len(at_cap) for at_cap in caps)
+        if good:
             return state, law
     raise AssertionError("no suitable packing")
 
@@ -146,7 +177,10 @@ def test_contacts_conserve_angular_momentum(update):
     start = spinning_pair()
     changes = []
     for arm in ("radius", "overlap"):
-        law = ss.laws.with_lever(ss.laws.linear(kn=1.0, kt=0.5, mu=0.5, damping_n=0.02, damping_t=0.02), arm)
+        law = twisting(
+            rolling(ss.laws.linear(kn=1.0, kt=0.5, mu=0.5, damping_n=0.02, damping_t=0.02)), gamma_twist=0.01
+        )
+        law = ss.laws.with_lever(law, arm)
         end, _, _ = ss.run(start, law, 3000, 1e-3, slip_update=update)
         assert (ss.run(start, law, 1000, 1e-3)[0].contacts.mode[:1] != ss.OPEN).all()
         changes.append(np.abs(angular_momentum(end) - angular_momentum(start)).max())
@@ -192,6 +226,117 @@ def test_energy_is_balanced_with_the_slip_of_lammps():
 def test_a_wrong_arm_is_refused():
     with pytest.raises(ValueError, match="arm='centre' was given: 'radius' and 'overlap' are allowed"):
         ss.laws.with_lever(ss.laws.linear(), "centre")
+
+
+# ---- rolling and twisting
+
+RADIUS, OVERLAP = 0.5, 0.02
+
+
+def turning_pair(axis, spin=0.1):
+    """Two spheres held in place that rotate against each other: they roll or twist, but do not slip."""
+    grains = ss.spheres([[0, 0, 0], [2 * RADIUS - OVERLAP, 0, 0]], RADIUS)
+    free = np.zeros((2, 6), bool)
+    free[:, 3:] = True
+    state = ss.assembly(grains, control=ss.control.loads(2)._replace(free=free))
+    turn = np.array([spin, -spin])[:, None] * np.asarray(axis, float)
+    return state._replace(grains=state.grains._replace(spin=turn))
+
+
+def spins_of(law, axis, duration, steps=4000):
+    """Spin of the first sphere at the end."""
+    end, _, _ = ss.run(turning_pair(axis), law, steps, duration / steps)
+    return float(end.grains.spin[0] @ np.asarray(axis, float))
+
+
+def test_viscous_rolling_decays_exponentially():
+    law, inertia = (
+        ss.laws.with_rolling(ss.laws.linear(mu=0.5), "viscous", gamma_roll=3.0),
+        turning_pair([0, 0, 1]).grains.inertia[0],
+    )
+    rate = 2 * 3.0 * OVERLAP * (RADIUS / 2) ** 2 / inertia  # both spheres turn
+    assert spins_of(law, [0, 0, 1], 2 / rate) == pytest.approx(0.1 * np.exp(-2.0), rel=1e-5)
+
+
+def test_a_constant_moment_stops_rolling_in_a_given_time():
+    law = ss.laws.with_rolling(ss.laws.linear(mu=0.5), "constant", mu_roll=0.2, gamma_roll=20.0)
+    slowing = 0.2 * (RADIUS / 2) * OVERLAP / turning_pair([0, 0, 1]).grains.inertia[0]
+    stop = 0.1 / slowing
+    assert spins_of(law, [0, 0, 1], 0.5 * stop) == pytest.approx(0.05, rel=1e-5)
+    assert abs(spins_of(law, [0, 0, 1], 1.5 * stop)) < 1e-6
+
+
+@pytest.mark.parametrize(("axis", "stiffness"), [([0, 0, 1], 0.3 * (RADIUS / 2) ** 2), ([1, 0, 0], 0.04)])
+@pytest.mark.parametrize("gamma", [0.0, 0.2])
+def test_springs_of_rolling_and_twisting_swing_freely(axis, stiffness, gamma):
+    damping = gamma * stiffness
+    law = rolling(ss.laws.linear(mu=0.5), 0.3, mu_roll=50.0, gamma_roll=0.3 * gamma)
+    law = twisting(law, 0.04, mu_twist=50.0, gamma_twist=0.04 * gamma)
+    inertia = turning_pair(axis).grains.inertia[0]
+    decay, omega = damping / inertia, np.sqrt(2 * stiffness / inertia)
+    swing = np.sqrt(omega**2 - decay**2)
+    time = 2.3 / omega
+    expected = 0.1 * np.exp(-decay * time) * (np.cos(swing * time) - decay / swing * np.sin(swing * time))
+    assert spins_of(law, axis, time) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("axis", "moment"), [([0, 0, 1], 0.05 * RADIUS / 2), ([1, 0, 0], 0.01)])
+def test_moments_have_caps_and_common_rotation_is_free(axis, moment):
+    law = twisting(rolling(ss.laws.linear(mu=0.5), mu_roll=0.05), mu_twist=0.01)
+    state, axis = turning_pair(axis, 0.0), np.asarray(axis, float)
+    state = ss.accept(state, ss.forces(state, law)[1])
+    for sign in (1, -1):
+        turned = state.grains._replace(angle=sign * np.array([2.0, -2.0])[:, None] * axis)
+        torque = ss.forces(state._replace(grains=turned), law)[0].torque
+        np.testing.assert_allclose(torque, -sign * moment * OVERLAP * np.outer([1, -1], axis), atol=1e-15)
+    turned = state.grains._replace(angle=np.full((2, 3), 0.2) * axis)
+    loads = ss.forces(state._replace(grains=turned), law)[0]
+    assert np.abs(np.cross(axis, loads.torque)).max() < 1e-15  # friction only, where there is slip
+
+
+def test_without_friction_there_are_no_moments():
+    law = twisting(rolling(ss.laws.linear(mu=0.0), gamma_roll=1.0), gamma_twist=1.0)
+    for axis in ([0, 0, 1], [1, 0, 0]):
+        assert spins_of(law, axis, 10.0, steps=100) == 0.1
+
+
+def test_rolling_in_python_is_the_built_in_spring():
+    """Model C as a user writes it, with k_r = k R_eff² and the cap μ_r R_eff F_n."""
+    law = rolling(ss.laws.linear(kt=0.8, mu=0.5), 0.4, mu_roll=0.1)
+    own = ss.laws.custom(
+        normal_force=lambda overlap, kn: kn * overlap, rolling_stiffness=lambda r_eff, k: k * r_eff**2,
+        rolling_cap=lambda normal_force, r_eff, mu_r: mu_r * r_eff * max(normal_force, 0.0),
+        parameters={"kn": 1.0, "kt": 0.8, "mu": 0.5, "k": 0.4, "mu_r": 0.1},
+    )  # fmt: skip
+    state, _ = moving("rolling", 3)
+    state = state._replace(contacts=state.contacts._replace(stale=True, rolling=None))
+    ends = [ss.run(state, ss.laws.for_pair(one, 0, 1, mu=0.3), 200, 0.02)[0] for one in (law, own)]
+    np.testing.assert_allclose(ends[0].grains.angle, ends[1].grains.angle, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"model": "elastic"}, "model='elastic' was given: 'constant', 'viscous', 'spring' are allowed"),
+        ({"k_roll": 1.0}, "mu_roll = 0.0 was given with model = 'spring': it must be positive"),
+        ({"model": "viscous", "gamma_roll": 1.0, "mu_roll": 0.1}, "mu_roll = 0.1 was given .* leave it out"),
+        ({"model": "constant", "mu_roll": 0.1}, "gamma_roll = 0.0 was given .* must be positive"),
+    ],
+)
+def test_wrong_parameters_of_rolling_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        ss.laws.with_rolling(ss.laws.linear(), **options)
+
+
+def test_parameters_of_moments_have_names():
+    law = twisting(rolling(ss.laws.linear()))
+    assert all(words in repr(law) for words in ("k_roll = 0.1, mu_roll = 0.15, k_twist = 0.01", "mu_twist = 0.05"))
+    law = ss.laws.for_pair(law, 0, 1, mu_roll=0.3)
+    assert law.table[0, 1, 6] == 0.3 and law.table[0, 0, 6] == 0.15
+    again = ss.laws.with_rolling(law, "viscous", gamma_roll=1.0)
+    assert again.table.shape == law.table.shape and again.table[0, 0, 8] == 0.01
+    with pytest.raises(ValueError, match="mu_roll = -1.0 was given: it must be finite and not negative"):
+        ss.laws.for_pair(law, 0, 1, mu_roll=-1.0)
 
 
 # ---- dashpots for a coefficient of restitution

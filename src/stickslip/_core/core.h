@@ -29,8 +29,9 @@ struct Bodies {
   int64_t len_normal;
 };
 
-// first columns of `Contacts.rolling`, see `core/contacts/rolling.py`: ψ; angle_i − angle_j; whether ψ is at its cap
-constexpr int64_t ANCHOR = 3, AT_CAP = 6;
+// first columns of `Contacts.rolling`, see `core/contacts/rolling.py`: ψ; angle_i − angle_j; whether ψ is at its cap; with
+// twisting the twist, and whether it is at its cap
+constexpr int64_t ANCHOR = 3, AT_CAP = 6, TWIST = 7, TWIST_AT_CAP = 8;
 
 struct Contacts {
   int32_t *i;
@@ -168,6 +169,9 @@ struct Law {
   void *rolling;        // k_r and dk_r/dδ, null: no rolling resistance
   void *rolling_cap;    // largest moment
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
+  int64_t roll_at;       // column of k_roll, before mu_roll and gamma_roll, or 0: none
+  int64_t roll_viscous;  // the rolling dashpot grows with F_n, and there is no cap
+  int64_t twist_at;      // column of k_twist, before mu_twist and gamma_twist, or 0: none
   int64_t angular;       // first columns of `Contacts.rolling`, for moments and lever arms
   void *update;          // own memory at a given overlap
   double *memory;        // of a contact that closes
@@ -384,6 +388,13 @@ struct MomentLinearisation {
   double *reach_by_overlap;
   double *reach_by_force;
   double *weighted;
+  double *damping;
+  double *slides;
+  double *twisting;
+  double *twisting_along;
+  double *twisting_damping;
+  double *twisting_by_force;
+  double *twisting_by_overlap;
 };
 
 // linearisation of all contacts, at rest

@@ -28,7 +28,8 @@ inline const double *parameters(const Law &law, int64_t a, int64_t b) {
   return law.table + (a * law.len_table + b) * law.width;
 }
 
-inline bool needs_radius(const Law &law) { return law.uses_radius || law.damping == VISCOELASTIC; }
+inline bool needs_radius(const Law &law) { return law.uses_radius || law.damping == VISCOELASTIC || law.roll_at; }
+inline bool has_moments(const Law &law) { return law.rolling || law.roll_at || law.twist_at; }
 inline bool needs_mass(const Law &law) { return law.damping >= MASS_DAMPING; }
 
 // Elastic normal force and tangential stiffness of a built-in law; overlap > 0.

@@ -90,7 +90,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     own = contacts.rolling + contacts.width_rolling * c;
     apart = difference<DIM>(sweep.angle, i, j);
     if (before != OPEN) turned = apart - read(own + ANCHOR);
-    else if (sweep.stepping) turned = motion.dt * difference<DIM>(motion.spin, i, j);
+    else if (sweep.stepping && !motion.hold) turned = motion.dt * difference<DIM>(motion.spin, i, j);
   }
   Ratio<double> fraction = {1.0, 1.0};
   bool hold;
@@ -146,12 +146,13 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (!sweep.stepping) store(contacts.pair + 3 * c, r), store(contacts.roll + 3 * c, angle);
   }
   double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
-  if (law.rolling) {
-    const RollingStep step = {turned, hold && equal(turned, {}), before != OPEN};
-    const Vec<double> moment =
-        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, step, own);
-    add_rotation<DIM>(torque_i, -1.0, moment);
-    add_rotation<DIM>(torque_j, 1.0, moment);
+  if (has_moments(law)) {
+    const RotationStep step = {turned, difference<DIM>(sweep.spin, i, j), n, moved.mid, fraction, sweep.memory,
+                               hold && equal(turned, {}), before != OPEN};
+    Vec<double> moment = rolling_moment<DIM>(law, rolling_resistance(law, q, r_eff, overlap, fn, limit), step, own);
+    if (law.twist_at) moment = moment + twisting_moment(law, twisting_resistance(law, q, limit), step, own) * n;
+    add_rotation<DIM>(torque_i, 1.0, moment);
+    add_rotation<DIM>(torque_j, -1.0, moment);
   }
   if (law.angular) store(own + ANCHOR, apart);
   if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));

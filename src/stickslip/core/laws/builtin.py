@@ -24,7 +24,18 @@ DAMPING = {
     "coeff_restitution": RESTITUTION,
 }  # fmt: skip
 NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
-LEVER = 1  # property: lever arms of grains on grains are R − δ/2
+# properties: lever arms of grains on grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting
+LEVER, ROLLING, VISCOUS, TWISTING = 1, 2, 4, 8
+MOMENTS = {  # parameters of a property, with their units and meanings
+    ROLLING: {
+        "k_roll": ("force/length", "rolling stiffness over R_eff²"), "mu_roll": ("1", "coefficient of rolling friction"),
+        "gamma_roll": ("force time/length", "rolling dashpot over R_eff²"),
+    },
+    TWISTING: {
+        "k_twist": ("force length", "twisting stiffness"), "mu_twist": ("length", "largest twisting moment over F_n"),
+        "gamma_twist": ("force length time", "twisting dashpot"),
+    },
+}  # fmt: skip
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
@@ -44,7 +55,7 @@ class Law(NamedTuple):
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if compiled code does not know this law."""
         dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
-        known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(2)), ("kind", None)
+        known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(16)), ("kind", None)
         for name, known in known_values:
             value = getattr(self, name)
             if not isinstance(value, Integral) or (known and value not in known):
@@ -227,16 +238,18 @@ def _checked_values(law: Law) -> Law:
 
 def _signed(law: Law) -> tuple[str, ...]:
     """Names of parameters that may be negative."""
-    return tuple(set(parameter_names(law)) - {*PARAMETERS}) if isinstance(law.kind, Kind) else ()
+    return tuple({*find_user_law(law.kind).names} - {*PARAMETERS}) if isinstance(law.kind, Kind) else ()
 
 
+_DASHPOTS = "damping_n", "damping_t", "gamma_roll", "gamma_twist"
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law, 0 if no pair of materials has dashpots."""
-    return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
+    """Damping model of the law, 0 if no pair of materials has dashpots, also of moments."""
+    dashpots = [k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS]
+    return law.damping if law.table[..., dashpots].any() else 0
 
 
 def check_parameter(name, value, names=PARAMETERS, signed=()):
@@ -309,8 +322,10 @@ def rescales(law: Law) -> bool:
 def parameter_names(law: Law) -> tuple[str, ...]:
     """Names of a law's parameters, in the order of its table."""
     if isinstance(law.kind, Kind):
-        return find_user_law(law.kind).names
-    return *PARAMETERS, *(p.name for p in BUILTIN_LAWS[law.kind].parameters)
+        names = find_user_law(law.kind).names
+    else:
+        names = *PARAMETERS, *(p.name for p in BUILTIN_LAWS[law.kind].parameters)
+    return *names, *(name for part, own in MOMENTS.items() if law.properties & part for name in own)
 
 
 def _name(law: Law) -> str:
@@ -335,6 +350,7 @@ def _given(law: Law) -> dict[str, np.ndarray]:
     return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
 
 
+_VISCOUS = {"gamma_roll": ("time/length", "rolling dashpot over R_eff² F_n")}
 DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in words
     VELOCITY: ("force time/length", "proportional to the velocity"),
     MASS: ("1/time", "proportional to effective mass and velocity"),
@@ -355,6 +371,7 @@ def _rows(law: Law):
         "damping_t": (damping, "tangential dashpot"),
     }  # fmt: skip
     known |= {p.name: (p.unit, p.words) for p in built_in.parameters} if built_in else {}
+    known |= MOMENTS[ROLLING] | MOMENTS[TWISTING] | (_VISCOUS if law.properties & VISCOUS else {})
     given = _given(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
     yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"

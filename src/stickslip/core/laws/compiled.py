@@ -15,7 +15,19 @@ import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS, FIRST_OF_OWN
 from ..library import core
-from .builtin import DAMPING_N, DAMPING_T, LEVER, NO_TENSION, SMOOTH, STEP, Law, damping_model, dashpot_coefficients
+from .builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    LEVER,
+    NO_TENSION,
+    SMOOTH,
+    STEP,
+    VISCOUS,
+    Law,
+    damping_model,
+    dashpot_coefficients,
+    parameter_names,
+)
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
 from .properties import angular_columns
 
@@ -52,8 +64,14 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
     return _fixed_members(law.kind, members) | {
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
         "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
-        "angular": angular_columns(law), "len_table": len(law.table), "width": law.table.shape[2], "table": _table(law),
+        "angular": angular_columns(law), "roll_at": _column(law, "k_roll"), "twist_at": _column(law, "k_twist"),
+        "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2], "table": _table(law),
     }  # fmt: skip
+
+
+def _column(law: Law, name: str) -> int:
+    names = parameter_names(law)
+    return names.index(name) if name in names and law.properties else 0
 
 
 def _table(law: Law) -> np.ndarray:

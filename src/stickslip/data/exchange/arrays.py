@@ -47,7 +47,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")
     if law.properties:
-        lost.append("the lever arms of the law")
+        lost.append("the lever arms and moments of the law")
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}

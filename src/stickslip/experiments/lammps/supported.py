@@ -39,7 +39,9 @@ def check_law(law: Law, state: State) -> None:
     if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
         raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
     if law.properties:
-        raise ScenarioError(f"LAMMPS was given a law with other lever arms, which its pair styles lack: {STAY[3:]}")
+        raise ScenarioError(
+            f"LAMMPS was given a law with other lever arms or with moments, which its pair styles lack: {STAY[3:]}"
+        )
     if law.coulomb != SHARP:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
