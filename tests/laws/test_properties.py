@@ -335,7 +335,7 @@ def test_parameters_of_moments_have_names():
     assert law.table[0, 1, 6] == 0.3 and law.table[0, 0, 6] == 0.15
     again = ss.laws.with_rolling(law, "viscous", gamma_roll=1.0)
     assert again.table.shape == law.table.shape and again.table[0, 0, 8] == 0.01
-    with pytest.raises(ValueError, match="mu_roll = -1.0 was given: it must be finite and not negative"):
+    with pytest.raises(ValueError, match=r"mu_roll = -1.0 was given: it must be finite and not negative"):
         ss.laws.for_pair(law, 0, 1, mu_roll=-1.0)
 
 

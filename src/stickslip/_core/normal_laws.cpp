@@ -15,7 +15,6 @@ struct At {
   const double *q;
   double r_eff;
   T overlap;
-  double fn;
   const double *memory;
 };
 
@@ -39,7 +38,7 @@ Elastic<T> hertz(const At<T> &at) {
 double hertz_energy(const At<double> &at) { return 0.4 * hertz(at).force * larger(at.overlap, 0.0); }
 
 struct Plain {  // what a law has if it says nothing else
-  static constexpr bool MEMORY = false, RANGE = false, CAP = false;
+  static constexpr bool REMEMBERS = false, BRIDGES = false, CAPPED = false;
   static double range(const double *, double) { return 0.0; }
   template <class T>
   static T pressing(const At<T> &) { return T{}; }
@@ -48,7 +47,7 @@ struct Plain {  // what a law has if it says nothing else
 
 // Contact radius a with δ = a²/R − √(2πwa/E*) in closed form, k_n = 4E*/3.
 struct Jkr : Plain {
-  static constexpr bool RANGE = true, CAP = true;
+  static constexpr bool BRIDGES = true, CAPPED = true;
 
   static double spread(const double *q, double r_eff) { return 8.0 / 3.0 * M_PI * q[OWN] * r_eff * r_eff / q[KN]; }
 
@@ -98,7 +97,7 @@ struct Jkr : Plain {
 };
 
 struct Dmt : Plain {
-  static constexpr bool CAP = true;
+  static constexpr bool CAPPED = true;
   static double pull(const double *q, double r_eff) { return 2.0 * M_PI * q[OWN] * r_eff; }
 
   template <class T>
@@ -116,7 +115,7 @@ struct Dmt : Plain {
 };
 
 struct WaltonBraun : Plain {
-  static constexpr bool MEMORY = true;
+  static constexpr bool REMEMBERS = true;
 
   template <class T>
   static T compressed(const At<T> &at) {  // from the overlap at which the force vanishes
@@ -138,7 +137,7 @@ struct WaltonBraun : Plain {
 };
 
 struct LiquidBridge : Plain {
-  static constexpr bool RANGE = true, CAP = true;
+  static constexpr bool BRIDGES = true, CAPPED = true;
 
   static double range(const double *q, double) { return cbrt(q[OWN + 1]); }
   static double length(const double *q, double r_eff) { return q[OWN + 1] / (M_PI * r_eff); }  // squared
@@ -172,62 +171,43 @@ struct LiquidBridge : Plain {
   }
 };
 
-template <class L>
-void force(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
-           const double *memory, double *one, double *two) {
+enum Member { FORCE, CAP, SLOPES, CAP_SLOPES, ENERGY, RANGE, UPDATE };
+
+template <class L, Member WHAT>
+void evaluate(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *, const double *memory,
+              double *one, double *two) {
   for (int64_t k = 0; k < n; ++k) {
-    Elastic<double> out = L::spring(At<double>{q, r_eff[k], overlap[k], fn[k], memory});
-    one[k] = out.force, two[k] = out.stiffness;
+    const At<double> at = {q, r_eff[k], overlap[k], memory};
+    const At<Dual> moved = {q, r_eff[k], {overlap[k], 1.0}, memory};
+    if constexpr (WHAT == FORCE) {
+      Elastic<double> out = L::spring(at);
+      one[k] = out.force, two[k] = out.stiffness;
+    } else if constexpr (WHAT == SLOPES) {
+      Elastic<Dual> out = L::spring(moved);
+      one[k] = out.force.slope, two[k] = out.stiffness.slope;
+    } else if constexpr (WHAT == CAP) {  // independent of dashpots, as in LAMMPS
+      one[k] = q[MU] * L::pressing(at);
+    } else if constexpr (WHAT == CAP_SLOPES) {
+      one[k] = 0.0, two[k] = q[MU] * L::pressing(moved).slope;
+    } else if constexpr (WHAT == ENERGY) {
+      one[k] = L::energy(at);
+    } else if constexpr (WHAT == RANGE) {
+      one[k] = L::range(q, r_eff[k]);
+    } else {
+      one[k] = L::updated(at);
+    }
   }
-}
-
-template <class L>
-void slopes(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
-            const double *memory, double *one, double *two) {
-  for (int64_t k = 0; k < n; ++k) {
-    Elastic<Dual> out = L::spring(At<Dual>{q, r_eff[k], {overlap[k], 1.0}, fn[k], memory});
-    one[k] = out.force.slope, two[k] = out.stiffness.slope;
-  }
-}
-
-// The cap does not depend on dashpots, as in LAMMPS.
-template <class L>
-void cap(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
-         const double *memory, double *one, double *) {
-  for (int64_t k = 0; k < n; ++k) one[k] = q[MU] * L::pressing(At<double>{q, r_eff[k], overlap[k], fn[k], memory});
-}
-
-template <class L>
-void cap_slopes(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
-                const double *memory, double *one, double *two) {
-  for (int64_t k = 0; k < n; ++k) {
-    one[k] = 0.0;
-    two[k] = q[MU] * L::pressing(At<Dual>{q, r_eff[k], {overlap[k], 1.0}, fn[k], memory}).slope;
-  }
-}
-
-template <class L>
-void energy(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
-            const double *memory, double *one, double *) {
-  for (int64_t k = 0; k < n; ++k) one[k] = L::energy(At<double>{q, r_eff[k], overlap[k], fn[k], memory});
-}
-
-template <class L>
-void range(const double *q, int64_t n, const double *r_eff, const double *, const double *, const double *, double *one,
-           double *) {
-  for (int64_t k = 0; k < n; ++k) one[k] = L::range(q, r_eff[k]);
-}
-
-template <class L>
-void update(const double *q, int64_t, const double *r_eff, const double *overlap, const double *fn,
-            const double *memory, double *one, double *) {
-  one[0] = L::updated(At<double>{q, r_eff[0], overlap[0], fn[0], memory});
 }
 
 template <class L>
 LawFunction function(int64_t member) {
-  const LawFunction all[] = {force<L>,  L::CAP ? cap<L> : nullptr,     slopes<L>, L::CAP ? cap_slopes<L> : nullptr,
-                             energy<L>, L::RANGE ? range<L> : nullptr, L::MEMORY ? update<L> : nullptr};
+  const LawFunction all[] = {evaluate<L, FORCE>,
+                             L::CAPPED ? evaluate<L, CAP> : nullptr,
+                             evaluate<L, SLOPES>,
+                             L::CAPPED ? evaluate<L, CAP_SLOPES> : nullptr,
+                             evaluate<L, ENERGY>,
+                             L::BRIDGES ? evaluate<L, RANGE> : nullptr,
+                             L::REMEMBERS ? evaluate<L, UPDATE> : nullptr};
   return all[member];
 }
 

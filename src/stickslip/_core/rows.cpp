@@ -60,7 +60,7 @@ void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, 
   record_event(sweep.events, OPENED, contacts, c, sweep.position.data + sweep.position.stride * contacts.i[c]);
 }
 
-template <int DIM>
+template <int DIM, bool ANGULAR>
 inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
   const Bodies &bodies = sweep.bodies;
   const Motion &motion = sweep.motion;
@@ -84,9 +84,9 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (overlap <= edge) return open_contact(law, sweep, contacts, c);
   }
   Vec<double> d{}, roll{}, v{}, angle{}, mean{}, apart{}, turned{};  // the last two: angle_i − angle_j and its change
-  const bool shorter = law.lever && !pair.wall;
+  const bool shorter = ANGULAR && law.lever && !pair.wall;
   double *own = nullptr;
-  if (law.angular) {
+  if (ANGULAR) {
     own = contacts.rolling + contacts.width_rolling * c;
     apart = difference<DIM>(sweep.angle, i, j);
     if (before != OPEN) turned = apart - read(own + ANCHOR);
@@ -146,7 +146,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (!sweep.stepping) store(contacts.pair + 3 * c, r), store(contacts.roll + 3 * c, angle);
   }
   double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
-  if (has_moments(law)) {
+  if (ANGULAR && has_moments(law)) {
     const RotationStep step = {turned, difference<DIM>(sweep.spin, i, j), n, moved.mid, fraction, sweep.memory,
                                hold && equal(turned, {}), before != OPEN};
     Vec<double> moment = rolling_moment<DIM>(law, rolling_resistance(law, q, r_eff, overlap, fn, limit), step, own);
@@ -154,7 +154,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     add_rotation<DIM>(torque_i, 1.0, moment);
     add_rotation<DIM>(torque_j, -1.0, moment);
   }
-  if (law.angular) store(own + ANCHOR, apart);
+  if (ANGULAR) store(own + ANCHOR, apart);
   if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
@@ -170,18 +170,20 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   }
 }
 
-template <int DIM>
+template <int DIM, bool ANGULAR>  // with moments or lever arms R − δ/2
 void sweep_all(const Law &whole, const Sweep &given, const Contacts &list) {
   const Law law = whole;  // copies, so that the compiler knows that no store changes them
   const Sweep sweep = given;
   const Contacts contacts = list;
-  for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM>(law, sweep, contacts, c);
+  for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM, ANGULAR>(law, sweep, contacts, c);
 }
 
 }  // namespace
 
 void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Contacts &contacts) {
-  (dim == 3 ? sweep_all<3> : sweep_all<2>)(law, sweep, contacts);
+  auto plain = dim == 3 ? sweep_all<3, false> : sweep_all<2, false>;
+  auto angular = dim == 3 ? sweep_all<3, true> : sweep_all<2, true>;
+  (law.angular ? angular : plain)(law, sweep, contacts);
 }
 
 void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,

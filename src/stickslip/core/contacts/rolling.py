@@ -11,8 +11,8 @@ A pair that rotates as one body has angle_i = angle_j and no moment. M and angle
 transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist
 τ ← τ + m·Δ(angle_i − angle_j) has the moment M_i = −k_t τ n. Dashpots are added, and sums truncated at the caps.
 
-Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030; the same
-memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
+Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030; the
+same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
 """
 
 from typing import NamedTuple

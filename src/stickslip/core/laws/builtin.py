@@ -28,7 +28,7 @@ NO_TENSION = 4  # added to the damping model if dashpots must not make a contact
 LEVER, ROLLING, VISCOUS, TWISTING = 1, 2, 4, 8
 MOMENTS = {  # parameters of a property, with their units and meanings
     ROLLING: {
-        "k_roll": ("force/length", "rolling stiffness over R_eff²"), "mu_roll": ("1", "coefficient of rolling friction"),
+        "k_roll": ("force/length", "rolling stiffness over R_eff²"), "mu_roll": ("1", "rolling friction"),
         "gamma_roll": ("force time/length", "rolling dashpot over R_eff²"),
     },
     TWISTING: {
@@ -199,7 +199,8 @@ def dashpot_coefficients(law: Law) -> np.ndarray:
     Source
     ------
     Antypov & Elliott, doi:10.1209/0295-5075/94/50004; Tsuji et al., doi:10.1016/0032-5910(92)88030-L, whose polynomial
-    is Eq 53 of Marshall, doi:10.1016/j.jcp.2008.10.020, times √2 for the effective mass; LAMMPS, `pair_style granular`.
+    is Eq 53 of Marshall, J. Comput. Phys. 228 (2009) 1541, times √2 for the effective mass; LAMMPS, `pair_style
+    granular`.
 
     Examples
     --------

@@ -65,7 +65,8 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
         "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
         "angular": angular_columns(law), "roll_at": _column(law, "k_roll"), "twist_at": _column(law, "k_twist"),
-        "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2], "table": _table(law),
+        "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2],
+        "table": _table(law),
     }  # fmt: skip
 
 

@@ -8,8 +8,8 @@ from .builtin import LEVER, MOMENTS, ROLLING, TWISTING, VISCOUS, Law, check_para
 from .kinds import USER_LAWS, Kind, own_memory
 
 ARMS = {"radius": 0, "overlap": LEVER}
-# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap; and of twisting:
-# twist; 1 if it was at its cap
+# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap; and with
+# twisting the twist; 1 if it was at its cap
 COLUMNS, TWISTED = 7, 2
 MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "spring": ("k_roll", "mu_roll")}
 
@@ -49,16 +49,16 @@ def with_rolling(
 ) -> Law:
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
-    Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P the
-    Coulomb limit over μ (max(F_n, 0) unless the law says otherwise; zero if μ is zero):
+    Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P
+    the Coulomb limit over μ (max(F_n, 0) unless the law says otherwise; zero if μ is zero):
 
         constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
         viscous   M = −γ P R_eff² ω
         spring    M = −k R_eff² ψ − γ R_eff² ω, |k R_eff² ψ| ≤ μ_r R_eff P and |M| ≤ μ_r R_eff P, dψ/dt = ω
 
     These are types A, B and C of Ai et al. Type A is regularised by its dashpot: the moment is constant once
-    |ω| > μ_r P/(γ R_eff). The first two exert no moment at rest, so that static solutions do not depend on them. `spring`
-    is LAMMPS `rolling sds`. Contacts are evaluated by rows.
+    |ω| > μ_r P/(γ R_eff). The first two exert no moment at rest, so that static solutions do not depend on them.
+    `spring` is LAMMPS `rolling sds`. Contacts are evaluated by rows.
 
     Parameters
     ----------
@@ -70,12 +70,13 @@ def with_rolling(
     Source
     ------
     Ai et al., doi:10.1016/j.powtec.2010.09.030; pseudo-force: Luding, doi:10.1007/s10035-008-0099-x; rolling velocity:
-    Wang et al., doi:10.1016/j.partic.2015.05.006, as in LAMMPS.
+    Wang et al., Particuology 23 (2015) 49, as in LAMMPS.
 
     Examples
     --------
     >>> import stickslip as ss
-    >>> ss.laws.with_rolling(ss.laws.linear(), k_roll=0.5, mu_roll=0.1).table[0, 0, 5:].tolist()
+    >>> law = ss.laws.with_rolling(ss.laws.linear(), k_roll=0.5, mu_roll=0.1)
+    >>> law.table[0, 0, 5:].tolist()
     [0.5, 0.1, 0.0]
     """
     values = {"k_roll": k_roll, "mu_roll": mu_roll, "gamma_roll": gamma_roll}
@@ -94,10 +95,10 @@ def with_rolling(
 
 @checked
 def with_twisting(law: Law, *, k_twist: float, mu_twist: float, gamma_twist: float = 0.0) -> Law:
-    """Law with a moment along the normal that resists twisting, M = −k τ − γ ω_n, |k τ| ≤ μ_t P and |M| ≤ μ_t P.
+    """Law with a moment along the normal that resists twisting, M = −k τ − γ ω_n, |k τ| and |M| ≤ μ_t P.
 
-    The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate, P as in `with_rolling`.
-    This is LAMMPS `twisting sds`. Contacts are evaluated by rows; there is no twisting in two dimensions.
+    The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate; P as in
+    `with_rolling`. This is LAMMPS `twisting sds`. Contacts are evaluated by rows; two dimensions have no twisting.
 
     Parameters
     ----------
@@ -107,12 +108,13 @@ def with_twisting(law: Law, *, k_twist: float, mu_twist: float, gamma_twist: flo
 
     Source
     ------
-    Marshall, doi:10.1016/j.jcp.2008.10.020; Luding, doi:10.1007/s10035-008-0099-x.
+    Marshall, J. Comput. Phys. 228 (2009) 1541; Luding, doi:10.1007/s10035-008-0099-x.
 
     Examples
     --------
     >>> import stickslip as ss
-    >>> ss.laws.with_twisting(ss.laws.linear(), k_twist=0.1, mu_twist=0.02).table[0, 0, 5:].tolist()
+    >>> law = ss.laws.with_twisting(ss.laws.linear(), k_twist=0.1, mu_twist=0.02)
+    >>> law.table[0, 0, 5:].tolist()
     [0.1, 0.02, 0.0]
     """
     if not k_twist > 0:
