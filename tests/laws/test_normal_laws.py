@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.builtin_laws import BY_NAME
+from stickslip.builtin_laws import BY_NAME, NAMES
 from stickslip.core.laws.compiled import law_struct
 from stickslip.core.laws.kinds import find_user_law
 from stickslip.core.laws.values import evaluate
 from stickslip.core.library import core
 from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import PackingError, law_by_name
+from stickslip.data.schema import ScenarioError
+from stickslip.experiments.flow.pouring import flow_law
 from tests.conftest import make_packing, stirred
 
 FORMS, POINTS = Path(__file__).parent / "forms", 10_000
@@ -131,3 +133,22 @@ def test_wrong_values_are_refused_in_one_sentence():
         ss.laws.for_pair(ss.laws.walton_braun(k_unload=1.0), 0, 1, kn=4.0)
     with pytest.raises(ValueError, match="parameters of its own: `collision` supports"):
         ss.laws.collision(ss.laws.jkr(work=1e-3), radius=1.0, mass=1.0, speed=1.0)
+
+
+def flow(law):
+    """A flow of four disks with a law table."""
+    grains = {"number": 4, "mass": 1.0, "low": [0.0, 0.0], "high": [6.0, 16.0]}
+    tables = {"experiment": "flow", "stages": [{"name": "settle", "duration": 1.0}], "gravity": [0.0, -1.0]}
+    return ss.scenario(grains=grains, law={"kn": 1e4} | law, **tables)
+
+
+@EVERY
+def test_flows_take_a_law_with_its_own_parameters(name):
+    own = OWN[name] | ({"k_unload": 3e4} if name == "walton_braun" else {})
+    law = flow_law(flow({"kind": name} | own), [0.5], [1.0])
+    assert NAMES[law.kind] == name
+    assert law.table[0, 0, 5:].tolist() == list(own.values())
+    with pytest.raises(ScenarioError, match=f"law.{sorted(own)[0]} is missing: give it"):
+        flow({"kind": name})
+    with pytest.raises(ScenarioError, match=f"was given: it is no parameter of {name}, leave it out"):
+        flow({"kind": name, "work": 1.0, "k_unload": 1.0, "volume": 1.0} | own)
