@@ -114,15 +114,18 @@ def test_energy_is_balanced_as_the_time_step_goes_to_zero(name, dim):
     assert defect[1] < 2e-3 and (defect[1] < 0.5 * defect[0] or name == "dmt")  # whose force jumps at touch
 
 
-@EVERY
-def test_a_run_goes_on_to_the_last_bit_through_an_archive(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "update"),
+    [*((name, "difference") for name in LAWS), ("dashpots of moments", "rate"), ("everything", "rate")],
+)
+def test_a_run_goes_on_to_the_last_bit_through_an_archive(name, update, tmp_path):
     state, law = moving(name, 3, damping_n=0.02, damping_t=0.02)
-    whole, _, _ = ss.run(state, law, 200, 0.02)
-    half, _, _ = ss.run(state, law, 100, 0.02)
+    whole, _, _ = ss.run(state, law, 200, 0.02, slip_update=update)
+    half, _, _ = ss.run(state, law, 100, 0.02, slip_update=update)
     archive.write(tmp_path / "half.h5", {"state": half, "law": law})
     back = archive.read(tmp_path / "half.h5")
     assert repr(back["law"]) == repr(law)
-    rest, _, _ = ss.run(back["state"], back["law"], 100, 0.02)
+    rest, _, _ = ss.run(back["state"], back["law"], 100, 0.02, slip_update=update)
     np.testing.assert_array_equal(rest.grains.position, whole.grains.position)
     rows, count = ss.measure.touching(whole), len(ss.measure.touching(rest))
     assert len(rows) == count

@@ -62,13 +62,11 @@ struct RotationStep {
 template <int DIM>
 inline Vec<double> rolling_moment(const Law &law, Resistance r, const RotationStep &step, double *own) {
   Vec<double> psi = {own[0], own[1], own[2]}, w = step.rate - dot(step.rate, step.n) * step.n;
-  const bool truncates = law.rate && r.damping > 0.0 && r.stiffness > 0.0;  // spring and dashpot together
-  if (step.kept && !truncates) return rolling_load(law, r, psi, w);
+  if (step.kept) return rolling_load(law, r, psi, w);
   Vec<double> a = step.closed ? onto_plane(step.n, step.mid, psi) : Vec<double>{};
   Vec<double> d = onto_plane(step.n, step.mid, step.turned);
-  if (truncates) {
-    Loads<double, bool> out =
-        truncate_as_lammps(0.0, r.stiffness, r.damping, r.cap, step.kept ? psi : a + d, w, step.kept);
+  if (law.rate && r.damping > 0.0 && r.stiffness > 0.0) {  // spring and dashpot together
+    Loads<double, bool> out = truncate_as_lammps(0.0, r.stiffness, r.damping, r.cap, a + d, w, false);
     own[0] = out.slip.x, own[1] = out.slip.y, own[2] = out.slip.z, own[AT_CAP] = out.slides;
     return out.tangential;
   }

@@ -1,7 +1,8 @@
 """Built-in laws whose normal force has parameters of its own: adhesion, liquid bridges, plasticity.
 
 All take the parameters of `hertz_mindlin`, `coulomb`, `damping` and `tension` included, and their own. Dashpots act
-where the overlap is positive, and take part in no cap but that of `walton_braun`.
+where the overlap is positive, and take part in no cap but that of `walton_braun`; viscoelastic ones of `jkr` take the
+radius √(δ R_eff), those of LAMMPS a.
 """
 
 from ..arguments import checked
