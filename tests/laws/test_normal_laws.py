@@ -23,6 +23,7 @@ OWN = {
     "liquid_bridge": {"surface_tension": 1e-3, "volume": 1e-4},
 }  # fmt: skip
 EVERY = pytest.mark.parametrize("name", OWN)
+pytestmark = pytest.mark.filterwarnings("ignore:the normal force of dmt jumps")  # as it does by definition
 
 
 def pair_of(name, **options):
