@@ -187,7 +187,8 @@ def main():
     for name, (coefficients, _, steps, overlap) in CASES.items():
         for wall in (False, True):
             table[f"{name}, {'wall' if wall else 'pair'}"] = loads_of_lammps(coefficients, steps, overlap, wall)
-    STORE.write_text(json.dumps(table, indent=1) + "\n")
+    rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(loads)}" for name, loads in table.items())
+    STORE.write_text(f"{{\n{rows}\n}}\n")
 
 
 if __name__ == "__main__":
