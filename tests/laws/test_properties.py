@@ -8,6 +8,7 @@ from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import driver
 from stickslip.core.laws.builtin import ROLLING, TWISTING
+from stickslip.core.laws.compiled import law_struct
 from stickslip.data import archive
 from tests.conftest import make_packing, stirred
 from tests.laws.test_mechanics import differences, rate_differences
@@ -338,6 +339,11 @@ def test_parameters_of_moments_have_names():
     assert law.table[0, 1, 6] == 0.3 and law.table[0, 0, 6] == 0.15
     again = ss.laws.with_rolling(law, "viscous", gamma_roll=1.0)
     assert again.table.shape == law.table.shape and again.table[0, 0, 8] == 0.01
+    own = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"k_roll": 1.0, "mu": 0.5})
+    with pytest.raises(ValueError, match="a parameter of its own that is called k_roll: rename it"):
+        rolling(own)
+    struct = law_struct(ss.laws.with_lever(twisting(own), "overlap"))
+    assert (struct["roll_at"], struct["twist_at"]) == (0, 6)
     with pytest.raises(ValueError, match=r"mu_roll = -1.0 was given: it must be finite and not negative"):
         ss.laws.for_pair(law, 0, 1, mu_roll=-1.0)
 

@@ -242,14 +242,14 @@ def _signed(law: Law) -> tuple[str, ...]:
     return tuple({*find_user_law(law.kind).names} - {*PARAMETERS}) if isinstance(law.kind, Kind) else ()
 
 
-_DASHPOTS = "damping_n", "damping_t", "gamma_roll", "gamma_twist"
+_DASHPOTS = "gamma_roll", "gamma_twist"
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
     """Damping model of the law, 0 if no pair of materials has dashpots, also of moments."""
-    dashpots = [k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS]
+    dashpots = DAMPING_N, DAMPING_T, *(k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS)
     return law.damping if law.table[..., dashpots].any() else 0
 
 

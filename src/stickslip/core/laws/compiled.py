@@ -20,8 +20,10 @@ from .builtin import (
     DAMPING_T,
     LEVER,
     NO_TENSION,
+    ROLLING,
     SMOOTH,
     STEP,
+    TWISTING,
     VISCOUS,
     Law,
     damping_model,
@@ -64,15 +66,15 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
     return _fixed_members(law.kind, members) | {
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
         "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
-        "angular": angular_columns(law), "roll_at": _column(law, "k_roll"), "twist_at": _column(law, "k_twist"),
+        "angular": angular_columns(law), "roll_at": _column(law, ROLLING), "twist_at": _column(law, TWISTING),
         "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2],
         "table": _table(law),
     }  # fmt: skip
 
 
-def _column(law: Law, name: str) -> int:
-    names = parameter_names(law)
-    return names.index(name) if name in names and law.properties else 0
+def _column(law: Law, part: int) -> int:
+    """Column of the first parameter of a property, after those of the properties before it; 0 without it."""
+    return len(parameter_names(law._replace(properties=law.properties % part))) if law.properties & part else 0
 
 
 def _table(law: Law) -> np.ndarray:

@@ -126,6 +126,8 @@ def _with_parameters(law: Law, part: int, values: dict[str, float]) -> Law:
     """Law with a property whose parameters are the same for all pairs of materials."""
     new = law._replace(properties=law.properties | part)
     names, former = parameter_names(new), parameter_names(law)
+    if not law.properties & part and {*values} & {*former}:
+        raise ValueError(f"the law has a parameter of its own that is called {min({*values} & {*former})}: rename it")
     table = np.zeros((*law.table.shape[:2], len(names)))
     table[..., [names.index(name) for name in former]] = law.table
     for name, value in values.items():
