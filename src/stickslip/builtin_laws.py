@@ -2,11 +2,20 @@
 
 All code that lists or describes the laws reads this table.
 
-A new law needs one entry here, its scalar functions in `_core/laws.h`, its constructor in `core/laws/builtin.py`, and
-tests.
+A new law needs one entry here, its scalar functions in `_core/laws.h` or, with parameters of its own, in
+`_core/normal_laws.cpp`, its constructor in `core/laws/builtin.py` or `normal.py`, and its form in Python in
+`tests/laws/forms`, with which tests compare it.
 """
 
 from typing import NamedTuple
+
+
+class Parameter(NamedTuple):
+    """Parameter that only some laws have; not negative."""
+
+    name: str
+    unit: str
+    words: str
 
 
 class BuiltinLaw(NamedTuple):
@@ -18,6 +27,9 @@ class BuiltinLaw(NamedTuple):
     sources: tuple[str, ...]  # keys of references.bib
     uses_radius: bool = False  # stiffnesses contain √R_eff, so that k_n and k_t follow from elastic constants
     rescales: bool = False  # slip shrinks as the overlap decreases
+    parameters: tuple[Parameter, ...] = ()  # beside those of every law; of a law in `_core/normal_laws.cpp`
+    memory: tuple[str, ...] = ()  # own memory of a contact, which is zero as it closes
+    bonds: bool = False  # acts across gaps up to a range, once grains have touched
 
     @property
     def damping(self) -> str:
@@ -32,6 +44,7 @@ class BuiltinLaw(NamedTuple):
 
 _HERTZ = "Hertz1882", "Mindlin1949", "Cundall1979"
 _ELASTIC = "Hertz1882", "Mindlin1953", "Silbert2001"
+_WORK = Parameter("work", "energy/length^2", "work of adhesion")
 BUILTIN_LAWS = (
     BuiltinLaw("hertz_mindlin", "k δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020", 1.5, _HERTZ),
     BuiltinLaw("linear", "k δ, as in McNamara & Herrmann 2006", 1.0, ("Cundall1979",)),
@@ -43,6 +56,28 @@ BUILTIN_LAWS = (
         "hertz_mindlin_reff_rescaled", "as LAMMPS mindlin_rescale", 1.5, (*_ELASTIC, "LAMMPS"), uses_radius=True,
         rescales=True,
     ),
+    BuiltinLaw(
+        "jkr", "adhesive spheres of Johnson, Kendall & Roberts, with pull-off", 1.5, ("Johnson1971", "Parteli2014"),
+        uses_radius=True, parameters=(_WORK,), bonds=True,
+    ),
+    BuiltinLaw(
+        "dmt", "adhesive spheres of Derjaguin, Muller & Toporov", 1.5, ("Derjaguin1975", "LAMMPS"), uses_radius=True,
+        parameters=(_WORK,),
+    ),
+    BuiltinLaw(
+        "walton_braun", "plastic contacts of Walton & Braun: k_n δ, and stiffer as the overlap decreases", 1.0,
+        ("Walton1986",), parameters=(Parameter("k_unload", "force/length", "stiffness as the overlap decreases"),),
+        memory=("deepest",),
+    ),
+    BuiltinLaw(
+        "liquid_bridge", "wet spheres: k √R δ^(3/2), and bridges that form at touch", 1.5,
+        ("Rabinovich2005", "Lian1993"), uses_radius=True, bonds=True,
+        parameters=(
+            Parameter("surface_tension", "force/length", "of the liquid"),
+            Parameter("volume", "length^3", "of a bridge"),
+        ),
+    ),
 )  # fmt: skip
 BY_NAME = {law.name: law for law in BUILTIN_LAWS}
 NAMES = tuple(BY_NAME)
+FIRST_OF_OWN = NAMES.index("jkr")  # the first law in `_core/normal_laws.cpp`

@@ -4,9 +4,17 @@ Built-in laws
     hertz_mindlin       F_n = k_n δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020
     hertz_mindlin_reff  F_n = k_n √(R_eff) δ^(3/2), as in Ferdowsi & Rubin 2021 and LAMMPS `gran/hertz/history`
     linear              F_n = k_n δ, as in McNamara & Herrmann 2006
+    jkr, dmt            adhesive spheres, with pull-off at a gap or at touch
+    liquid_bridge       wet spheres
+    walton_braun        plastic contacts
     elastic_constants   k_n and k_t from Young's modulus and Poisson's ratio
     for_pair            other parameters for one pair of materials
     frictionless        the same normal force without friction and dashpots
+
+Properties of any law
+    with_lever          lever arms R or R − δ/2
+    with_rolling        resistance to rolling: constant, viscous, or a spring with a cap
+    with_twisting       resistance to twisting
 
 User-defined laws
     custom              a law from Python functions of scalars

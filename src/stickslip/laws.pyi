@@ -3,6 +3,13 @@ from .core.laws.builtin import for_pair as for_pair
 from .core.laws.builtin import hertz_mindlin as hertz_mindlin
 from .core.laws.builtin import hertz_mindlin_reff as hertz_mindlin_reff
 from .core.laws.builtin import linear as linear
+from .core.laws.normal import dmt as dmt
+from .core.laws.normal import jkr as jkr
+from .core.laws.normal import liquid_bridge as liquid_bridge
+from .core.laws.normal import walton_braun as walton_braun
+from .core.laws.properties import with_lever as with_lever
+from .core.laws.properties import with_rolling as with_rolling
+from .core.laws.properties import with_twisting as with_twisting
 from .core.laws.user import custom as custom
 from .core.laws.user import from_file as from_file
 from .core.laws.validation import LawWarning as LawWarning

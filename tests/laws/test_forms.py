@@ -15,7 +15,7 @@ from stickslip.core.laws.values import evaluate
 from tests.conftest import make_packing, stirred
 
 FORMS, EXAMPLES = Path(__file__).parent / "forms", Path(__file__).parents[2] / "examples"
-NAMES = [law.name for law in BUILTIN_LAWS if not law.rescales]
+NAMES = [law.name for law in BUILTIN_LAWS if not (law.rescales or law.parameters)]
 POINTS = 10_000
 
 

@@ -22,7 +22,7 @@ def plastic(**parameters):
 
 
 def wet(**parameters):
-    return ss.laws.from_file(EXAMPLES / "liquid_bridge_law.py", **{"gamma": 3e-4, "volume": 1e-5} | parameters)
+    return ss.laws.liquid_bridge(**{"surface_tension": 3e-4, "volume": 1e-5} | parameters)
 
 
 def moving_pairs(gap=1e-3, speed=SPEED, n=1):
@@ -42,8 +42,9 @@ def relative_speed(state):
 
 
 @pytest.mark.parametrize("ratio", [1.0, 2.0, 10.0])
-def test_spheres_rebound_as_the_plastic_law_says(ratio):
-    law, start = plastic(k_unload=ratio), moving_pairs()
+@pytest.mark.parametrize("make", [plastic, ss.laws.walton_braun])
+def test_spheres_rebound_as_the_plastic_law_says(make, ratio):
+    law, start = make(k_unload=ratio), moving_pairs()
     m_eff = 0.5 * start.grains.mass[0]
     end, record, _ = ss.run(start, law, 4000, 1e-3, every=10, ledger=True)
     assert (end.contacts.mode == ss.OPEN).all()
@@ -74,9 +75,9 @@ def test_the_memory_is_the_deepest_overlap_until_the_contact_opens():
     assert abs(loads.force[0, 1]) < 0.9 * abs(new.force[0, 1])
 
 
-def packed(dim=3):
+def packed(dim=3, make=plastic):
     """A packing with contacts that unload; each has a memory."""
-    law = ss.laws.for_pair(plastic(damping_n=0.1), 0, 1, mu=0.3, k_unload=3.0)
+    law = ss.laws.for_pair(make(damping_n=0.1, kt=0.8, k_unload=4.0), 0, 1, mu=0.3, k_unload=3.0)
     for seed in range(100):
         state = stirred(make_packing(dim, seed=seed), law, np.random.default_rng(seed), size=0.03)
         rows = ss.measure.touching(state)
@@ -88,9 +89,9 @@ def packed(dim=3):
     raise AssertionError("no suitable packing")
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_jacobian_is_exact_at_a_memory_that_is_kept(dim):
-    state, law = packed(dim)
+@pytest.mark.parametrize(("dim", "make"), [(2, plastic), (3, plastic), (3, ss.laws.walton_braun)])
+def test_the_jacobian_is_exact_at_a_memory_that_is_kept(dim, make):
+    state, law = packed(dim, make)
     free = ss.freedom(state)
     for seed in range(20):  # away from where loading turns to unloading
         moved = ss.modes.displaced(state, free, np.random.default_rng(seed).normal(0, 1e-3, len(free)))
@@ -105,8 +106,9 @@ def test_the_jacobian_is_exact_at_a_memory_that_is_kept(dim):
     np.testing.assert_allclose(exact, found, atol=3e-7 * np.abs(exact).max())
 
 
-def test_memory_is_trial_until_accepted_kept_by_new_lists_and_by_archives(tmp_path):
-    state, law = packed()
+@pytest.mark.parametrize("make", [plastic, ss.laws.walton_braun])
+def test_memory_is_trial_until_accepted_kept_by_new_lists_and_by_archives(make, tmp_path):
+    state, law = packed(make=make)
     before = state.contacts.rolling.copy()
     shift = np.zeros_like(state.grains.position)
     shift[::2, 2] = 0.01
@@ -222,7 +224,7 @@ def test_the_jacobian_and_trials_of_bonds(dim):
 
 
 def test_the_bridge_is_that_of_rabinovich():
-    law = wet(gamma=1.0, volume=1e-3)
+    law = wet(surface_tension=1.0, volume=1e-3)
     radius, gap = 0.5, np.array([0.0, 0.01, 0.05])
 
     def form(g):
@@ -234,7 +236,7 @@ def test_the_bridge_is_that_of_rabinovich():
 
 
 def jkr(**parameters):
-    return ss.laws.from_file(EXAMPLES / "jkr_law.py", **parameters)
+    return ss.laws.jkr(**{"kt": 0.8, "work": 1e-3} | parameters)
 
 
 def test_the_adhesive_law_is_that_of_johnson_kendall_and_roberts():

@@ -50,6 +50,9 @@ from tests.unit.test_flow import TOML
         (ss.laws.hertz_mindlin_reff(damping="mass_velocity", damping_n=0.1), "dashpots"),
         (ss.laws.hertz_mindlin(), "grains of one size only"),
         (ss.laws.hertz_mindlin_reff(rescaled=True, damping_t=0.1), "damping_t but without damping_n"),
+        (ss.laws.jkr(work=1e-3), "a law that only stickslip evaluates here"),
+        (ss.laws.with_lever(ss.laws.linear(), "overlap"), "other lever arms or with moments"),
+        (ss.laws.linear(damping="tsuji", damping_n=0.5), "dashpots that it does not have"),
     ],
 )
 def test_a_law_that_lammps_does_not_have_is_refused(law, words):
@@ -60,7 +63,7 @@ def test_a_law_that_lammps_does_not_have_is_refused(law, words):
 
 def test_a_law_of_a_user_is_refused():
     law = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"kn": 1.0})
-    with pytest.raises(ScenarioError, match="a law written in Python"):
+    with pytest.raises(ScenarioError, match="a law that only stickslip evaluates here"):
         check_leg(Leg(stirred(), law, DT, STEPS, 1))
 
 

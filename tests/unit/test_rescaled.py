@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.builtin_laws import NAMES
+from stickslip.builtin_laws import BY_NAME, NAMES
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.memory import FREE
 from stickslip.core.laws import builtin as laws
@@ -181,7 +181,7 @@ def test_other_scalars_are_those_of_the_plain_law(name, plain):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_kind_is_named_written_and_read(name):
-    law = LAWS[name](2.0, 0.7, 0.3)
+    law = LAWS[name](2.0, 0.7, 0.3, **{p.name: 3.0 for p in BY_NAME[name].parameters})
     assert NAMES[law.kind] == name
     assert laws.laws_equal(law_from_dict(law_to_dict(law)), law)
     law.check_entries()

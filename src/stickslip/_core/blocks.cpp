@@ -102,6 +102,28 @@ inline Geometry geometry(const Block &block, int64_t l) {
   return out;
 }
 
+// Makes lever arms in Σ R ω shorter: halfway through the step for the slip, at its end for dashpots.
+template <int DIM>
+void shorten_arms(const Block &block, const uint32_t *i, const uint32_t *j, const Moving &moving, double dt,
+                  double *scratch) {
+  for (int64_t l = 0; l < block.used; l += W) {
+    Geometry at = geometry<DIM>(block, l);
+    Real less = mid_shortening(at.n, at.inverse, at.overlap, dt * planes<DIM>(scratch + MOTION + l));
+    for (int k = DIM == 3 ? 0 : 2; k < 3; ++k) {
+      double mean[W], ahead[W];
+      for (int64_t q = 0; q < W; ++q) {
+        const int64_t a = i[l + q], b = j[l + q];
+        mean[q] = moving.body[BODY * a + SPIN + k] + moving.body[BODY * b + SPIN + k];
+        if (block.predict)
+          ahead[q] = moving.ahead[BODY_AHEAD * a + SPIN_AHEAD + k] + moving.ahead[BODY_AHEAD * b + SPIN_AHEAD + k];
+      }
+      double *roll = scratch + ROLL + k * LANES + l, *roll_ahead = scratch + ROLL_AHEAD + k * LANES + l;
+      store(roll, load(roll) - less * load(mean));
+      if (block.predict) store(roll_ahead, load(roll_ahead) - 0.5 * at.overlap * load(ahead));
+    }
+  }
+}
+
 struct NormalForce {
   Real total, stiffness, factor;  // the last one on damping coefficients
   Vec<Real> velocity;             // tangential
@@ -123,7 +145,7 @@ inline NormalForce normal_force(const Block &block, const Geometry &at, int64_t 
                              rotation<DIM>(scratch + (block.predict ? ROLL_AHEAD : ROLL)));
     Real m_eff = block.mass ? load(block.mass + l) : Real{} + 1.0, vn = dot(v, at.n);
     out.velocity = v - vn * at.n;
-    out.factor = select(at.touches, damping_factor(law, at.r_eff, m_eff, at.overlap), Real{});
+    out.factor = select(at.touches, damping_factor(law, at.r_eff, m_eff, at.overlap, spring.force), Real{});
     out.total = with_dashpot(law, spring.force, out.factor * block.q[DAMPING_N], vn);
   }
   return out;
@@ -185,6 +207,7 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
     if (hold) after = select(open, after, before);
     store(modes + l, select(at.touches, after, zero + OPEN));
     store(scratch + l, force.x), store(scratch + LANES + l, force.y), store(scratch + 5 * LANES + l, turn.z);
+    if (law.lever) store(scratch + 6 * LANES + l, block.vector ? Real{} : 0.5 * at.overlap);
     store(scratch + 2 * LANES + l, DIM == 3 ? force.z : Real{});
     store(scratch + 3 * LANES + l, DIM == 3 ? turn.x : Real{});
     store(scratch + 4 * LANES + l, DIM == 3 ? turn.y : Real{});
@@ -251,9 +274,11 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
         for (int64_t k = 0; k < 3; ++k)
           blocks.pair.data[3 * (place + l) + k] = k < DIM ? scratch[PAIR + k * LANES + l] : 0.0;
     }
+    if (law.lever && !law.rate && !block.vector)
+      shorten_arms<DIM>(block, blocks.i.data + LANES * b, blocks.j.data + LANES * b, moving, dt, scratch);
     if (law.force) evaluate_user_law<DIM>(block, scratch);
     evaluate_block<DIM>(block, blocks, b, dt, hold, scratch);
-    scatter_loads(used, scratch, blocks.load.data + WIDTH * place);
+    scatter_loads(law.lever, used, scratch, blocks.load.data + WIDTH * place);
   }
 }
 

@@ -10,7 +10,7 @@
 #include "core.h"
 #include "memory.h"
 
-constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, three of a torque, two zeros
+constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, three of a torque, zero or δ/2, zero
 // the code of a row of loads that a body sums is ROW times its number, plus flags. IS_I: the body is i of that pair, so
 // that the force keeps its sign; IS_FIRST: this is the first row of the body
 constexpr uint32_t IS_FIRST = 1, IS_I = 2, ROW = 64;

@@ -29,6 +29,10 @@ struct Bodies {
   int64_t len_normal;
 };
 
+// first columns of `Contacts.rolling`, see `core/contacts/rolling.py`: ψ; angle_i − angle_j; whether ψ is at its cap; with
+// twisting the twist, and whether it is at its cap
+constexpr int64_t ANCHOR = 3, AT_CAP = 6, TWIST = 7, TWIST_AT_CAP = 8;
+
 struct Contacts {
   int32_t *i;
   int32_t *j;
@@ -126,9 +130,9 @@ API uint8_t limit_displacements(const Moving *moving, const double *origin, doub
 API void gather_bodies(const Moving *moving, const Bodies *bodies, const double *kick, const double *kick_t);
 API void scatter_bodies(const Moving *moving, const Bodies *bodies);  // copies bodies back to the state's order
 // Writes the pair vectors and angles of touching contacts, unless the outputs are null. Returns true if they are those
-// of the committed memory.
+// of the committed memory. `angular`: as in `Law`
 API uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle,
-                            const double *radius, const double *vectors, double *pair, double *roll);
+                            const double *radius, const double *vectors, int64_t angular, double *pair, double *roll);
 API int64_t find_not_finite(const Moving *moving);  // first body with a non-finite coordinate or angle, or −1
 API int64_t find_runaway(const Moving *moving, double dt);  // first that moves more than its radius in a step, or −1
 
@@ -139,14 +143,19 @@ API int64_t find_runaway(const Moving *moving, double dt);  // first that moves 
 typedef void (*LawFunction)(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
                             const double *memory, double *one, double *two);
 
+// Functions of built-in laws with parameters of their own, by place after the laws in `laws.h`: force, cap, slopes, cap
+// slopes, energy, range and update; null if the law has none
+API void *law_function(int64_t law, int64_t member);
+
 struct Law {
   int64_t hertz;        // F_n grows as overlap^(3/2), else linearly
   int64_t uses_radius;  // stiffnesses contain √R_eff, or a user's function takes R_eff
   int64_t rescaled;     // a decreasing overlap shortens the slip
   int64_t smooth;       // smoothed Coulomb limit
-  int64_t damping;      // 0, or VELOCITY, MASS, VISCOELASTIC
+  int64_t damping;      // 0, or VELOCITY, MASS, VISCOELASTIC, or for a restitution TSUJI, RESTITUTION
   int64_t tension;      // dashpots may make a contact pull
   int64_t rate;         // slip update as in LAMMPS
+  int64_t lever;        // lever arms of grains on grains are R − δ/2, not R
   int64_t len_table;    // materials
   int64_t width;        // parameters
   double *table;        // (materials, materials, width)
@@ -160,7 +169,10 @@ struct Law {
   void *rolling;        // k_r and dk_r/dδ, null: no rolling resistance
   void *rolling_cap;    // largest moment
   void *rolling_slopes;  // d(rolling cap)/dF_n and d(rolling cap)/dδ
-  int64_t rolls;         // there is a rolling memory
+  int64_t roll_at;       // column of k_roll, before mu_roll and gamma_roll, or 0: none
+  int64_t roll_viscous;  // the rolling dashpot grows with F_n, and there is no cap
+  int64_t twist_at;      // column of k_twist, before mu_twist and gamma_twist, or 0: none
+  int64_t angular;       // first columns of `Contacts.rolling`, for moments and lever arms
   void *update;          // own memory at a given overlap
   double *memory;        // of a contact that closes
   int64_t len_memory;
@@ -358,6 +370,9 @@ struct Linearisation {
   double *limit;
   double *mu;
   double *fade;
+  double *half;  // half the overlap, and halfway since the memory was committed
+  double *half_mid;
+  double *together;  // (C, 3)
   double *fading;
 };
 
@@ -373,6 +388,13 @@ struct MomentLinearisation {
   double *reach_by_overlap;
   double *reach_by_force;
   double *weighted;
+  double *damping;
+  double *slides;
+  double *twisting;
+  double *twisting_along;
+  double *twisting_damping;
+  double *twisting_by_force;
+  double *twisting_by_overlap;
 };
 
 // linearisation of all contacts, at rest

@@ -19,6 +19,7 @@ void law_values(const Law *law, const LawValues *at) {
     if (at->cap) at->cap[k] = cap(*law, q, r_eff, overlap, fn);
     if (at->cap_slopes) put(at->cap_slopes, k, cap_slopes(*law, q, r_eff, overlap, fn));
     if (at->range) at->range[k] = range(*law, q, r_eff);
-    if (at->damping) at->damping[k] = damping_factor(*law, r_eff, at->m_eff[k], overlap);
+    if (at->damping)
+      at->damping[k] = damping_factor(*law, r_eff, at->m_eff[k], overlap, elastic(*law, q, r_eff, overlap).force);
   }
 }

@@ -5,7 +5,7 @@
 
 // parameters that every law has, and models of damping
 constexpr int64_t KN = 0, KT = 1, MU = 2, DAMPING_N = 3, DAMPING_T = 4;
-constexpr int64_t VELOCITY_DAMPING = 1, MASS_DAMPING = 2, VISCOELASTIC = 3;
+constexpr int64_t VELOCITY_DAMPING = 1, MASS_DAMPING = 2, VISCOELASTIC = 3, TSUJI = 8;  // TSUJI + 1: RESTITUTION
 
 template <class T>
 struct Elastic {
@@ -28,8 +28,9 @@ inline const double *parameters(const Law &law, int64_t a, int64_t b) {
   return law.table + (a * law.len_table + b) * law.width;
 }
 
-inline bool needs_radius(const Law &law) { return law.uses_radius || law.damping == VISCOELASTIC; }
-inline bool needs_mass(const Law &law) { return law.damping == MASS_DAMPING || law.damping == VISCOELASTIC; }
+inline bool needs_radius(const Law &law) { return law.uses_radius || law.damping == VISCOELASTIC || law.roll_at; }
+inline bool has_moments(const Law &law) { return law.rolling || law.roll_at || law.twist_at; }
+inline bool needs_mass(const Law &law) { return law.damping >= MASS_DAMPING; }
 
 // Elastic normal force and tangential stiffness of a built-in law; overlap > 0.
 template <class T>
@@ -68,15 +69,13 @@ inline double reach(const Law &law, Parameters q, double r_eff, bool open) {
   return law.bonds && open ? 0.0 : range(law, q, r_eff);
 }
 
-constexpr int64_t ROLLING = 7;  // first columns of `Contacts.rolling` if a law has rolling resistance
-
 inline double *own_memory(const Law &law, const Contacts &contacts, int64_t c) {
-  return contacts.rolling + contacts.width_rolling * c + (law.rolls ? ROLLING : 0);
+  return contacts.rolling + contacts.width_rolling * c + law.angular;
 }
 
 // Own memory of contact c, which is that of a new one if it is open.
 inline const double *memory_at(const Law &law, const Contacts &contacts, int64_t c) {
-  bool has = contacts.width_rolling == (law.rolls ? ROLLING : 0) + law.len_memory;
+  bool has = contacts.width_rolling == law.angular + law.len_memory;
   return law.len_memory && has && contacts.mode[c] != OPEN ? own_memory(law, contacts, c) : law.memory;
 }
 
@@ -107,10 +106,14 @@ inline double normal_energy(const Law &law, Parameters q, double r_eff, double o
   return built_in(law, q, r_eff, overlap).force * overlap / (law.hertz ? 2.5 : 2.0);
 }
 
-// Factor on the damping coefficients.
+// Factor on the damping coefficients; `force` is that of the normal spring.
 template <class T>
-inline T damping_factor(const Law &law, T r_eff, T m_eff, T overlap) {
+inline T damping_factor(const Law &law, T r_eff, T m_eff, T overlap, T force) {
   T factor = T{} + 1.0;
+  if (law.damping >= TSUJI) {
+    auto touches = overlap > 0.0;
+    factor = root(m_eff * select(touches, larger(force, T{}), T{}) / select(touches, overlap, factor));
+  }
   if (law.damping == VISCOELASTIC) factor = m_eff * root(overlap * r_eff);
   if (law.damping == MASS_DAMPING) factor = m_eff;
   return law.range ? select(overlap > 0.0, factor, T{}) : factor;  // across a gap nothing is damped

@@ -121,7 +121,7 @@ void scatter_bodies(const Moving *moving, const Bodies *bodies) {
 }
 
 uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle, const double *radius,
-                        const double *vectors, double *pair, double *roll) {
+                        const double *vectors, int64_t angular, double *pair, double *roll) {
   bool rested = true;
   for (int64_t c = 0; c < contacts->count[0] && (pair || rested); ++c) {
     if (!contacts->mode[c]) continue;
@@ -132,9 +132,13 @@ uint8_t store_reference(const Contacts *contacts, const double *position, const 
       const double r = position[3 * i + m] - position[3 * j + m] + shift;
       const double turned = radius[i] * angle[3 * i + m] + radius[j] * angle[3 * j + m];
       rested &= r == contacts->pair[3 * c + m] && turned == contacts->roll[3 * c + m];
+      double *anchor = angular ? contacts->rolling + contacts->width_rolling * c + ANCHOR + m : nullptr;
+      const double apart = angle[3 * i + m] - angle[3 * j + m];
+      rested &= !anchor || *anchor == apart;
       if (!pair) continue;
       pair[3 * c + m] = r;
       roll[3 * c + m] = turned;
+      if (anchor) *anchor = apart;
     }
   }
   return rested;

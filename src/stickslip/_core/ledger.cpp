@@ -3,6 +3,7 @@
 
 #include "blocks.h"
 #include "pairs.h"
+#include "rolling.h"
 
 enum Column { KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, VISCOUS, DRAG, NONPOTENTIAL };  // of a row
 
@@ -14,6 +15,10 @@ struct End {  // a contact at one end of a step
   double given[2], slope[2];  // k_t and Coulomb limit, and derivatives of `energy` with respect to them
   double friction;            // tangential force without its dashpot
   double power;               // of the dashpots
+  double created;             // by a slip update whose lever arms are not those of the torques, per time
+  double shorter;             // lever arms are R less this
+  double roll, twist;         // stiffnesses of moments
+  Vec<double> moment;         // on i
   Vec<double> force, turn;    // on i, and torque/R
 };
 
@@ -34,6 +39,11 @@ static Vec<double> surface_velocity(int dim, const Bodies &bodies, const Pair &p
   return at_contact(pair.n, v + transform(bodies.rate, pair.r), surface_rotation(dim, bodies, bodies.spin, i, j));
 }
 
+static Vec<double> sum_of_rotations(int dim, const double *angle, int64_t i, int64_t j) {
+  Vec<double> sum = vector_at(3, angle, i) + vector_at(3, angle, j);
+  return dim == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
+}
+
 // Energy of the tangential spring, and its derivatives.
 static void store_energy(const Law &law, Vec<double> slip, End &end) {
   double stiffness = end.given[0], limit = end.given[1], square = dot(slip, slip);
@@ -46,8 +56,24 @@ static void store_energy(const Law &law, Vec<double> slip, End &end) {
   end.slope[1] = -stiffness * square * x * (1.0 / 3.0 - x / 2.0) / limit;
 }
 
-// Contact c of the list `after` the step, at one end of the step, with the contact's own memory there.
-static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, const double *memory) {
+// Moments with rotation memory `row`, or without if null, and the power of their dashpots; w is ω_i − ω_j.
+static void add_moments(const Law &law, double overlap, double fn, const double *row, Vec<double> w, End &end) {
+  const Pair &pair = end.pair;
+  Resistance roll = rolling_resistance(law, pair.q, pair.r_eff, overlap, fn, end.given[1]);
+  Resistance twist = twisting_resistance(law, pair.q, end.given[1]);
+  end.roll = roll.stiffness, end.twist = twist.stiffness;
+  const double along = dot(w, pair.n), turned = row && law.twist_at ? row[TWIST] : 0.0;
+  const Vec<double> psi = row ? vector_at(3, row, 0) : Vec<double>{}, across = w - along * pair.n;
+  const Vec<double> load = rolling_load(law, roll, psi, across);
+  const double pull = twisting_load(twist, turned, along);
+  end.moment = load + pull * pair.n;
+  end.power -= dot(load + roll.stiffness * psi, across) + (pull + twist.stiffness * turned) * along;
+}
+
+// Contact c of the list `after` the step, at one end of the step, with the contact's own memory there, and that of
+// rotations.
+static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, const double *memory,
+                    const double *rotations) {
   const Law &law = *step.law;
   const Bodies &bodies = at_end ? *step.now : *step.old;
   const Vec<double> slip = at_end ? kept.now : kept.old;
@@ -63,12 +89,18 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
   end.given[0] = spring.stiffness;
   if (!pair.touches) return end;
   double fn = end.normal = spring.force, vn = 0.0, factor = 0.0;
-  Vec<double> v = {};
+  const int64_t i = step.after->i[c], j = step.after->j[c];
+  Vec<double> v = {}, less = {};  // the latter: of the surface velocity with shorter lever arms
+  if (law.lever && !pair.wall) {
+    end.shorter = 0.5 * overlap;
+    less = end.shorter * cross(pair.n, sum_of_rotations(dim, bodies.spin, i, j));
+  }
   if (law.damping) {
-    v = surface_velocity(dim, bodies, pair, step.after->i[c], step.after->j[c]);
+    v = surface_velocity(dim, bodies, pair, i, j);
+    if (!law.rate) v = v - less;
     vn = dot(v, pair.n);
     v = v - vn * pair.n;
-    factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap);
+    factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap, spring.force);
     fn = with_dashpot(law, spring.force, factor * q[DAMPING_N], vn);
   }
   double limit = end.given[1] = cap(law, q, pair.r_eff, overlap, fn, law.rate && law.damping);
@@ -78,13 +110,11 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
   store_energy(law, slip, end);
   end.friction = length(t);
   end.power = (spring.force - fn) * vn - dot(whole - t, v);
+  if (law.rate) end.created = -dot(whole, less);
+  if (has_moments(law)) add_moments(law, overlap, fn, rotations, relative_angle(dim, bodies.spin, i, j), end);
   end.force = fn * pair.n + whole;
   end.turn = -1.0 * cross(pair.n, whole);
   return end;
-}
-
-static double rolling_stiffness(const Law &law, const Pair &pair) {
-  return pair.touches ? call(law.rolling, pair.q, pair.r_eff, pair.overlap, 0.0).first : 0.0;
 }
 
 // Work of the loads f in a motion d of body a: of its free components from `first`, or of those that are not.
@@ -96,24 +126,26 @@ static Vec<double> rotation(const LedgerStep &step, int64_t a) {
   return vector_at(3, step.now->angle, a) - vector_at(3, step.old->angle, a);
 }
 
-// Add a step of rolling; `fraction` is that of the step during which the contact touched.
-static void add_rolling(const LedgerStep &step, int64_t c, Kept psi, const End &old, const End &now, Vec<double> mid,
-                        double fraction) {
+// Add a step of rolling and twisting; `fraction` is that of the step during which the contact touched.
+static void add_rotations(const LedgerStep &step, int64_t c, Kept psi, double twist[2], const End &old, const End &now,
+                          Vec<double> mid, double fraction) {
   int dim = static_cast<int>(step.dim);
   int64_t i = step.after->i[c], j = step.after->j[c];
-  double k1 = rolling_stiffness(*step.law, now.pair), size1 = dot(psi.now, psi.now);
-  step.row[TANGENTIAL] += 0.5 * k1 * size1;
+  double k1 = now.roll, size1 = dot(psi.now, psi.now);
+  step.row[TANGENTIAL] += 0.5 * (k1 * size1 + now.twist * twist[1] * twist[1]);
   if (step.first) return;
-  double k0 = rolling_stiffness(*step.law, old.pair), size0 = dot(psi.old, psi.old);
+  double k0 = old.roll, size0 = dot(psi.old, psi.old);
   step.row[NONPOTENTIAL] += 0.25 * (size1 + size0) * (k1 - k0);
   Vec<double> turned = relative_angle(dim, step.now->angle, i, j) - relative_angle(dim, step.old->angle, i, j);
   if (psi.known || psi.closed) {
     double slid = length(onto_plane(now.pair.n, mid, psi.old + fraction * turned) - psi.now);
     step.row[COULOMB] += 0.5 * (k1 * root(size1) + k0 * root(size0)) * slid;
+    double twisted = fabs(twist[0] + fraction * dot(mid, turned) - twist[1]);
+    step.row[COULOMB] += 0.5 * (now.twist * fabs(twist[1]) + old.twist * fabs(twist[0])) * twisted;
   }
-  Vec<double> moment = 0.5 * (k1 * psi.now + k0 * psi.old);
-  step.row[EXTERNAL] += work(step, false, i, 3, moment, rotation(step, i));
-  step.row[EXTERNAL] -= work(step, false, j, 3, moment, rotation(step, j));
+  Vec<double> moment = 0.5 * (now.moment + old.moment);
+  step.row[EXTERNAL] -= work(step, false, i, 3, moment, rotation(step, i));
+  step.row[EXTERNAL] += work(step, false, j, 3, moment, rotation(step, j));
 }
 
 // Distance slid; `fade` is the factor by which the law shortened the slip.
@@ -124,6 +156,9 @@ static double slid_distance(const LedgerStep &step, int64_t c, Kept slip, const 
   double half = step.law->rate ? 1.0 : 0.5 * (1.0 + fade);
   Vec<double> roll = surface_rotation(dim, *step.now, step.now->angle, i, j) -
                      surface_rotation(dim, *step.old, step.old->angle, i, j);
+  if (step.law->lever && !step.law->rate && !now.pair.wall)
+    roll = roll - mid_shortening(now.pair.n, now.pair.inverse, now.pair.overlap, d) *
+                      (sum_of_rotations(dim, step.now->angle, i, j) - sum_of_rotations(dim, step.old->angle, i, j));
   Vec<double> increment = half * slip_increment(now.pair.n, mid, d, roll);
   double slid = length(fade * onto_plane(now.pair.n, mid, slip.old) + fraction * increment - slip.now);
   if (step.law->rescaled && !slip.closed) return 0.0;
@@ -154,11 +189,12 @@ static double hysteresis(const Law &law, Kept slip, const End &old, const End &n
 static double imposed_work(const LedgerStep &step, int64_t c, const End &old, const End &now) {
   int64_t i = step.after->i[c], j = step.after->j[c];
   Vec<double> force = now.force + old.force, turn = now.turn + old.turn;
+  Vec<double> less = now.shorter * now.turn + old.shorter * old.turn;
   double sum = dot(now.force, transform(step.strain, now.pair.r)) + dot(old.force, transform(step.strain, old.pair.r));
   sum += work(step, false, i, 0, force, vector_at(3, step.way, i));
   sum -= work(step, false, j, 0, force, vector_at(3, step.way, j));
-  sum += work(step, false, i, 3, turn, step.now->radius[i] * rotation(step, i));
-  sum += work(step, false, j, 3, turn, step.now->radius[j] * rotation(step, j));
+  sum += work(step, false, i, 3, step.now->radius[i] * turn - less, rotation(step, i));
+  sum += work(step, false, j, 3, step.now->radius[j] * turn - less, rotation(step, j));
   return 0.5 * sum;
 }
 
@@ -174,19 +210,27 @@ static void add_contact(const LedgerStep &step, int64_t m, int64_t c) {
   const Law &law = *step.law;
   double *slips[2] = {step.before->slip, step.after->slip}, *rolls[2] = {step.before->rolling, step.after->rolling};
   Kept slip = kept(step, slips, 3, m, c);
-  End now = evaluate(step, true, c, slip, memory_at(law, *step.after, c));
-  End old = step.first ? End{} : evaluate(step, false, c, slip, m < 0 ? law.memory : memory_at(law, *step.before, m));
+  const int64_t width = step.after->width_rolling;
+  const double *row1 = law.angular && slip.closed ? rolls[1] + width * c : nullptr;
+  const double *row0 = law.angular && m >= 0 ? rolls[0] + width * m : nullptr;
+  End now = evaluate(step, true, c, slip, memory_at(law, *step.after, c), row1);
+  End old = step.first ? End{}
+                       : evaluate(step, false, c, slip, m < 0 ? law.memory : memory_at(law, *step.before, m), row0);
   // LAMMPS counts the whole step of a contact that closes or opens
   bool whole = law.rate || slip.known == slip.closed || now.depth == old.depth;
   double fraction = whole ? 1.0 : larger(now.depth, old.depth) / fabs(now.depth - old.depth);
   Vec<double> d = now.pair.r - old.pair.r, mid = mid_normal(now.pair.n, law.rate ? 0.0 : now.pair.inverse, d);
   step.row[NORMAL] += now.stored;
   step.row[TANGENTIAL] += now.energy;
-  if (law.rolling) add_rolling(step, c, kept(step, rolls, step.after->width_rolling, m, c), old, now, mid, fraction);
+  if (has_moments(law)) {
+    double twist[2] = {law.twist_at && row0 ? row0[TWIST] : 0.0, law.twist_at && row1 ? row1[TWIST] : 0.0};
+    add_rotations(step, c, kept(step, rolls, width, m, c), twist, old, now, mid, fraction);
+  }
   if (step.first) return;
   bool stays = slip.known && slip.closed, touched = slip.known || slip.closed;
   double fade = law.rescaled && stays ? contact_radius_ratio(now.depth, now.depth - old.depth) : 1.0;
   step.row[NONPOTENTIAL] += nonpotential(law, slip, old, now, fade) + hysteresis(law, slip, old, now);
+  step.row[NONPOTENTIAL] += 0.5 * step.dt * (now.created + old.created);
   step.row[VISCOUS] += 0.5 * step.dt * (now.power + old.power);
   step.row[EXTERNAL] -= imposed_work(step, c, old, now);
   if (touched)

@@ -31,6 +31,14 @@ static Transport<double> transported(const Law &law, const Bodies &bodies, const
   Vec<double> rolled = surface_rotation(DIM, bodies, bodies.angle, contacts.i[c], contacts.j[c]);
   Vec<double> slip = vector_at(3, contacts.slip, c), way = pair.r - vector_at(3, contacts.pair, c);
   Vec<double> turn = rolled - vector_at(3, contacts.roll, c);
+  if (law.lever && !pair.wall) {
+    const double *anchor = contacts.rolling + contacts.width_rolling * c + ANCHOR;
+    Vec<double> apart = relative_angle(DIM, bodies.angle, contacts.i[c], contacts.j[c]) - vector_at(3, anchor, 0);
+    Vec<double> together = turned_together(bodies.radius, contacts.i[c], contacts.j[c], turn, apart);
+    out.half_mid[c] = mid_shortening(pair.n, pair.inverse, pair.overlap, way);
+    turn = turn - out.half_mid[c] * together;
+    store(out.together + 3 * c, together);
+  }
   store(out.before + 3 * c, slip), store(out.way + 3 * c, way), store(out.turn + 3 * c, turn);
   return transport_slip(law, false, pair.n, pair.inverse, pair.overlap, way, turn, slip);
 }
@@ -57,9 +65,10 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   Vec<double> slip = a + d;
   Tangent tangent =
       friction_tangent(law.smooth, spring.stiffness, slope, limit, edge, root(dot(slip, slip)), slides);
-  double factor = damping_factor(law, r_eff, pair.m_eff, overlap);
+  double factor = damping_factor(law, r_eff, pair.m_eff, overlap, spring.force);
   store(out.normal + 3 * c, pair.n), store(out.slip + 3 * c, slip);
   out.inverse[c] = pair.inverse, out.weighted[c] = weighted;
+  if (law.lever && !pair.wall) out.half[c] = 0.5 * overlap;
   out.closed[c] = 1.0, out.remembers[c] = contacts.mode[c] != OPEN, out.slides[c] = slides;
   out.force_n[c] = spring.force, out.slope_n[c] = slope.first;
   out.stiffness_t[c] = spring.stiffness, out.slope_t[c] = slope.second, out.mu[c] = edge.first, out.limit[c] = limit;
@@ -80,14 +89,10 @@ void linearise(const Law *law, int64_t dim, const Bodies *bodies, const Contacts
 
 // ---- rolling moments
 
-// Rolling stiffness k_r and dk_r/dδ.
-static Slopes<double> rolling_stiffness(const Law &law, const Pair &pair) {
-  return call(law.rolling, pair.q, pair.r_eff, pair.overlap, 0.0);
-}
-
 template <int DIM>
-static void linearise_moment(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
-                             int64_t memory, const MomentLinearisation &out, int64_t c) {
+static void linearise_rolling(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
+                              int64_t memory, Slopes<double> edge, double force, double force_limit,
+                              const MomentLinearisation &out, int64_t c) {
   const double *own = contacts.rolling + contacts.width_rolling * c;
   const Parameters q = pair.q;
   Vec<double> a = {}, d = {};
@@ -97,20 +102,18 @@ static void linearise_moment(const Law &law, const Bodies &bodies, const Contact
     store(out.before + 3 * c, vector_at(3, own, 0)), store(out.way + 3 * c, way);
     a = onto_plane(pair.n, mid, vector_at(3, own, 0)), d = onto_plane(pair.n, mid, way);
   }
-  double force = elastic(law, q, pair.r_eff, pair.overlap).force;
-  Slopes<double> found = rolling_stiffness(law, pair);
-  double stiffness = found.first, limit = call(law.rolling_cap, q, pair.r_eff, pair.overlap, force).first;
+  Slopes<double> found = rolling_stiffness(law, q, pair.r_eff, pair.overlap);
+  const Resistance r = rolling_resistance(law, q, pair.r_eff, pair.overlap, force, force_limit);
+  double stiffness = r.stiffness, limit = r.cap;
   bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, memory, stiffness, limit, a, d,
                                                               Ratio<double>{1.0, 1.0}, slid, 1.0).slides;
-  if (slides) {
-    Slopes<double> edge = call(law.rolling_slopes, q, pair.r_eff, pair.overlap, force);
+  out.damping[c] = r.damping, out.slides[c] = slides && !law.roll_viscous;
+  if (slides && stiffness > 0.0) {
     out.by_force[c] = edge.first;
     out.by_overlap[c] = edge.first * tangents(law, q, pair.r_eff, pair.overlap).first + edge.second;
-    if (stiffness > 0.0) {
-      out.reach[c] = limit / stiffness;
-      out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * found.second) / stiffness;
-      out.reach_by_force[c] = edge.first / stiffness;
-    }
+    out.reach[c] = limit / stiffness;
+    out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * found.second) / stiffness;
+    out.reach_by_force[c] = edge.first / stiffness;
     if (DIM == 3 && slid && limit > 0.0) {
       Ratio<double> weight = turning_weight(false, stiffness, limit, a, d, 1.0);
       out.weighted[c] = 1.0;
@@ -119,12 +122,46 @@ static void linearise_moment(const Law &law, const Bodies &bodies, const Contact
   }
   Vec<double> turned = a + d;
   double size = root(dot(turned, turned));
-  if (slides) {
+  if (slides && stiffness > 0.0) {
     out.secant[c] = size > 0.0 ? limit / size : 0.0;
   } else {
     out.secant[c] = out.along[c] = stiffness;
     out.by_overlap[c] = found.second * size;
   }
+}
+
+static void linearise_twisting(const Law &law, const Contacts &contacts, const Pair &pair, int64_t memory,
+                               double force, double limit, const MomentLinearisation &out, int64_t c) {
+  const double *own = contacts.rolling + contacts.width_rolling * c;
+  const Resistance r = twisting_resistance(law, pair.q, limit);
+  double twist = 0.0;
+  if (contacts.mode[c] != OPEN) {
+    Vec<double> mid = mid_normal(pair.n, pair.inverse, pair.r - vector_at(3, contacts.pair, c));
+    twist = own[TWIST] + dot(mid, vector_at(3, out.way, c));
+  }
+  const bool slides = truncate_twist(r, memory == HELD, own[TWIST_AT_CAP] > 0.0, twist);
+  out.twisting[c] = r.stiffness * twist;
+  if (!slides) {
+    out.twisting_along[c] = r.stiffness, out.twisting_damping[c] = r.damping;
+    return;
+  }
+  Slopes<double> edge =
+      moment_cap_slopes(law, pair.q, pair.r_eff, pair.overlap, force, pair.q[law.twist_at + 1] * (twist > 0.0 ? 1.0 : -1.0));
+  out.twisting_by_force[c] = edge.first;
+  out.twisting_by_overlap[c] = edge.first * tangents(law, pair.q, pair.r_eff, pair.overlap).first + edge.second;
+}
+
+template <int DIM>
+static void linearise_moment(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
+                             int64_t memory, const MomentLinearisation &out, int64_t c) {
+  const Parameters q = pair.q;
+  double force = elastic(law, q, pair.r_eff, pair.overlap).force, limit = cap(law, q, pair.r_eff, pair.overlap, force);
+  Slopes<double> edge = {0.0, 0.0};
+  if (law.rolling) edge = call(law.rolling_slopes, q, pair.r_eff, pair.overlap, force);
+  else if (law.roll_at)
+    edge = moment_cap_slopes(law, q, pair.r_eff, pair.overlap, force, q[law.roll_at + 1] * pair.r_eff);
+  linearise_rolling<DIM>(law, bodies, contacts, pair, memory, edge, force, limit, out, c);
+  if (law.twist_at) linearise_twisting(law, contacts, pair, memory, force, limit, out, c);
 }
 
 void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
@@ -142,7 +179,8 @@ double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Co
   for (int64_t c = 0; c < *contacts->count; c++) {
     Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
     if (!pair.touches) continue;
-    double k = 2.0 * rolling_stiffness(*law, pair).first;
+    double k = 2.0 * larger(rolling_stiffness(*law, pair.q, pair.r_eff, pair.overlap).first,
+                            twisting_resistance(*law, pair.q, 0.0).stiffness);
     int64_t ends[] = {contacts->i[c], contacts->j[c]};
     for (int64_t a : ends) most = larger(most, total[a] += k * inverse_inertia[a]);
   }

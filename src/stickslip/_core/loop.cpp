@@ -136,7 +136,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
       const int64_t most = by_rows ? run.contacts.count[0] : 2 * slots;
       if (watch && writing.event_count[0] + most > writing.len_events) return FULL;
       const bool go_on = at.step < stop && !run.flow && !sampling() && !checking() && (by_rows || !watch);
-      const Step step = {run.dim, run.predict, run.moving, run.pace, run.flow, at.fresh, go_on};
+      const Step step = {run.dim, run.predict, bool(run.law.lever), run.moving, run.pace, run.flow, at.fresh, go_on};
       if (by_rows) {
         evaluate_by_rows(run, at.fresh, time);
       } else {
@@ -169,7 +169,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
       }
       if (at.step == stop) return DONE;
       if (run.flow) limit = begin_cell_step(run.frame, run.flow, run.pace.dt, run.pace.keep, run.pace.slow);
-      begin_all(run, {run.dim, run.predict, run.moving, run.pace, run.flow, true, true});
+      begin_all(run, {run.dim, run.predict, bool(run.law.lever), run.moving, run.pace, run.flow, true, true});
     }
     at.ended = false;
     ++at.step;

@@ -46,6 +46,12 @@ inline T overlap_increment(Vec<T> n, T inverse, Vec<T> d) {
   return twice / (1.0 + root(larger(1.0 + inverse * twice, T{})));
 }
 
+// Half the overlap halfway through a displacement dr that ends at n: what lever arms R − δ/2 are shorter than R.
+template <class T>
+inline T mid_shortening(Vec<T> n, T inverse, T overlap, Vec<T> d) {
+  return 0.5 * (overlap - 0.5 * overlap_increment(n, inverse, d));
+}
+
 // Fraction of a step during which a closing contact touched; `depth` is the overlap at the end. During the step, the
 // overlap grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
 template <class T>

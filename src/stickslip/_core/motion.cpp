@@ -11,8 +11,10 @@ typedef int64_t Eight64 __attribute__((vector_size(64)));
 
 // Sums of loads for a range of bodies, one entry of `code` after another. There is no branch on the first row of a body,
 // because it is unpredictable.
+template <bool LEVER>
 struct Stream {
   const Blocks &blocks;
+  const double *bodies;
   const double *external;
   bool loaded;  // `external` has a row for each body
   double *total;
@@ -28,6 +30,10 @@ struct Stream {
     __builtin_memcpy(&sign, signs[(word & IS_I) / IS_I], sizeof sign);
     __builtin_memcpy(&mask, kept[word & IS_FIRST], sizeof mask);
     body += word & IS_FIRST;
+    if (LEVER) {
+      const double arm = bodies[BODY * body + RADIUS] - row[6];
+      row *= Eight{1.0, 1.0, 1.0, arm, arm, arm, 0.0, 0.0};
+    }
     Eight64 before = (Eight64)sums & mask;
     if (loaded) {
       __builtin_memcpy(&begin, external + WIDTH * body, sizeof begin);
@@ -40,12 +46,12 @@ struct Stream {
 
 // Sums rows for each body, beginning with the external load, in the order of `code`. The two halves of the bodies are
 // interleaved, because each addition waits for the previous one.
-template <bool LOADED, bool FAR>
+template <bool LEVER, bool LOADED, bool FAR>
 void sum_rows(const Moving &moving, const Blocks &blocks, int64_t first, int64_t last, double *total) {
   const uint32_t *start = blocks.start.data, *code = blocks.code.data;
   const int64_t middle = (first + last) / 2, begin = start[first], half = start[middle], end = start[last];
-  Stream one{blocks, moving.external, LOADED, total, first - 1, first, {}};
-  Stream two{blocks, moving.external, LOADED, total, middle - 1, first, {}};
+  Stream<LEVER> one{blocks, moving.body, moving.external, LOADED, total, first - 1, first, {}};
+  Stream<LEVER> two{blocks, moving.body, moving.external, LOADED, total, middle - 1, first, {}};
   const int64_t both = half - begin < end - half ? half - begin : end - half;
   auto fetch = [&](int64_t e) {
     if (FAR)
@@ -77,17 +83,23 @@ void sum_virial(const Moving &moving, const Blocks &blocks, int64_t first, int64
   }
 }
 
+template <bool LEVER>
+auto choose_sum(bool loaded, bool far) {
+  return loaded ? (far ? sum_rows<LEVER, true, true> : sum_rows<LEVER, true, false>)
+                : (far ? sum_rows<LEVER, false, true> : sum_rows<LEVER, false, false>);
+}
+
 // External loads and those of all contacts, for at most CHUNK bodies.
 void sum_loads(const Step &step, const Blocks &blocks, int64_t first, int64_t last, double *total) {
   const Moving &moving = step.moving;
   const bool far = moving.len_tile > 2;  // with one tile, all data are near
   const bool loaded = moving.len_external > 1;
-  auto sum = loaded ? (far ? sum_rows<true, true> : sum_rows<true, false>)
-                    : (far ? sum_rows<false, true> : sum_rows<false, false>);
+  auto sum = step.lever ? choose_sum<true>(loaded, far) : choose_sum<false>(loaded, far);
   sum(moving, blocks, first, last, total);
   if (step.flow) sum_virial(moving, blocks, first, last);
   for (int64_t g = first; g < last; ++g) {
-    const double *torque = moving.torque + (moving.len_torque > 1 ? 3 * g : 0), radius = moving.body[BODY * g + RADIUS];
+    const double *torque = moving.torque + (moving.len_torque > 1 ? 3 * g : 0);
+    const double radius = step.lever ? 1.0 : moving.body[BODY * g + RADIUS];
     for (int k = 0; k < 3; ++k) total[WIDTH * (g - first) + 3 + k] = torque[k] + radius * total[WIDTH * (g - first) + 3 + k];
   }
 }

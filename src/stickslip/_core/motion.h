@@ -10,6 +10,7 @@ constexpr int64_t CHUNK = 64;  // bodies whose forces are summed together
 struct Step {
   int64_t dim;
   bool predict;  // velocities at the full step for dashpots
+  bool lever;    // lever arms are shorter than R by the seventh number of a row of loads
   const Moving &moving;
   const Pace &pace;
   const Flow *flow;

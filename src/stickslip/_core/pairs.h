@@ -42,6 +42,12 @@ inline Vec<double> relative_angle(int dim, const double *angle, int64_t i, int64
   return dim == 3 ? difference : Vec<double>{0.0, 0.0, difference.z};
 }
 
+// Change of angle_i + angle_j, from those of R_i angle_i + R_j angle_j and of angle_i − angle_j.
+inline Vec<double> turned_together(const double *radius, int64_t i, int64_t j, Vec<double> rolled, Vec<double> apart) {
+  const double whole = radius[i] + radius[j];
+  return (2.0 / whole) * rolled + ((radius[j] - radius[i]) / whole) * apart;
+}
+
 // Normal, overlap and 1/|r| of bodies i and j from their pair vector.
 inline void find_overlap(Pair &pair, const Bodies &bodies, int64_t i, int64_t j) {
   const int64_t wall = j - (bodies.len_radius - bodies.len_normal);

@@ -1,41 +1,102 @@
-// Rolling resistance: a moment with its own memory ψ, see `core/contacts/rolling.py`.
+// Moments that resist rolling and twisting, with memory, see `core/contacts/rolling.py`.
 #pragma once
 #include "mechanics.h"
 
-constexpr int64_t ANCHOR = 3, AT_CAP = 6;  // columns of rolling memory: ψ; angle_i − angle_j; at the cap
-
-inline void forget_rolling(double *own) {
-  for (int64_t k = 0; k < ROLLING; ++k) own[k] = 0.0;
-}
-
-struct RollingStep {
-  Vec<double> angle;    // angle_i − angle_j now
-  Vec<double> turned;   // change of that during a step
-  bool stepping, kept;  // during a run; the memory is kept
-  bool closed;          // the contact touched before
+struct Resistance {
+  double stiffness, cap, damping;  // of a moment
 };
 
-// Moment on j, k_r ψ, of a contact that touches; its ψ is updated.
+// Force that the Coulomb limit and the caps of moments are proportional to.
+inline double pressing_force(Parameters q, double limit) { return q[MU] > 0.0 ? limit / q[MU] : 0.0; }
+
+// k_r and dk_r/dδ.
+inline Slopes<double> rolling_stiffness(const Law &law, Parameters q, double r_eff, double overlap) {
+  if (law.rolling) return call(law.rolling, q, r_eff, overlap, 0.0);
+  return {law.roll_at ? q[law.roll_at] * r_eff * r_eff : 0.0, 0.0};
+}
+
+// `fn` is the normal force and `limit` the Coulomb limit.
+inline Resistance rolling_resistance(const Law &law, Parameters q, double r_eff, double overlap, double fn,
+                                     double limit) {
+  double stiffness = rolling_stiffness(law, q, r_eff, overlap).first;
+  if (law.rolling) return {stiffness, call(law.rolling_cap, q, r_eff, overlap, fn).first, 0.0};
+  if (!law.roll_at) return {};
+  double force = pressing_force(q, limit), damping = q[law.roll_at + 2] * r_eff * r_eff;
+  return {stiffness, q[law.roll_at + 1] * r_eff * force, law.roll_viscous ? force * damping : damping};
+}
+
+inline Resistance twisting_resistance(const Law &law, Parameters q, double limit) {
+  if (!law.twist_at) return {};
+  return {q[law.twist_at], q[law.twist_at + 1] * pressing_force(q, limit), q[law.twist_at + 2]};
+}
+
+// Derivatives of a cap `share` times the pressing force, with respect to F_n and to the overlap.
+inline Slopes<double> moment_cap_slopes(const Law &law, Parameters q, double r_eff, double overlap, double fn,
+                                        double share) {
+  if (!(q[MU] > 0.0)) return {0.0, 0.0};
+  Slopes<double> edge = cap_slopes(law, q, r_eff, overlap, fn);
+  return {share / q[MU] * edge.first, share / q[MU] * edge.second};
+}
+
+// Moment on i of a spring ψ and its dashpot; w is the rate of ψ.
+inline Vec<double> rolling_load(const Law &law, Resistance r, Vec<double> psi, Vec<double> w) {
+  Vec<double> t = -r.stiffness * psi;
+  if (law.roll_viscous) return t - r.damping * w;
+  return r.damping > 0.0 ? with_tangential_dashpot(t, r.damping, r.cap, w) : t;
+}
+
+inline double twisting_load(Resistance r, double twist, double w) {
+  double t = -r.stiffness * twist - r.damping * w;
+  return larger(smaller(t, r.cap), -r.cap);
+}
+
+struct RotationStep {
+  Vec<double> turned, rate;  // change of angle_i − angle_j, and its rate as dashpots use it
+  Vec<double> n, mid;
+  Ratio<double> fraction;
+  int64_t memory;     // see mechanics.h
+  bool kept, closed;  // the memory is kept; the contact touched before
+};
+
+// Moment on i that resists rolling; the memory `own` is updated.
 template <int DIM>
-inline Vec<double> rolling_moment(const Law &law, Parameters q, double r_eff, double overlap, double fn,
-                                  int64_t memory, Vec<double> n, Vec<double> m, Ratio<double> fraction,
-                                  RollingStep step, double *own) {
-  Vec<double> t = step.angle, turned = step.turned, psi = {own[0], own[1], own[2]};
-  if (DIM == 2) t = {0.0, 0.0, t.z}, turned = {0.0, 0.0, turned.z};
-  const double stiffness = call(law.rolling, q, r_eff, overlap, fn).first;
-  if (step.kept && t.x == own[3] && t.y == own[4] && t.z == own[5]) return stiffness * psi;
-  Vec<double> a{}, d{};
-  if (step.closed) {
-    a = onto_plane(n, m, psi);
-    d = onto_plane(n, m, t - Vec<double>{own[3], own[4], own[5]});
-  } else if (step.stepping) {
-    d = onto_plane(n, m, turned);
+inline Vec<double> rolling_moment(const Law &law, Resistance r, const RotationStep &step, double *own) {
+  Vec<double> psi = {own[0], own[1], own[2]}, w = step.rate - dot(step.rate, step.n) * step.n;
+  if (step.kept) return rolling_load(law, r, psi, w);
+  Vec<double> a = step.closed ? onto_plane(step.n, step.mid, psi) : Vec<double>{};
+  Vec<double> d = onto_plane(step.n, step.mid, step.turned);
+  if (law.rate && r.damping > 0.0 && r.stiffness > 0.0) {  // spring and dashpot together
+    Loads<double, bool> out = truncate_as_lammps(0.0, r.stiffness, r.damping, r.cap, a + d, w, false);
+    own[0] = out.slip.x, own[1] = out.slip.y, own[2] = out.slip.z, own[AT_CAP] = out.slides;
+    return out.tangential;
   }
-  const double limit = call(law.rolling_cap, q, r_eff, overlap, fn).first;
-  Truncated<double, bool> found = return_mapping<DIM, double, bool>(false, memory, stiffness, limit, a, d, fraction,
-                                                                   own[AT_CAP] > 0.0, 1.0);
-  own[0] = found.slip.x, own[1] = found.slip.y, own[2] = found.slip.z;
-  own[3] = t.x, own[4] = t.y, own[5] = t.z;
-  own[AT_CAP] = found.slides;
-  return stiffness * found.slip;
+  Truncated<double, bool> out = return_mapping<DIM, double, bool>(false, step.memory, r.stiffness, r.cap, a, d,
+                                                                step.fraction, own[AT_CAP] > 0.0, 1.0);
+  psi = r.stiffness > 0.0 ? out.slip : Vec<double>{};
+  own[0] = psi.x, own[1] = psi.y, own[2] = psi.z, own[AT_CAP] = out.slides;
+  return rolling_load(law, r, psi, w);
+}
+
+// Twist of a spring truncated at its cap; `held`: it stays at its cap or below it.
+inline bool truncate_twist(Resistance r, bool held, bool slid, double &twist) {
+  bool slides = r.cap == 0.0 || (held ? slid && twist != 0.0 : r.stiffness * magnitude(twist) > r.cap);
+  if (slides) twist = twist > 0.0 ? r.cap / r.stiffness : -r.cap / r.stiffness;
+  return slides;
+}
+
+// Moment on i along the normal that resists twisting; the memory `own` is updated.
+inline double twisting_moment(const Law &law, Resistance r, const RotationStep &step, double *own) {
+  const double w = dot(step.rate, step.n);
+  if (step.kept) return twisting_load(r, own[TWIST], w);
+  double twist = (step.closed ? own[TWIST] : 0.0) + step.fraction.part / step.fraction.whole * dot(step.mid, step.turned);
+  const double t = twisting_load(r, twist, w);
+  bool slides;
+  if (law.rate) {  // spring and dashpot together
+    slides = magnitude(t) >= r.cap;
+    if (slides) twist = -(t + r.damping * w) / r.stiffness;
+  } else {
+    slides = truncate_twist(r, step.memory == HELD, own[TWIST_AT_CAP] > 0.0, twist);
+  }
+  own[TWIST] = twist, own[TWIST_AT_CAP] = slides;
+  return law.rate ? t : twisting_load(r, twist, w);
 }

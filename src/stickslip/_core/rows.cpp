@@ -37,6 +37,18 @@ inline void add_rotation(double *to, double factor, Vec<double> v) {
   to[2] += factor * v.z;
 }
 
+template <int DIM>
+inline Vec<double> difference(Vectors rows, int64_t i, int64_t j) {
+  Vec<double> d = at(rows, i) - at(rows, j);
+  return DIM == 3 ? d : Vec<double>{0.0, 0.0, d.z};
+}
+
+template <int DIM>
+inline Vec<double> sum(Vectors rows, int64_t i, int64_t j) {
+  Vec<double> d = at(rows, i) + at(rows, j);
+  return DIM == 3 ? d : Vec<double>{0.0, 0.0, d.z};
+}
+
 inline bool equal(Vec<double> a, Vec<double> b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
 void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
@@ -44,11 +56,11 @@ void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, 
   contacts.mode[c] = OPEN;
   contacts.reached[c] = false;
   store(contacts.slip + 3 * c, {0.0, 0.0, 0.0});
-  if (law.rolling) forget_rolling(contacts.rolling + contacts.width_rolling * c);
+  for (int64_t k = 0; k < law.angular; ++k) contacts.rolling[contacts.width_rolling * c + k] = 0.0;
   record_event(sweep.events, OPENED, contacts, c, sweep.position.data + sweep.position.stride * contacts.i[c]);
 }
 
-template <int DIM>
+template <int DIM, bool ANGULAR>
 inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
   const Bodies &bodies = sweep.bodies;
   const Motion &motion = sweep.motion;
@@ -71,7 +83,15 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     edge = -reach(law, q, r_eff, before == OPEN);
     if (overlap <= edge) return open_contact(law, sweep, contacts, c);
   }
-  Vec<double> d{}, roll{}, v{}, angle{}, mean{};
+  Vec<double> d{}, roll{}, v{}, angle{}, mean{}, apart{}, turned{};  // the last two: angle_i − angle_j and its change
+  const bool shorter = ANGULAR && law.lever && !pair.wall;
+  double *own = nullptr;
+  if (ANGULAR) {
+    own = contacts.rolling + contacts.width_rolling * c;
+    apart = difference<DIM>(sweep.angle, i, j);
+    if (before != OPEN) turned = apart - read(own + ANCHOR);
+    else if (sweep.stepping && !motion.hold) turned = motion.dt * difference<DIM>(motion.spin, i, j);
+  }
   Ratio<double> fraction = {1.0, 1.0};
   bool hold;
   if (sweep.stepping) {
@@ -81,12 +101,16 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     d = motion.dt * mean;
     roll = motion.dt * rolled<DIM>(motion.spin, bodies.radius, i, j);
     if (before == OPEN && !law.rate) fraction = touching_fraction(n, inverse, overlap - edge, d);
+    if (shorter && !law.rate)
+      roll = roll - (motion.dt * mid_shortening(n, inverse, overlap, d)) * sum<DIM>(motion.spin, i, j);
   } else {
     angle = rolled<DIM>(sweep.angle, bodies.radius, i, j);
-    Vec<double> was = flat<DIM>(read(contacts.pair + 3 * c)), turned = read(contacts.roll + 3 * c);
-    if (DIM == 2) turned = {0.0, 0.0, turned.z};
-    hold = sweep.memory == FROZEN && before != OPEN && equal(r, was) && equal(angle, turned);
-    if (before != OPEN) d = r - was, roll = angle - turned;
+    Vec<double> was = flat<DIM>(read(contacts.pair + 3 * c)), rolled = read(contacts.roll + 3 * c);
+    if (DIM == 2) rolled = {0.0, 0.0, rolled.z};
+    hold = sweep.memory == FROZEN && before != OPEN && equal(r, was) && equal(angle, rolled);
+    if (before != OPEN) d = r - was, roll = angle - rolled;
+    if (shorter && !law.rate)
+      roll = roll - mid_shortening(n, inverse, overlap, d) * turned_together(bodies.radius, i, j, roll, turned);
   }
   Vec<double> s = flat<DIM>(read(contacts.slip + 3 * c));
   Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s);
@@ -94,10 +118,12 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   Elastic<double> spring = elastic(law, q, r_eff, overlap);
   double fn = spring.force, damping = 0.0;
   if (law.damping) {
-    v = law.rate ? mean : flat<DIM>(at(sweep.velocity, i) - at(sweep.velocity, j));
+    v = law.rate && sweep.stepping ? mean : flat<DIM>(at(sweep.velocity, i) - at(sweep.velocity, j));
     if (!law.rate && sweep.gradient) v = v + transform(sweep.gradient, r);
-    v = at_contact(n, v, rolled<DIM>(sweep.spin, bodies.radius, i, j));
-    const double vn = dot(v, n), factor = damping_factor(law, r_eff, m_eff, overlap);
+    Vec<double> rolling = rolled<DIM>(sweep.spin, bodies.radius, i, j);
+    if (shorter && !law.rate) rolling = rolling - 0.5 * overlap * sum<DIM>(sweep.spin, i, j);
+    v = at_contact(n, v, rolling);
+    const double vn = dot(v, n), factor = damping_factor(law, r_eff, m_eff, overlap, fn);
     v = v - vn * n;
     fn = with_dashpot(law, fn, factor * q[DAMPING_N], vn);
     damping = factor * q[DAMPING_T];
@@ -120,22 +146,22 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (!sweep.stepping) store(contacts.pair + 3 * c, r), store(contacts.roll + 3 * c, angle);
   }
   double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
-  if (law.rolling) {
-    const RollingStep own = {at(sweep.angle, i) - at(sweep.angle, j),
-                             sweep.stepping ? motion.dt * (at(motion.spin, i) - at(motion.spin, j)) : Vec<double>{},
-                             sweep.stepping, hold, before != OPEN};
-    double *psi = contacts.rolling + contacts.width_rolling * c;
-    const Vec<double> moment =
-        rolling_moment<DIM>(law, q, r_eff, overlap, fn, sweep.memory, n, moved.mid, fraction, own, psi);
-    add_rotation<DIM>(torque_i, -1.0, moment);
-    add_rotation<DIM>(torque_j, 1.0, moment);
+  if (ANGULAR && has_moments(law)) {
+    const RotationStep step = {turned, difference<DIM>(sweep.spin, i, j), n, moved.mid, fraction, sweep.memory,
+                               hold && equal(turned, {}), before != OPEN};
+    Vec<double> moment = rolling_moment<DIM>(law, rolling_resistance(law, q, r_eff, overlap, fn, limit), step, own);
+    if (law.twist_at) moment = moment + twisting_moment(law, twisting_resistance(law, q, limit), step, own) * n;
+    add_rotation<DIM>(torque_i, 1.0, moment);
+    add_rotation<DIM>(torque_j, -1.0, moment);
   }
+  if (ANGULAR) store(own + ANCHOR, apart);
   if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
   add<DIM>(sweep.force + sweep.stride * j, -1.0, f);
-  add_rotation<DIM>(torque_i, bodies.radius[i], turn);
-  add_rotation<DIM>(torque_j, bodies.radius[j], turn);
+  const double less = shorter ? 0.5 * overlap : 0.0;
+  add_rotation<DIM>(torque_i, bodies.radius[i] - less, turn);
+  add_rotation<DIM>(torque_j, bodies.radius[j] - less, turn);
   if (sweep.virial) {
     double *virial = sweep.virial + 9 * i;
     add<DIM>(virial, f.x, r);
@@ -144,18 +170,20 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   }
 }
 
-template <int DIM>
+template <int DIM, bool ANGULAR>  // with moments or lever arms R − δ/2
 void sweep_all(const Law &whole, const Sweep &given, const Contacts &list) {
   const Law law = whole;  // copies, so that the compiler knows that no store changes them
   const Sweep sweep = given;
   const Contacts contacts = list;
-  for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM>(law, sweep, contacts, c);
+  for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM, ANGULAR>(law, sweep, contacts, c);
 }
 
 }  // namespace
 
 void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Contacts &contacts) {
-  (dim == 3 ? sweep_all<3> : sweep_all<2>)(law, sweep, contacts);
+  auto plain = dim == 3 ? sweep_all<3, false> : sweep_all<2, false>;
+  auto angular = dim == 3 ? sweep_all<3, true> : sweep_all<2, true>;
+  (law.angular ? angular : plain)(law, sweep, contacts);
 }
 
 void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,

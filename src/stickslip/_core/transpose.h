@@ -80,10 +80,11 @@ inline void gather_motion(bool predict, int64_t used, const uint32_t *i, const u
                       scratch + ROLL_AHEAD);
 }
 
-// Six planes of scratch, forces and −n × F_t, to rows of loads; two numbers of each are zero.
-inline void scatter_loads(int64_t used, const double *scratch, double *load) {
+// Six planes of scratch, forces and −n × F_t, to rows of loads, and if `more` a seventh; the rest of each is zero.
+inline void scatter_loads(bool more, int64_t used, const double *scratch, double *load) {
   for (int64_t at = 0; at < used; at += 4) {
     Four first[4], second[4] = {four(scratch + 4 * LANES + at), four(scratch + 5 * LANES + at), Four{}, Four{}};
+    if (more) second[2] = four(scratch + 6 * LANES + at);
     for (int k = 0; k < 4; ++k) first[k] = four(scratch + k * LANES + at);
     transpose(first);
     transpose(second);

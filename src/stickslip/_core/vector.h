@@ -85,12 +85,22 @@ inline T magnitude(T a) {
 // Number with its derivative
 struct Dual {
   double value, slope;
+  Dual(double value = 0.0, double slope = 0.0) : value(value), slope(slope) {}
 };
 
 inline Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
 inline Dual operator*(Dual a, Dual b) { return {a.value * b.value, a.slope * b.value + a.value * b.slope}; }
 inline Dual operator*(double a, Dual b) { return {a * b.value, a * b.slope}; }
 inline Dual operator+(Dual a, double b) { return {a.value + b, a.slope}; }
+inline Dual operator-(Dual a) { return {-a.value, -a.slope}; }
+inline Dual operator-(Dual a, Dual b) { return a + -b; }
+inline Dual operator/(Dual a, Dual b) {
+  double value = a.value / b.value;
+  return {value, (a.slope - value * b.slope) / b.value};
+}
+inline bool operator<(Dual a, Dual b) { return a.value < b.value; }
+inline bool operator>(Dual a, Dual b) { return a.value > b.value; }
+inline Dual select(bool which, Dual a, Dual b) { return which ? a : b; }
 
 inline Dual root(Dual a) {
   double value = root(a.value);

@@ -13,7 +13,10 @@ from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, fin
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
-DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "also by overlap"}
+DAMPING = {
+    "velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "also by overlap",
+    "tsuji": "for a restitution", "coeff_restitution": "for a restitution, exactly",
+}  # fmt: skip
 METHODS = {
     "auto": "by the number of grains", "fastest": "only the fastest growth", "all": "all complex pairs, cheapest way",
     "certify": "also certify real eigenvalues", "dense": "all eigenvalues", "pairs": "all complex pairs",
@@ -59,7 +62,11 @@ def _packing_options(
     young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
     poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None,
     damping: Annotated[
-        str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=complete_from(DAMPING))
+        str | None,
+        typer.Option(
+            help="velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.",
+            autocompletion=complete_from(DAMPING),
+        ),
     ] = None,
     damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None,
     damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None,

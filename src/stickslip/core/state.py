@@ -90,7 +90,9 @@ class Contacts(NamedTuple):
     gap: float  # largest gap across which pairs are listed even without the skin, as some laws require [length]
     stale: bool  # whether the list does not fit the present positions, for example because the cell was deformed
     count: np.ndarray  # (1,)
-    rolling: np.ndarray | None = None  # (C, columns) of rolling (7) and of a law's own memory; None if the law has none
+    rolling: np.ndarray | None = (
+        None  # (C, columns) of rotations (7) and of a law's own memory; None if the law has none
+    )
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""

@@ -11,6 +11,7 @@ from ..core.units import in_si
 from .law_file import LawFile
 from .schema import NotNegative, Positive, ScenarioTable, split_unit
 
+OWN_PARAMETERS = {p.name for law in BY_NAME.values() for p in law.parameters}
 SUBSTRATE = 1  # material of the wall; disks are material 0
 
 
@@ -34,12 +35,14 @@ class LawTable(LawFile):
     young: Positive | None = Field(None, description="E, which determines k_n and k_t, with `poisson` [stress]")
     poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
     mu: NotNegative = Field(0.5, description="friction coefficient between grains")
-    damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
+    damping: Literal["velocity", "mass_velocity", "viscoelastic", "tsuji", "coeff_restitution"] | None = Field(
         None,
         description="what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, else mass_velocity",
     )
     damping_n: NotNegative | None = Field(
-        None, description="γ_n of the normal dashpot, in a unit that depends on `damping`"
+        None,
+        description="γ_n of the normal dashpot, in a unit that depends on `damping`; coefficient of restitution with "
+        "tsuji and coeff_restitution",
     )
     damping_t: NotNegative | None = Field(None, description="γ_t of the tangential dashpot, as `damping_n`")
     damping_ratio: NotNegative | None = Field(
@@ -57,6 +60,12 @@ class LawTable(LawFile):
     speed: Positive | None = Field(
         None, description="speed of their collision; not needed by a linear law [length/time]"
     )
+    work: NotNegative | None = Field(None, description="work of adhesion of jkr and dmt [energy/length^2]")
+    k_unload: Positive | None = Field(
+        None, description="stiffness of walton_braun as the overlap decreases [force/length]"
+    )
+    surface_tension: NotNegative | None = Field(None, description="of the liquid of liquid_bridge [force/length]")
+    volume: NotNegative | None = Field(None, description="of a bridge of liquid_bridge [length^3]")
     tension: bool = Field(True, description="whether dashpots may make contact forces attractive")
     wall: Parameters | None = None
 
@@ -65,6 +74,12 @@ class LawTable(LawFile):
         if self.file is not None:
             return self
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        own = [p.name for p in BY_NAME[self.kind].parameters]
+        for name in sorted({*own} ^ {*given} & OWN_PARAMETERS):
+            words = (
+                "is missing: give it" if name in own else f"was given: it is no parameter of {self.kind}, leave it out"
+            )
+            raise ValueError(f"law.{name} {words}")
         elastic = [name for name in ("young", "poisson") if name in given]
         plain = [name for name in ("kn", "kt") if name in given]
         if elastic and plain:

@@ -12,7 +12,8 @@ from ..core.contacts.memory import FREE, HELD
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
-from ..core.laws.kinds import Kind
+from ..core.laws.kinds import bridges_gaps
+from ..core.laws.normal import dmt, jkr, liquid_bridge, walton_braun
 from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
@@ -20,7 +21,10 @@ from ..core.text import SentenceError
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
-_PLAIN = {function.__name__: function for function in (hertz_mindlin, linear, hertz_mindlin_reff)}
+_PLAIN = {
+    function.__name__: function
+    for function in (hertz_mindlin, linear, hertz_mindlin_reff, jkr, dmt, walton_braun, liquid_bridge)
+}
 LAWS = {
     law.name: partial(_PLAIN[law.name.removesuffix("_rescaled")], rescaled=True) if law.rescales else _PLAIN[law.name]
     for law in BUILTIN_LAWS
@@ -162,7 +166,7 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
 
 def law_by_name(
     law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None,
-    damping_n=0.0, damping_t=0.0, tension=True,
+    damping_n=0.0, damping_t=0.0, tension=True, **own,
 ) -> Law:  # fmt: skip
     """Contact law by name.
 
@@ -170,6 +174,7 @@ def law_by_name(
     ----------
     kn, kt : default 1 and 2/7; or `young` and `poisson` of identical elastic grains, see `elastic_constants`
     damping : model of damping, default that of the law
+    own : parameters that only this law has
 
     Raises
     ------
@@ -189,7 +194,7 @@ def law_by_name(
             kn, kt = elastic_constants(young, poisson)
         kn, kt = 1.0 if kn is None else kn, 2 / 7 if kt is None else kt
         return LAWS[law](
-            kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, tension=tension, **model
+            kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, tension=tension, **model, **own
         )
     except (TypeError, ValueError) as problem:
         raise PackingError(str(problem)) from None
@@ -309,7 +314,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     branch = branch_vectors(state)
     reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
     touches = np.linalg.norm(branch, axis=1) < reach
-    if isinstance(law.kind, Kind):  # which may reach across gaps
+    if bridges_gaps(law.kind):
         touches = forces(state, law)[1].mode[:count] != OPEN
     there[there] = touches[row[there]]
     lost = ~there & slip.any(axis=1)

@@ -30,7 +30,7 @@ def _built_in(chosen: LawTable) -> Law:
         chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
         damping=chosen.damping or BY_NAME[chosen.kind].damping, damping_n=damping_n,
         damping_t=(chosen.damping_ratio or 0.0) * damping_n if damping_t is None else damping_t,
-        tension=chosen.tension,
+        tension=chosen.tension, **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
     )  # fmt: skip
 
 

@@ -261,9 +261,10 @@ def _accept_forces(state: State, law: Law) -> State:
 def _check_start(state: State, law: Law, legs, increment: float) -> None:
     if not legs:
         raise ValueError("no leg was given: at least one Control is needed")
-    if law.kind != NAMES.index("linear"):
+    if law.kind != NAMES.index("linear") or law.properties:
         raise ValueError(
-            "a law that is not linear in the overlap was given: paths are piecewise linear only for `linear`"
+            "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
+            "only for `linear`"
         )
     if not law.table[..., KT].min() > 0:
         raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")

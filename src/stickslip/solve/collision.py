@@ -15,8 +15,11 @@ from ..core.laws.builtin import (
     DAMPING_T,
     KN,
     NO_TENSION,
+    RESTITUTION,
+    TSUJI,
     VISCOELASTIC,
     Law,
+    dashpot_coefficients,
     elastic_constants,
     hertz_mindlin_reff,
 )
@@ -69,15 +72,18 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
                 f"material {number} was given, but the law has {len(law.table)} of them, numbered from 0: "
                 "add it with laws.for_pair(law, a, b)"
             )
-    if isinstance(law.kind, Kind):
+    if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
         raise ValueError(
-            "a user-defined law was given: `collision` supports built-in laws only; simulate the two grains with `run`"
+            "a law was given whose normal force has parameters of its own: `collision` supports k δ and k δ^(3/2); "
+            "simulate the two grains with `run`"
         )
     m_eff, power = mass / 2, BUILTIN_LAWS[law.kind].exponent
-    damping_power = 0.5 if law.damping & 3 == VISCOELASTIC else 0.0
+    damping_power = {VISCOELASTIC: 0.5, TSUJI: (power - 1) / 2, RESTITUTION: (power - 1) / 2}.get(
+        law.damping & ~NO_TENSION, 0.0
+    )
     at = {"overlap": 1.0, "r_eff": radius / 2, "m_eff": m_eff, "a": pair[0], "b": pair[1]}
     unit, dashpot = (float(value) for value in evaluate(law, "force", "damping", **at))
-    dashpot *= float(law.table[*pair, DAMPING_N])
+    dashpot *= float(dashpot_coefficients(law)[*pair, 0])
 
     def force(x, v):
         x = max(x, 0.0)
@@ -151,6 +157,8 @@ def with_restitution(
     if not LEAST <= restitution <= 1:
         raise ValueError(f"restitution = {restitution} was given: it must be at least {LEAST:g} and at most 1")
     require_not_negative(ratio=ratio)
+    if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION):
+        raise ValueError("the law's damping_n is a coefficient of restitution already: give it when you create the law")
 
     def damped(gamma):
         table = law.table.copy()

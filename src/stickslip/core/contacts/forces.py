@@ -90,7 +90,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
     F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. As in the papers, the lever arms are R rather than R −
-    δ/2, so that the total angular momentum changes by O(δ).
+    δ/2, so that the total angular momentum changes by O(δ), unless `laws.with_lever` has changed them.
 
     Parameters
     ----------

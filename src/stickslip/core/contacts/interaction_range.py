@@ -1,20 +1,21 @@
-"""What user-defined laws require of the neighbour list: pairs across gaps, and rows for memory."""
+"""What some laws require of the neighbour list: pairs across gaps, and rows for memory."""
 
 import numpy as np
 
 from ..laws.builtin import Law
-from ..laws.kinds import Kind, evaluate_role, find_user_law, own_memory
+from ..laws.kinds import bridges_gaps, own_memory
+from ..laws.properties import angular_columns
+from ..laws.values import evaluate
 from ..state import Contacts, State
-from .rolling import WIDTH, resists_rolling
 
 
 def largest_gap(state: State, law: Law) -> float:
     """Largest gap across which a law acts between bodies of a state [length]."""
-    if not isinstance(law.kind, Kind) or "contact_range" not in find_user_law(law.kind).functions:
+    if not bridges_gaps(law.kind):
         return 0.0
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
-    rows = law.table.reshape(-1, law.table.shape[2])
-    return max(float(evaluate_role(law.kind, "contact_range", q, r_eff=r_eff)) for q in rows)
+    a, b = np.indices(law.table.shape[:2])
+    return float(evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff).max())
 
 
 def with_range(state: State, law: Law) -> Contacts:
@@ -24,8 +25,8 @@ def with_range(state: State, law: Law) -> Contacts:
 
 
 def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
-    """List with a row of memory for each pair, if the law has rolling resistance or a memory of its own."""
-    row = np.append(np.zeros(WIDTH * resists_rolling(law.kind)), [*own_memory(law.kind).values()])
+    """List with a row of memory for each pair, if the law has one for rotations or of its own."""
+    row = np.append(np.zeros(angular_columns(law)), [*own_memory(law.kind).values()])
     if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
         return contacts
     return contacts._replace(rolling=np.tile(row, (len(contacts.i), 1)))

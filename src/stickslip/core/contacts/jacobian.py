@@ -17,14 +17,16 @@ import numpy as np
 from ..arguments import checked
 from ..laws.builtin import Law
 from ..laws.compiled import TANGENTS, law_struct
+from ..laws.properties import angular_columns, resists_rolling
 from ..library import core
 from ..state import State
 from .forces import bodies, check_materials, check_memory
 from .geometry import shifts
 from .interaction_range import largest_gap, with_own_memory
+from .lever import with_shorter_arms
 from .memory import HELD
 from .neighbors import check_list
-from .rolling import resists_rolling, with_moments
+from .rolling import with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
 
 
@@ -55,6 +57,9 @@ class Linearisation(NamedTuple):
     mu: np.ndarray  # (C,) derivative of the limit with respect to F_n
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
+    half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
+    half_mid: np.ndarray  # (C,) the same halfway since the memory was committed
+    together: np.ndarray  # (C, 3) change of angle_i + angle_j since then, if lever arms are shorter
 
     @property
     def force(self) -> np.ndarray:
@@ -68,8 +73,9 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     check_memory(memory)
     check_list(state, largest_gap(state, law))
     count = int(state.contacts.count[0])
-    vectors = ("normal", "before", "way", "turn", "slip")
+    vectors = ("normal", "before", "way", "turn", "slip", "together")
     out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))
+    state = state._replace(contacts=with_own_memory(state.contacts, law))
     struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
     core.linearise(struct, state.cell.dim, bodies(state), state.contacts, shift, memory, out)
     if memory == HELD and (out.closed > out.remembers).any():
@@ -100,7 +106,8 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
-        with rolling resistance (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i − angle_j), see `rolling`
+        with rolling resistance or lever arms R − δ/2 (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i −
+        angle_j), see `rolling` and `lever`
 
     Raises
     ------
@@ -143,7 +150,10 @@ def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
     damp[:, :3, 3:] = -dashpot @ cross_n
     damp[:, 3:] = -cross_n @ damp[:, :3]
     stiff, damp = column(c.closed) * stiff, column(c.closed) * damp
-    if not resists_rolling(law.kind):
+    if not angular_columns(law):
+        return stiff, damp
+    stiff, damp = with_shorter_arms(state, c, stiff, damp)
+    if not resists_rolling(law):
         return stiff, damp
     state = state._replace(contacts=with_own_memory(state.contacts, law))
     return with_moments(state, law, bodies(state), c, turn, memory, stiff, damp)

@@ -1,4 +1,4 @@
-"""Rolling resistance of user-defined laws: a moment with its own memory.
+"""Resistance to rolling and twisting: moments with their own memory.
 
 The memory ψ of a contact is the rotation of i relative to j since it closed, perpendicular to the normal. It is
 truncated at the cap of the law and transported like the slip:
@@ -8,11 +8,11 @@ truncated at the cap of the law and transported like the slip:
 with m the mid-step normal, see `mid_normal` in `mechanics.h`.
 
 A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so that the
-transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. Twisting
-about the normal is free.
+transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist
+τ ← τ + m·Δ(angle_i − angle_j) has the moment M_i = −k_t τ n. Dashpots are added, and sums truncated at the caps.
 
-Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030 (model
-C without its dashpot); the same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
+Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030; the
+same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
 """
 
 from typing import NamedTuple
@@ -21,17 +21,10 @@ import numpy as np
 
 from ..laws.builtin import Law
 from ..laws.compiled import TANGENTS, law_struct
-from ..laws.kinds import USER_LAWS, Kind
+from ..laws.properties import resists_rolling
 from ..library import core
 from .geometry import shifts
-from .tangent import Turn, column, memory_tangent, outer, spring_tangent
-
-WIDTH = 7  # columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
-
-
-def resists_rolling(kind: int) -> bool:
-    """Return True if a law has rolling resistance."""
-    return isinstance(kind, Kind) and kind in USER_LAWS and "rolling_stiffness" in USER_LAWS[kind].functions
+from .tangent import Turn, column, memory_tangent, outer, rowwise, spring_tangent
 
 
 class _MomentLinearisation(NamedTuple):
@@ -47,10 +40,19 @@ class _MomentLinearisation(NamedTuple):
     reach_by_overlap: np.ndarray  # (C,)
     reach_by_force: np.ndarray  # (C,)
     weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
+    damping: np.ndarray  # (C,) of the dashpot of rolling
+    slides: np.ndarray  # (C,) 1 if ψ is at its cap
+    twisting: np.ndarray  # (C,) k τ
+    twisting_along: np.ndarray  # (C,) k, zero at the cap
+    twisting_damping: np.ndarray  # (C,)
+    twisting_by_force: np.ndarray  # (C,) derivatives of k τ, as those of φ
+    twisting_by_overlap: np.ndarray  # (C,)
 
 
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
-    """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ) from those of (F, T/R), at rest; see `jacobian`.
+    """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ), of which those without moments are given.
+
+    At rest; see `jacobian`.
 
     dM = −[φ/|ψ| (I − ψ̂ψ̂ᵀ) + ∂φ/∂|ψ| ψ̂ψ̂ᵀ] dψ + ∂φ/∂δ ψ̂ (n·dr), with dψ as in `tangent`.
     """
@@ -67,18 +69,24 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     )  # fmt: skip
     spring, hat = spring_tangent(psi, line.remembers * line.closed, out.secant, out.along)
     hat_n, moved = outer(hat, line.normal), spring @ by_psi
-    whole, rub = np.zeros((2, count, 9, 9))
-    whole[:, :6, :6], rub[:, :6, :6] = stiff, damp
-    whole[:, 6:, :3] = moved[:, :, :3] + column(out.by_overlap) * hat_n
-    whole[:, 6:, 6:] = moved[:, :, 3:]
+    whole, rub = stiff.copy(), damp.copy()
+    whole[:, 6:, :3] += moved[:, :, :3] + column(out.by_overlap) * hat_n
+    whole[:, 6:, 6:] += moved[:, :, 3:]
     by_force = out.by_force[:, None] * hat - np.einsum("ckl,cl->ck", spring, by_reach * out.reach_by_force[:, None])
-    rub[:, 6:, :3] = column(line.damping_n) * outer(by_force, line.normal)
+    nn, there = outer(line.normal, line.normal), column(line.remembers * line.closed)
+    rub[:, 6:, :3] += column(line.damping_n) * (outer(by_force, line.normal) + column(out.twisting_by_force) * nn)
+    rub[:, 6:, 6:] -= column(out.damping) * (np.eye(3) - nn - column(out.slides) * outer(hat, hat))
+    rub[:, 6:, 6:] -= column(out.twisting_damping) * nn
+    by_r = outer(line.normal, rowwise(out.way, turn.by_mid))
+    whole[:, 6:, :3] -= there * (column(out.twisting_along) * by_r + column(out.twisting) * turn.by_normal)
+    whole[:, 6:, :3] += column(out.twisting_by_overlap) * nn
+    whole[:, 6:, 6:] -= there * column(out.twisting_along) * outer(line.normal, turn.mid)
     return whole, rub
 
 
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
     """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
-    if not resists_rolling(law.kind):
+    if not resists_rolling(law):
         return 0.0
     struct, shift = law_struct(law, members=("range", "rolling")), shifts(state.contacts, state.cell.vectors)
     total = np.zeros(state.n_bodies)

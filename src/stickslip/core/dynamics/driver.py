@@ -18,6 +18,7 @@ from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_lis
 from ..fields import pack_keys
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
+from ..laws.properties import angular_columns, needs_rows
 from ..library import core
 from ..state import OPEN, Instant, State, deforms
 from .cell_motion import make_frame, needs_frame, remaining_skin
@@ -65,11 +66,11 @@ class _Run:
         self.state, self.law, self.plan, self.steps = state, law, plan, steps
         self.imposed, self.deforming = needs_frame(state), deforms(state)
         self.struct = core.fill("Law", law_struct(law, rate=rate > 0, members=FORCES))
-        rolls, watched = bool(self.struct.rolls or self.struct.len_memory), len(writing.events) > 0
-        self.by_rows = state.n_bodies < MIN_BODIES or rolls
+        remembers, watched = bool(self.struct.angular or self.struct.len_memory), len(writing.events) > 0
+        self.by_rows = state.n_bodies < MIN_BODIES or needs_rows(law)
         self.threads = 1 if self.by_rows else _thread_count(len(state.grains.radius), threads, watched)
         here = bodies_at_start(state, instant)
-        self.set_contacts(_working_contacts(state, law, here, bool(books or watched or rolls)))
+        self.set_contacts(_working_contacts(state, law, here, bool(books or watched or remembers)))
         self.blocks = core.new_blocks()
         weakref.finalize(self, core.free_blocks, self.blocks)
         predict = bool(self.struct.damping) and not rate
@@ -203,7 +204,9 @@ class _Run:
         contacts, before = self.contacts, self.state.contacts
         key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
-        core.store_reference(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
+        core.store_reference(
+            contacts, here.position, here.angle, here.radius, vectors, self.struct.angular, contacts.pair, contacts.roll
+        )
         return state_after(self.state, here, contacts, time)._replace(instant=instant)
 
     def _time(self) -> float:
@@ -295,7 +298,8 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
     Pair vectors, angles and unused keys are left out until the run ends.
     """
     contacts = state.contacts
-    if core.store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, None, None):
+    columns = angular_columns(law)
+    if core.store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, columns, None, None):
         own = {name: getattr(contacts, name) for name in ("slip", "mode", "reached", "rolling")}
         contacts = contacts._replace(**{name: part.copy() for name, part in own.items() if part is not None})
     else:

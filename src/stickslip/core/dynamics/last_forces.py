@@ -20,7 +20,8 @@ _IGNORED = ("pair", "roll", "origin", "skin", "gap", "stale", "i", "j", "image")
 
 def state_checksum(state: State, law: Law, memory: str) -> int:
     """Checksum of everything that forces depend on: all arrays of a state, the law and the mode of memory."""
-    out = zlib.crc32(f"{law.kind} {law.coulomb} {law.damping} {memory} {float(state.time)!r}".encode())
+    models = law[3:] if law.properties else law.damping
+    out = zlib.crc32(f"{law.kind} {law.coulomb} {models} {memory} {float(state.time)!r}".encode())
     count = int(state.contacts.count[0])
     for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
         for name, array in zip(noun._fields, noun, strict=True):

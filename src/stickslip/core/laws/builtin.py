@@ -18,9 +18,24 @@ from .kinds import USER_LAWS, Kind, check_kind, find_user_law
 
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
-VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
-DAMPING = {"velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC}
+VELOCITY, MASS, VISCOELASTIC, TSUJI, RESTITUTION = 1, 2, 3, 8, 9
+DAMPING = {
+    "velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC, "tsuji": TSUJI,
+    "coeff_restitution": RESTITUTION,
+}  # fmt: skip
 NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
+# properties: lever arms of grains on grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting
+LEVER, ROLLING, VISCOUS, TWISTING = 1, 2, 4, 8
+MOMENTS = {  # parameters of a property, with their units and meanings
+    ROLLING: {
+        "k_roll": ("force/length", "rolling stiffness over R_eff²"), "mu_roll": ("1", "rolling friction"),
+        "gamma_roll": ("force time/length", "rolling dashpot over R_eff²"),
+    },
+    TWISTING: {
+        "k_twist": ("force length", "twisting stiffness"), "mu_twist": ("length", "largest twisting moment over F_n"),
+        "gamma_twist": ("force length time", "twisting dashpot"),
+    },
+}  # fmt: skip
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
@@ -35,11 +50,13 @@ class Law(NamedTuple):
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
+    properties: int = 0  # sum of those of `laws.properties`
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if compiled code does not know this law."""
         dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
-        for name, known in (("coulomb", COULOMB.values()), ("damping", dampings), ("kind", None)):
+        known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(16)), ("kind", None)
+        for name, known in known_values:
             value = getattr(self, name)
             if not isinstance(value, Integral) or (known and value not in known):
                 raise ValueError(f"law.{name} is {value!r}: take a law from stickslip.laws")
@@ -47,7 +64,7 @@ class Law(NamedTuple):
         sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
         check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
         for k, name in enumerate(names):
-            low = 1 / MAX_PARAMETER if name == "kn" else 0.0 if name in PARAMETERS else -LARGEST
+            low = 1 / MAX_PARAMETER if name == "kn" else -LARGEST if name in _signed(self) else 0.0
             check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
 
@@ -69,7 +86,9 @@ def hertz_mindlin(
     damping : factor that converts `damping_n` and `damping_t` (γ, not negative) to c_n and c_t [force time/length]:
         "velocity", one; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j); "viscoelastic", m_eff times
         the contact radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and bodies that `Control` does not let move
-        count as infinitely heavy, walls as flat.
+        count as infinitely heavy, walls as flat. With "coeff_restitution" and "tsuji", `damping_n` is the coefficient
+        of restitution e (0: no dashpots), `damping_t` is c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), at any size and speed:
+        see `dashpot_coefficients`
     tension : False clips F_n at zero where the dashpot would make the contact pull
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
         overlap leaves it unchanged. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
@@ -87,7 +106,7 @@ def hertz_mindlin(
     Law: hertz_mindlin, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5
     """
     name = "hertz_mindlin_rescaled" if rescaled else "hertz_mindlin"
-    return _make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -106,7 +125,7 @@ def linear(
     ------
     Cundall & Strack, doi:10.1680/geot.1979.29.1.47.
     """
-    return _make_law("linear", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return make_law("linear", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -128,7 +147,7 @@ def hertz_mindlin_reff(
     Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
     """
     name = "hertz_mindlin_reff_rescaled" if rescaled else "hertz_mindlin_reff"
-    return _make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 @checked
@@ -156,26 +175,85 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-def _make_law(law_name, coulomb, damping, tension, *values) -> Law:
+def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
+    """Law from the values of its parameters; `own` are those that only this law has."""
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
         raise ValueError(f"damping={quoted(damping)} was given: {', '.join(map(repr, DAMPING))} are allowed")
-    for name, value in zip(PARAMETERS, values, strict=True):
-        check_parameter(name, value)
-    table = np.array(values, float)[None, None, :].copy()
-    return Law(NAMES.index(law_name), COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    for name, value in (*zip(PARAMETERS, values, strict=True), *own.items()):
+        check_parameter(name, value, (*PARAMETERS, *own))
+    table = np.array([*values, *own.values()], float)[None, None, :].copy()
+    law = Law(NAMES.index(law_name), COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    return _checked_values(law)
 
 
+@checked
+def dashpot_coefficients(law: Law) -> np.ndarray:
+    """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
+
+    With coeff_restitution these are α = −√5 ln e/√(π² + ln² e), exact for Hertzian contacts that may attract as they
+    open; 2 in place of √5 for linear ones. With tsuji α is a polynomial of e that was fitted to simulations. With
+    the other models these are `damping_n` and `damping_t`.
+
+    Source
+    ------
+    Antypov & Elliott, doi:10.1209/0295-5075/94/50004; Tsuji et al., doi:10.1016/0032-5910(92)88030-L, whose polynomial
+    is Eq 53 of Marshall, J. Comput. Phys. 228 (2009) 1541, times √2 for the effective mass; LAMMPS, `pair_style
+    granular`.
+
+    Examples
+    --------
+    >>> law = hertz_mindlin(damping="coeff_restitution", damping_n=0.5)
+    >>> dashpot_coefficients(law)[0, 0].round(4).tolist()
+    [0.4818, 0.0]
+    """
+    model, given = law.damping & ~NO_TENSION, law.table[..., [DAMPING_N, DAMPING_T]]
+    if model not in (TSUJI, RESTITUTION):
+        return given
+    e = given[..., 0]
+    if model == TSUJI:
+        alpha = np.sqrt(2) * np.polynomial.Polynomial(_TSUJI)(e)
+    else:
+        log = np.log(np.where(e > 0, e, 1.0))
+        linear = not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].exponent == 1
+        alpha = -(2.0 if linear else np.sqrt(5)) * log / np.hypot(np.pi, log)
+    alpha = np.where(e > 0, np.maximum(alpha, 0.0), 0.0)
+    return np.stack([alpha, given[..., 1] * alpha], axis=-1)
+
+
+def _checked_values(law: Law) -> Law:
+    most = law.table[..., DAMPING_N].max()
+    if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION) and most > 1:
+        raise ValueError(
+            f"damping_n = {most:g} was given: with this model of damping it is the coefficient of restitution, from 0 "
+            f"(no dashpots) to 1"
+        )
+    names = parameter_names(law)
+    if not isinstance(law.kind, Kind) and "k_unload" in names:
+        ratio = (law.table[..., names.index("k_unload")] / law.table[..., KN]).min()
+        if ratio < 1:
+            raise ValueError(f"k_unload = {ratio:g} kn was given: at least kn is allowed, or contacts create energy")
+    return law
+
+
+def _signed(law: Law) -> tuple[str, ...]:
+    """Names of parameters that may be negative."""
+    return tuple({*find_user_law(law.kind).names} - {*PARAMETERS}) if isinstance(law.kind, Kind) else ()
+
+
+_DASHPOTS = "gamma_roll", "gamma_twist"
+_TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law, 0 if no pair of materials has dashpots."""
-    return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
+    """Damping model of the law, 0 if no pair of materials has dashpots, also of moments."""
+    dashpots = DAMPING_N, DAMPING_T, *(k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS)
+    return law.damping if law.table[..., dashpots].any() else 0
 
 
-def check_parameter(name, value, names=PARAMETERS):
+def check_parameter(name, value, names=PARAMETERS, signed=()):
     """Raise ValueError with a one-sentence message if a law has no such parameter, or if the value is not allowed."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
@@ -183,7 +261,7 @@ def check_parameter(name, value, names=PARAMETERS):
         value = value.item()
     if not isinstance(value, Real):
         raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
-    low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
+    low_ok = value > 0 if name == "kn" else value >= 0 or name in signed
     if not (abs(value) < np.inf and low_ok):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
@@ -218,23 +296,23 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     old = len(law.table)
     table[:old, :old] = law.table
     for name, value in parameters.items():
-        check_parameter(name, value, names)
+        check_parameter(name, value, names, _signed(law))
         table[a, b, names.index(name)] = table[b, a, names.index(name)] = value
-    return law._replace(table=table)
+    return _checked_values(law._replace(table=table))
 
 
 def laws_equal(a: Law, b: Law) -> bool:
     """Return True if two laws have the same kind and parameters."""
-    return a[:2] == b[:2] and a.damping == b.damping and np.array_equal(a.table, b.table)
+    return a[:2] == b[:2] and a[3:] == b[3:] and np.array_equal(a.table, b.table)
 
 
 def with_values(law: Law, **parameters) -> Law:
     """Law with other parameters between all materials."""
     names, table = parameter_names(law), law.table.copy()
     for name, value in parameters.items():
-        check_parameter(name, value, names)
+        check_parameter(name, value, names, _signed(law))
         table[..., names.index(name)] = value
-    return law._replace(table=table)
+    return _checked_values(law._replace(table=table))
 
 
 def rescales(law: Law) -> bool:
@@ -244,9 +322,11 @@ def rescales(law: Law) -> bool:
 
 def parameter_names(law: Law) -> tuple[str, ...]:
     """Names of a law's parameters, in the order of its table."""
-    if not isinstance(law.kind, Kind):
-        return PARAMETERS
-    return find_user_law(law.kind).names
+    if isinstance(law.kind, Kind):
+        names = find_user_law(law.kind).names
+    else:
+        names = *PARAMETERS, *(p.name for p in BUILTIN_LAWS[law.kind].parameters)
+    return *names, *(name for part, own in MOMENTS.items() if law.properties & part for name in own)
 
 
 def _name(law: Law) -> str:
@@ -260,26 +340,30 @@ def _describe(law: Law) -> str:
     for parameter, values in _given(law).items():
         low, high = values.min(), values.max()
         shown.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
+    shown += ["lever arms R - δ/2"] if law.properties & LEVER else []
     return ", ".join(shown)
 
 
 def _given(law: Law) -> dict[str, np.ndarray]:
     """Parameters by name, (materials, materials); those of dashpots only if any pair has them."""
-    own = USER_LAWS.get(law.kind)
-    columns = zip(own.names if own else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
+    known = law.kind in USER_LAWS or 0 <= law.kind < len(NAMES)
+    columns = zip(parameter_names(law) if known else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
     return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
 
 
+_VISCOUS = {"gamma_roll": ("time/length", "rolling dashpot over R_eff² F_n")}
 DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in words
     VELOCITY: ("force time/length", "proportional to the velocity"),
     MASS: ("1/time", "proportional to effective mass and velocity"),
     VISCOELASTIC: ("1/(time length)", "proportional to effective mass, contact radius and velocity"),
+    TSUJI: ("1", "with a coefficient of restitution, damping_n"),
+    RESTITUTION: ("1", "with a coefficient of restitution, damping_n"),
 }
 
 
 def _rows(law: Law):
     """Rows of a table of a law: parameters that all pairs of materials share, then those that differ, by pair."""
-    damping, dashpots = DASHPOTS.get(law.damping & 3, ("", ""))
+    damping, dashpots = DASHPOTS.get(law.damping & ~NO_TENSION, ("", ""))
     built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
     stiffness = built_in.stiffness_unit if built_in else ""
     known = {
@@ -287,6 +371,8 @@ def _rows(law: Law):
         "mu": ("1", "coefficient of friction"), "damping_n": (damping, "normal dashpot"),
         "damping_t": (damping, "tangential dashpot"),
     }  # fmt: skip
+    known |= {p.name: (p.unit, p.words) for p in built_in.parameters} if built_in else {}
+    known |= MOMENTS[ROLLING] | MOMENTS[TWISTING] | (_VISCOUS if law.properties & VISCOUS else {})
     given = _given(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
     yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"
@@ -297,6 +383,8 @@ def _rows(law: Law):
     for name, values in given.items():
         if name not in differ:
             yield name, float(values[0, 0]), *known.get(name, ())
+    if law.properties & LEVER:
+        yield "lever arms", "R - δ/2", "", "between grains; R at walls"
     if damping_model(law):
         pull = "contacts never attract" if law.damping & NO_TENSION else "contacts may attract as they open"
         yield "dashpots", dashpots, "", pull

@@ -13,9 +13,25 @@ from functools import cache, lru_cache, partial
 
 import numpy as np
 
-from ...builtin_laws import BUILTIN_LAWS
-from .builtin import NO_TENSION, SMOOTH, STEP, Law, damping_model
+from ...builtin_laws import BUILTIN_LAWS, FIRST_OF_OWN
+from ..library import core
+from .builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    LEVER,
+    NO_TENSION,
+    ROLLING,
+    SMOOTH,
+    STEP,
+    TWISTING,
+    VISCOUS,
+    Law,
+    damping_model,
+    dashpot_coefficients,
+    parameter_names,
+)
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
+from .properties import angular_columns
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"
 TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
@@ -33,7 +49,7 @@ MEMBERS = {  # C functions of a user's law, and the function of the law that eac
 }
 _GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
 _OPTIONS = {"fastmath": True, "error_model": "numpy"}
-_NO_MEMORY: dict = {"bonds": False, "rolls": False, "memory": None}
+_OWN = "force", "cap", "slopes", "cap_slopes", "energy", "range", "update"  # members of a law in `normal_laws.cpp`
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -48,10 +64,23 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
     if isinstance(law.kind, Kind):
         find_user_law(law.kind)
     return _fixed_members(law.kind, members) | {
-        "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & 3, "tension": not law.damping & NO_TENSION,
-        "rate": rate, "len_table": len(law.table), "width": law.table.shape[2],
-        "table": np.ascontiguousarray(law.table, float),
+        "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
+        "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
+        "angular": angular_columns(law), "roll_at": _column(law, ROLLING), "twist_at": _column(law, TWISTING),
+        "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2],
+        "table": _table(law),
     }  # fmt: skip
+
+
+def _column(law: Law, part: int) -> int:
+    """Column of the first parameter of a property, after those of the properties before it; 0 without it."""
+    return len(parameter_names(law._replace(properties=law.properties % part))) if law.properties & part else 0
+
+
+def _table(law: Law) -> np.ndarray:
+    table = np.array(law.table, float)
+    table[..., [DAMPING_N, DAMPING_T]] = dashpot_coefficients(law)
+    return table
 
 
 @lru_cache
@@ -61,18 +90,17 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     out = dict.fromkeys(MEMBERS)
     if not isinstance(kind, Kind):
         known = BUILTIN_LAWS[kind]
-        return {
-            "hertz": known.exponent == 1.5,
-            "uses_radius": known.uses_radius,
-            "rescaled": known.rescales,
-            **_NO_MEMORY,
-            **out,
-        }
+        if known.parameters:
+            out |= {name: core.law_function(kind - FIRST_OF_OWN, k) for k, name in enumerate(_OWN)}
+        return out | {
+            "hertz": known.exponent == 1.5, "uses_radius": known.uses_radius, "rescaled": known.rescales,
+            "bonds": known.bonds, "memory": np.zeros(len(known.memory)),
+        }  # fmt: skip
     own = USER_LAWS[kind]
     out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in own.functions}
     out |= {
         "uses_radius": any("r_eff" in taken for taken in own.arguments.values()), "bonds": own.bonds,
-        "rolls": "rolling_stiffness" in own.functions, "memory": np.array([*own.memory.values()], float),
+        "memory": np.array([*own.memory.values()], float),
     }  # fmt: skip
     return {"hertz": False, "rescaled": False, **out}
 

@@ -112,4 +112,9 @@ def update_memory(own: UserLaw, values: dict, **given) -> dict[str, float]:
 
 def own_memory(kind: int) -> dict[str, float]:
     """Names of a law's own memory, with its values as a contact closes."""
-    return find_user_law(kind).memory if isinstance(kind, Kind) else {}
+    return find_user_law(kind).memory if isinstance(kind, Kind) else dict.fromkeys(BUILTIN_LAWS[kind].memory, 0.0)
+
+
+def bridges_gaps(kind: int) -> bool:
+    """Return True if a law acts across gaps."""
+    return "contact_range" in find_user_law(kind).functions if isinstance(kind, Kind) else BUILTIN_LAWS[kind].bonds

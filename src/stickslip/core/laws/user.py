@@ -249,7 +249,7 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     capped = "cap" in given and "mu" not in inspect.getfullargspec(given["cap"]).args
     values = _DEFAULTS | ({"mu": 1.0} if capped else {}) | parameters
     for name, value in values.items():
-        check_parameter(name, value, tuple(values))
+        check_parameter(name, value, tuple(values), signed=values.keys() - {*PARAMETERS})
     return {name: float(value) for name, value in values.items()}
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..library import core
-from .builtin import Law
+from .builtin import NO_TENSION, Law
 from .compiled import law_struct
 
 _PAIRS = "slopes", "cap_slopes"
@@ -33,6 +33,6 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
     results |= {"memory": None}
     results |= {name: np.empty((*shape, 2) if name in _PAIRS else shape) for name in wanted}
     struct = law_struct(law, members=tuple(_MEMBERS.get(name, name) for name in wanted if name != "damping"))
-    core.law_values(struct | {"damping": law.damping & 3}, points | results)
+    core.law_values(struct | {"damping": law.damping & ~NO_TENSION}, points | results)
     values = tuple(results[name] for name in wanted)
     return values if len(values) > 1 else values[0]

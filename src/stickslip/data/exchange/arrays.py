@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
+from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, PARAMETERS, Law
 from ...core.laws.kinds import Kind
 from ...core.state import State
 from ...core.units import Units, current_units, units_from
@@ -40,12 +40,14 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     if control.force[:n].any():
         arrays["external_force"] = control.force[:n]
     rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
-    own = isinstance(law.kind, Kind)
+    own = isinstance(law.kind, Kind) or law.table.shape[2] > len(PARAMETERS)
     lost = list_losses(rest, law=len(law.table) > 1 or own)
     if state.contacts.rolling is not None:
         lost.append("the memory of rolling or of the law")
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")
+    if law.properties:
+        lost.append("the lever arms and moments of the law")
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}

@@ -79,8 +79,8 @@ def law_to_dict(law: Law) -> dict:
         "coulomb": next(name for name, number in COULOMB.items() if number == law.coulomb),
         "damping": next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION),
         "tension": not law.damping & NO_TENSION,
-        "table": law.table.tolist(),
-    }
+        "table": law.table.tolist(), "properties": law.properties,
+    }  # fmt: skip
 
 
 def law_from_dict(words: dict) -> Law:
@@ -90,7 +90,7 @@ def law_from_dict(words: dict) -> Law:
         raise ValueError(f"a law's table of shape {table.shape}")
     damping = DAMPING[words["damping"]] + (0 if words["tension"] else NO_TENSION)
     kind = restore_kind(int(words["own"]["digest"], 16), words["own"]) if "own" in words else NAMES.index(words["law"])
-    return Law(kind, COULOMB[words["coulomb"]], table, damping)
+    return Law(kind, COULOMB[words["coulomb"]], table, damping, words.get("properties", 0))
 
 
 def lower_triangular_vectors(state: State, name: str) -> np.ndarray:

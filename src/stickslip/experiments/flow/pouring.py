@@ -6,7 +6,7 @@ import numpy as np
 
 from ...core.arguments import checked
 from ...core.control import rigid
-from ...core.laws.builtin import Law, for_pair
+from ...core.laws.builtin import Law, for_pair, parameter_names
 from ...core.laws.kinds import Kind
 from ...core.laws.validation import largest_stiffness
 from ...core.laws.values import evaluate
@@ -245,8 +245,9 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     if isinstance(law.kind, Kind):
         stiffness = largest_stiffness(law, law.table[0, 0].tolist(), r_eff, depth)
     else:
+        own = dict(zip(parameter_names(law), law.table[0, 0], strict=True))
         slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=depth, r_eff=r_eff)
-        stiffness = max(slopes[0], tangential)
+        stiffness = max(slopes[0], tangential, own.get("k_unload", 0.0))
     unit = float(np.sqrt(lightest / stiffness))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(

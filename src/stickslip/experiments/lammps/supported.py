@@ -36,8 +36,12 @@ def lacks_radius(law: Law) -> bool:
 
 def check_law(law: Law, state: State) -> None:
     """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
-    if isinstance(law.kind, Kind):
-        raise ScenarioError(f"LAMMPS was given a law written in Python, which it cannot evaluate: {STAY[3:]}")
+    if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
+        raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
+    if law.properties:
+        raise ScenarioError(
+            f"LAMMPS was given a law with other lever arms or with moments, which its pair styles lack: {STAY[3:]}"
+        )
     if law.coulomb != SHARP:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:

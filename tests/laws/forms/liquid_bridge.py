@@ -8,17 +8,18 @@ Thornton & Adams, doi:10.1006/jcis.1993.1452; the attraction there is subtracted
 
 from math import pi, sqrt
 
-parameters = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5, "gamma": 1e-4, "volume": 1e-4}
-bonds = True
+parameters = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
+parameters |= {"surface_tension": 1e-4, "volume": 1e-4}
+bonds, damping = True, "viscoelastic"
 
 
 def contact_range(volume):
     return volume ** (1 / 3)
 
 
-def elastic(overlap, kn):
+def elastic(overlap, r_eff, kn):
     pressed = max(overlap, 0.0)
-    return kn * pressed * sqrt(pressed)
+    return kn * pressed * sqrt(pressed * r_eff)
 
 
 def hold(gap, r_eff, volume):
@@ -26,15 +27,15 @@ def hold(gap, r_eff, volume):
     return 1 - sqrt(wide / (wide + volume))
 
 
-def normal_force(overlap, r_eff, kn, gamma, volume):
+def normal_force(overlap, r_eff, kn, surface_tension, volume):
     end = hold(volume ** (1 / 3), r_eff, volume)
     bridge = hold(max(-overlap, 0.0), r_eff, volume) - end
-    return elastic(overlap, kn) - 4 * pi * gamma * r_eff * bridge
+    return elastic(overlap, r_eff, kn) - 4 * pi * surface_tension * r_eff * bridge
 
 
-def tangential_stiffness(overlap, kt):
-    return kt * sqrt(max(overlap, 0.0))
+def tangential_stiffness(overlap, r_eff, kt):
+    return kt * sqrt(max(overlap, 0.0) * r_eff)
 
 
-def cap(overlap, kn, mu):
-    return mu * elastic(overlap, kn)
+def cap(overlap, r_eff, kn, mu):
+    return mu * elastic(overlap, r_eff, kn)

@@ -3,13 +3,14 @@
 Contacts form at touch and pull off at a gap; as work goes to zero this becomes
 hertz_mindlin_reff, E* = 3 kn/4. The contact radius a, δ = a²/R − √(2πwa/E*), has a
 closed form: Parteli et al., doi:10.1038/srep06227. Friction is that of Thornton,
-doi:10.1088/0022-3727/24/11/007: at most μ (F_n + 2 F_c), F_c = 1.5 πwR.
+doi:10.1088/0022-3727/24/11/007: at most μ |F_n + 2 F_c|, F_c = 1.5 πwR, without
+dashpots.
 """
 
 from math import pi, sqrt
 
 parameters = {"kn": 1.0, "kt": 0.8, "mu": 0.5, "work": 1e-3}
-bonds = True
+bonds, damping = True, "viscoelastic"
 
 
 def spread(r_eff, kn, work):
@@ -22,7 +23,8 @@ def contact_range(r_eff, kn, work):
 
 def contact_radius(overlap, r_eff, kn, work):
     c, x = spread(r_eff, kn, work), r_eff * overlap  # (a² − x)² = ca
-    cube = c * sqrt(max(c * c / 256 + x**3 / 27, 0.0)) + c * c / 16 + 8 / 27 * x**3
+    x3 = x * x * x  # x**3 of a negative complex number would lose its imaginary part
+    cube = c * sqrt(max(c * c / 256 + x3 / 27, 0.0)) + c * c / 16 + 8 / 27 * x3
     u = cube ** (1 / 3)
     w = sqrt(2 * u + 8 / 9 * x * x / u + 4 / 3 * x)
     return 0.5 * (w + sqrt(max(4 * x - w * w + 2 * c / w, 0.0)))
@@ -48,5 +50,5 @@ def tangential_stiffness(overlap, r_eff, kn, kt, work):
     return kt * contact_radius(overlap, r_eff, kn, work)
 
 
-def cap(normal_force, r_eff, mu, work):
-    return mu * (normal_force + 3 * pi * work * r_eff)
+def cap(overlap, r_eff, kn, mu, work):
+    return mu * abs(normal_force(overlap, r_eff, kn, work) + 3 * pi * work * r_eff)

@@ -1,0 +1,153 @@
+"""Properties that any contact law can have: lever arms R − δ/2, resistance to rolling and to twisting."""
+
+import numpy as np
+
+from ..arguments import checked
+from ..text import quoted
+from .builtin import LEVER, MOMENTS, ROLLING, TWISTING, VISCOUS, Law, check_parameter, parameter_names
+from .kinds import USER_LAWS, Kind, own_memory
+
+ARMS = {"radius": 0, "overlap": LEVER}
+# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap; and with
+# twisting the twist; 1 if it was at its cap
+COLUMNS, TWISTED = 7, 2
+MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "spring": ("k_roll", "mu_roll")}
+
+
+@checked
+def with_lever(law: Law, arm: str) -> Law:
+    """Law with other lever arms of the tangential force, T_i = −a_i n × F_t.
+
+    The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2 the arms of
+    two grains add up to their distance, so that contacts conserve angular momentum, and two grains that rotate as one
+    body do not slip.
+
+    Parameters
+    ----------
+    arm : "radius" (a_i = R_i, as in the papers and in LAMMPS `gran/hooke/history`) or "overlap" (a_i = R_i − δ/2 of
+        grains on grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
+        and so does a run with `slip_update="rate"`
+
+    Source
+    ------
+    LAMMPS, `GranularModel::calculate_forces`; Luding, doi:10.1007/s10035-008-0099-x, Eqs 5–8.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> ss.laws.with_lever(ss.laws.linear(mu=0.5), "overlap")
+    Law: linear, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5, lever arms R - δ/2
+    """
+    if arm not in ARMS:
+        raise ValueError(f"arm={quoted(arm)} was given: 'radius' and 'overlap' are allowed")
+    return law._replace(properties=law.properties & ~LEVER | ARMS[arm])
+
+
+@checked
+def with_rolling(
+    law: Law, model: str = "spring", *, k_roll: float = 0.0, mu_roll: float = 0.0, gamma_roll: float = 0.0
+) -> Law:
+    """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
+
+    Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P
+    the Coulomb limit over μ (max(F_n, 0) unless the law says otherwise; zero if μ is zero):
+
+        constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
+        viscous   M = −γ P R_eff² ω
+        spring    M = −k R_eff² ψ − γ R_eff² ω, |k R_eff² ψ| ≤ μ_r R_eff P and |M| ≤ μ_r R_eff P, dψ/dt = ω
+
+    These are types A, B and C of Ai et al. Type A is regularised by its dashpot: the moment is constant once
+    |ω| > μ_r P/(γ R_eff). The first two exert no moment at rest, so that static solutions do not depend on them.
+    `spring` is LAMMPS `rolling sds`. Contacts are evaluated by rows.
+
+    Parameters
+    ----------
+    model : "constant", "viscous" or "spring"
+    k_roll : k [force/length]
+    mu_roll : μ_r [1]
+    gamma_roll : γ [force time/length], of a viscous moment [time/length]
+
+    Source
+    ------
+    Ai et al., doi:10.1016/j.powtec.2010.09.030; pseudo-force: Luding, doi:10.1007/s10035-008-0099-x; rolling velocity:
+    Wang et al., Particuology 23 (2015) 49, as in LAMMPS.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.with_rolling(ss.laws.linear(), k_roll=0.5, mu_roll=0.1)
+    >>> law.table[0, 0, 5:].tolist()
+    [0.5, 0.1, 0.0]
+    """
+    values = {"k_roll": k_roll, "mu_roll": mu_roll, "gamma_roll": gamma_roll}
+    if model not in MODELS:
+        raise ValueError(f"model={quoted(model)} was given: {', '.join(map(repr, MODELS))} are allowed")
+    for name, value in values.items():
+        needed = name in MODELS[model]
+        if (needed and not value > 0) or (value and not needed and (model, name) != ("spring", "gamma_roll")):
+            words = "must be positive" if needed else "is not a parameter of it, leave it out"
+            raise ValueError(f"{name} = {value} was given with model = {model!r}: it {words}")
+    if resists_rolling(law._replace(properties=0)):
+        raise ValueError("the law has a rolling moment of its own: use one without it")
+    new = _with_parameters(law, ROLLING, values)
+    return new._replace(properties=new.properties & ~VISCOUS | (VISCOUS if model == "viscous" else 0))
+
+
+@checked
+def with_twisting(law: Law, *, k_twist: float, mu_twist: float, gamma_twist: float = 0.0) -> Law:
+    """Law with a moment along the normal that resists twisting, M = −k τ − γ ω_n, |k τ| and |M| ≤ μ_t P.
+
+    The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate; P as in
+    `with_rolling`. This is LAMMPS `twisting sds`. Contacts are evaluated by rows; two dimensions have no twisting.
+
+    Parameters
+    ----------
+    k_twist : k, positive [force length]
+    mu_twist : μ_t [length]
+    gamma_twist : γ [force length time]
+
+    Source
+    ------
+    Marshall, J. Comput. Phys. 228 (2009) 1541; Luding, doi:10.1007/s10035-008-0099-x.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.with_twisting(ss.laws.linear(), k_twist=0.1, mu_twist=0.02)
+    >>> law.table[0, 0, 5:].tolist()
+    [0.1, 0.02, 0.0]
+    """
+    if not k_twist > 0:
+        raise ValueError(f"k_twist = {k_twist} was given: it must be positive")
+    return _with_parameters(law, TWISTING, {"k_twist": k_twist, "mu_twist": mu_twist, "gamma_twist": gamma_twist})
+
+
+def _with_parameters(law: Law, part: int, values: dict[str, float]) -> Law:
+    """Law with a property whose parameters are the same for all pairs of materials."""
+    new = law._replace(properties=law.properties | part)
+    names, former = parameter_names(new), parameter_names(law)
+    if not law.properties & part and {*values} & {*former}:
+        raise ValueError(f"the law has a parameter of its own that is called {min({*values} & {*former})}: rename it")
+    table = np.zeros((*law.table.shape[:2], len(names)))
+    table[..., [names.index(name) for name in former]] = law.table
+    for name, value in values.items():
+        check_parameter(name, value, names)
+        table[..., names.index(name)] = value
+    return new._replace(table=table)
+
+
+def resists_rolling(law: Law) -> bool:
+    """Return True if a law has moments that resist rolling or twisting."""
+    own = USER_LAWS[law.kind].functions if isinstance(law.kind, Kind) and law.kind in USER_LAWS else {}
+    return bool(law.properties & sum(MOMENTS)) or "rolling_stiffness" in own
+
+
+def needs_rows(law: Law) -> bool:
+    """Return True if only rows evaluate a law: blocks know neither moments nor a law's own memory."""
+    return resists_rolling(law) or bool(own_memory(law.kind))
+
+
+def angular_columns(law: Law) -> int:
+    """Number of columns of `Contacts.rolling` for rotations; those of a law's own memory follow."""
+    twisted = TWISTED if law.properties & TWISTING else 0
+    return COLUMNS + twisted if resists_rolling(law) or law.properties else 0

@@ -1,0 +1,383 @@
+"""Properties of laws: exact Jacobian, balance of energy, rows and blocks, restart, and what each of them means."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.contacts.memory import FREE, HELD
+from stickslip.core.contacts.neighbors import with_neighbor_list
+from stickslip.core.dynamics import driver
+from stickslip.core.laws.builtin import ROLLING, TWISTING
+from stickslip.core.laws.compiled import law_struct
+from stickslip.data import archive
+from tests.conftest import make_packing, stirred
+from tests.laws.test_mechanics import differences, rate_differences
+
+
+def rolling(law, k_roll=0.1, mu_roll=0.15, **more):
+    return ss.laws.with_rolling(law, k_roll=k_roll, mu_roll=mu_roll, **more)
+
+
+def twisting(law, k_twist=0.01, mu_twist=0.05, **more):
+    return ss.laws.with_twisting(law, k_twist=k_twist, mu_twist=mu_twist, **more)
+
+
+LAWS = {
+    "rolling": lambda **more: rolling(ss.laws.hertz_mindlin(kt=0.8, **more)),
+    "twisting": lambda **more: twisting(ss.laws.hertz_mindlin(kt=0.8, **more)),
+    "dashpots of moments": lambda **more: twisting(
+        rolling(ss.laws.hertz_mindlin(kt=0.8, **more), mu_roll=20.0, gamma_roll=0.05), mu_twist=5.0, gamma_twist=0.01
+    ),
+    "constant": lambda **more: ss.laws.with_rolling(
+        ss.laws.hertz_mindlin(kt=0.8, **more), "constant", mu_roll=0.1, gamma_roll=0.05
+    ),
+    "viscous": lambda **more: ss.laws.with_rolling(ss.laws.linear(kt=0.8, **more), "viscous", gamma_roll=2.0),
+    "everything": lambda **more: ss.laws.with_lever(
+        twisting(rolling(ss.laws.jkr(kt=0.8, work=5e-3, **more))), "overlap"
+    ),
+    "arms": lambda **more: ss.laws.with_lever(ss.laws.hertz_mindlin(kt=0.8, **more), "overlap"),
+    "smooth arms": lambda **more: ss.laws.with_lever(ss.laws.hertz_mindlin(coulomb="smooth", **more), "overlap"),
+    "arms and rescaling": lambda **more: ss.laws.with_lever(
+        ss.laws.hertz_mindlin_reff(rescaled=True, **more), "overlap"
+    ),
+    "coeff_restitution": lambda **more: ss.laws.hertz_mindlin_reff(
+        **more | {"damping": "coeff_restitution", "damping_n": 0.5}
+    ),
+    "jkr": lambda **more: ss.laws.jkr(kt=0.8, work=5e-3, **more),
+    "dmt": lambda **more: ss.laws.dmt(kt=0.8, work=1e-3, **more),
+    "liquid_bridge": lambda **more: ss.laws.liquid_bridge(surface_tension=1e-3, volume=1e-4, **more),
+}
+EVERY = pytest.mark.parametrize("name", LAWS)
+
+
+def packed(name, dim, **more):
+    """A packing whose contacts have committed memory, far from kinks; some slide, some stick."""
+    law = ss.laws.for_pair(LAWS[name](**{"mu": 0.5, "damping_n": 0.1} | more), 0, 1, mu=0.3, kn=1.3)
+    for seed in range(300):
+        state = stirred(make_packing(dim, seed=seed), law, np.random.default_rng(seed), size=0.05)
+        count = int(state.contacts.count[0])
+        mode, gap = state.contacts.mode[:count], -ss.measure.overlaps(state)
+        slips = np.linalg.norm(state.contacts.slip[:count], axis=1)[(mode == ss.SLIDE) & (gap < 0)]
+        good = len(slips) and slips.min() > 0.02 and (mode == ss.STICK).any() and np.abs(gap).min() > 2e-3
+        memory = state.contacts.rolling
+        if good and memory is not None:
+            turned, at_cap = np.linalg.norm(memory[:count, :3], axis=1), memory[:count, 6] > 0
+            good = not (at_cap & (turned > 0) & (turned < 0.01)).any()
+        if good and state.cell.dim == 3 and name in ("rolling", "twisting", "everything"):
+            parts = (6, ROLLING), (8, TWISTING)
+            caps = [memory[:count, k][mode > 0] for k, part in parts if law.properties & part]
+            good = all(0 < at_cap.sum() < len(at_cap) for at_cap in caps)
+        if good:
+            return state, law
+    raise AssertionError("no suitable packing")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@EVERY
+def test_jacobian_and_damping_matrix_are_exact(name, dim):
+    state, law = start, _ = packed(name, dim)
+    free, count = ss.freedom(state), int(state.contacts.count[0])
+    for memory, step in ((HELD, 1e-6), (FREE, 1e-7)):
+        if memory == FREE:  # as in a solver: what is not committed moves on
+            way = np.random.default_rng(3).normal(0, 3e-4, len(free))
+            state = with_neighbor_list(ss.modes.displaced(state, free, way))
+        elif "rescaling" in name:
+            continue  # only one-sided derivatives where the memory was committed
+        exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law, memory=memory)[0], free).toarray()
+        found = differences(state, law, free, memory, step)
+        # h² f''' with lengths of 0.02 and round-off over h are both of order 1e-9
+        np.testing.assert_allclose(exact, found, atol=3e-8 * np.abs(exact).max())
+    rub = ss.modes.assembled(start, ss.modes.contact_blocks(start, law)[1], free).toarray()
+    np.testing.assert_allclose(rub, rate_differences(start, law, free, 1e-7), atol=1e-8 * np.abs(rub).max())
+    assert count == int(state.contacts.count[0])
+
+
+def moving(name, dim, speed=0.03, **more):
+    """A packing in motion, without dashpots unless they are given."""
+    state, law = packed(name, dim, **{"damping_n": 0.0} | more)
+    rng, n = np.random.default_rng(0), len(state.grains.radius)
+    move, turn = rng.normal(0, speed, (2, n, 3))
+    if dim == 2:
+        move[:, 2] = turn[:, :2] = 0
+    return state._replace(grains=state.grains._replace(velocity=move, spin=6 * turn)), law
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@EVERY
+def test_energy_is_balanced_as_the_time_step_goes_to_zero(name, dim):
+    state, law = moving(name, dim, damping_n=0.02, damping_t=0.02)
+    defect = []
+    for dt in (0.02, 0.005):
+        _, record, _ = ss.run(state, law, round(2 / dt), dt, every=round(0.1 / dt), ledger=True)
+        defect.append(np.abs(record.ledger.defect).max() / record.ledger.kinetic[0])
+    assert record.ledger.tangential.max() > 1e-3 * record.ledger.kinetic[0] and record.ledger.coulomb[-1] > 0
+    # second order but for the instants at which contacts close, open and slide, each of them of first order
+    assert defect[1] < 2e-3 and (defect[1] < 0.5 * defect[0] or name == "dmt")  # whose force jumps at touch
+
+
+@pytest.mark.parametrize(
+    ("name", "update"),
+    [*((name, "difference") for name in LAWS), ("dashpots of moments", "rate"), ("everything", "rate")],
+)
+def test_a_run_goes_on_to_the_last_bit_through_an_archive(name, update, tmp_path):
+    state, law = moving(name, 3, damping_n=0.02, damping_t=0.02)
+    whole, _, _ = ss.run(state, law, 200, 0.02, slip_update=update)
+    half, _, _ = ss.run(state, law, 100, 0.02, slip_update=update)
+    archive.write(tmp_path / "half.h5", {"state": half, "law": law})
+    back = archive.read(tmp_path / "half.h5")
+    assert repr(back["law"]) == repr(law)
+    rest, _, _ = ss.run(back["state"], back["law"], 100, 0.02, slip_update=update)
+    np.testing.assert_array_equal(rest.grains.position, whole.grains.position)
+    rows, count = ss.measure.touching(whole), len(ss.measure.touching(rest))
+    assert len(rows) == count
+    for field in ("slip", "rolling"):
+        mine, theirs = (getattr(end.contacts, field) for end in (rest, whole))
+        if mine is None:
+            assert theirs is None
+            continue
+        np.testing.assert_array_equal(mine[ss.measure.touching(rest)], theirs[rows])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_blocks_move_as_rows_on_any_number_of_threads(dim, monkeypatch):
+    law, rng, side = LAWS["arms"](damping_n=0.1, damping_t=0.05), np.random.default_rng(0), 10 if dim == 2 else 5
+    place = np.stack(np.meshgrid(*dim * [np.arange(side)]), axis=-1).reshape(-1, dim) * 0.98
+    radius = rng.uniform(0.46, 0.52, len(place))
+    grains = (ss.disks if dim == 2 else ss.spheres)(place + rng.normal(0, 0.01, place.shape), radius)
+    move, turn = rng.normal(0, 0.05, (2, len(place), 3))
+    if dim == 2:
+        move[:, 2] = turn[:, :2] = 0
+    grains = grains._replace(velocity=move, spin=5 * turn)
+    size = [side * 0.98] * dim + [1.0] * (3 - dim)
+    state = ss.assembly(grains, cell=ss.box(size, [True] * dim + [False] * (3 - dim), dim))
+    one, _, _ = ss.run(state, law, 200, 0.02, threads=1)
+    two, _, _ = ss.run(state, law, 200, 0.02, threads=2)
+    np.testing.assert_array_equal(one.grains.position, two.grains.position)
+    monkeypatch.setattr(driver, "MIN_BODIES", 10**9)
+    plain, _, _ = ss.run(state, law, 200, 0.02)
+    np.testing.assert_allclose(one.grains.position, plain.grains.position, atol=1e-11)
+    # the memory that statics need: two forces of one state
+    again = ss.forces(one, law, memory=HELD)[0]
+    np.testing.assert_allclose(again.torque, ss.forces(plain, law, memory=HELD)[0].torque, atol=1e-10)
+
+
+# ---- lever arms
+
+
+def spinning_pair(radii=(0.5, 0.8)):
+    """Two spheres that meet off-centre, spinning."""
+    state = ss.assembly(ss.spheres([[0, 0, 0], [sum(radii) + 0.01, 0.2, 0.1]], np.array(radii)))
+    velocity, spin = np.array([[0.05, 0.02, 0], [-0.05, 0, 0.01]]), np.array([[0.1, -0.2, 0.15], [0, 0.1, -0.3]])
+    return state._replace(grains=state.grains._replace(velocity=velocity, spin=spin))
+
+
+def angular_momentum(state):
+    g = state.grains
+    return (g.mass[:, None] * np.cross(g.position, g.velocity) + g.inertia[:, None] * g.spin).sum(axis=0)
+
+
+@pytest.mark.parametrize("update", ["difference", "rate"])
+def test_contacts_conserve_angular_momentum(update):
+    start = spinning_pair()
+    changes = []
+    for arm in ("radius", "overlap"):
+        law = twisting(
+            rolling(ss.laws.linear(kn=1.0, kt=0.5, mu=0.5, damping_n=0.02, damping_t=0.02)), gamma_twist=0.01
+        )
+        law = ss.laws.with_lever(law, arm)
+        end, _, _ = ss.run(start, law, 3000, 1e-3, slip_update=update)
+        assert (ss.run(start, law, 1000, 1e-3)[0].contacts.mode[:1] != ss.OPEN).all()
+        changes.append(np.abs(angular_momentum(end) - angular_momentum(start)).max())
+    assert changes[0] > 1e-4 and changes[1] < 1e-14
+
+
+def test_a_rigid_rotation_does_not_slip():
+    radii, angle, slips = np.array([0.5, 0.8]), 0.3, []
+    state = ss.assembly(ss.spheres([[0, 0, 0], [1.2, 0, 0]], radii))
+    for arm in ("radius", "overlap"):
+        law = ss.laws.with_lever(ss.laws.linear(kt=1.0, mu=10.0), arm)
+        here = ss.accept(state, ss.forces(state, law)[1])
+        for k in range(1, 301):
+            a = angle * k / 300
+            turned = [[0, 0, 0], [1.2 * np.cos(a), 1.2 * np.sin(a), 0]]
+            grains = here.grains._replace(position=np.array(turned), angle=np.full((2, 3), [0, 0, a]))
+            here = here._replace(grains=grains)
+            here = ss.accept(here, ss.forces(here, law)[1])
+        slips.append(np.linalg.norm(here.contacts.slip[0]))
+    assert slips[0] == pytest.approx(0.1 * angle, rel=1e-4)  # δ times the angle
+    assert slips[1] < 1e-6
+
+
+def test_walls_keep_the_radius():
+    law = ss.laws.linear(kt=1.0, mu=10.0)
+    state = ss.assembly(ss.spheres([[0, 0, 0.45]], 0.5), ss.flat_walls([0, 0, 0], [0, 0, 1]))
+    torques = []
+    for arm in ("radius", "overlap"):
+        one = ss.laws.with_lever(law, arm)
+        here = ss.accept(state, ss.forces(state, one)[1])
+        here = here._replace(grains=here.grains._replace(position=np.array([[0.01, 0, 0.44]])))
+        torques.append(ss.forces(here, one)[0].torque[0])
+    np.testing.assert_array_equal(*torques)
+
+
+def test_energy_is_balanced_with_the_slip_of_lammps():
+    """Its slip takes R and its torques R − δ/2; the energy so created is `nonpotential`."""
+    law = ss.laws.with_lever(ss.laws.linear(kn=1.0, kt=0.5, mu=10.0), "overlap")
+    _, record, _ = ss.run(spinning_pair(), law, 150, 0.02, every=1, ledger=True, slip_update="rate")
+    assert np.abs(record.ledger.nonpotential).max() > 10 * np.abs(record.ledger.defect).max()
+
+
+def test_a_wrong_arm_is_refused():
+    with pytest.raises(ValueError, match="arm='centre' was given: 'radius' and 'overlap' are allowed"):
+        ss.laws.with_lever(ss.laws.linear(), "centre")
+
+
+# ---- rolling and twisting
+
+RADIUS, OVERLAP = 0.5, 0.02
+
+
+def turning_pair(axis, spin=0.1):
+    """Two spheres held in place that rotate against each other: they roll or twist, but do not slip."""
+    grains = ss.spheres([[0, 0, 0], [2 * RADIUS - OVERLAP, 0, 0]], RADIUS)
+    free = np.zeros((2, 6), bool)
+    free[:, 3:] = True
+    state = ss.assembly(grains, control=ss.control.loads(2)._replace(free=free))
+    turn = np.array([spin, -spin])[:, None] * np.asarray(axis, float)
+    return state._replace(grains=state.grains._replace(spin=turn))
+
+
+def spins_of(law, axis, duration, steps=4000):
+    """Spin of the first sphere at the end."""
+    end, _, _ = ss.run(turning_pair(axis), law, steps, duration / steps)
+    return float(end.grains.spin[0] @ np.asarray(axis, float))
+
+
+def test_viscous_rolling_decays_exponentially():
+    law, inertia = (
+        ss.laws.with_rolling(ss.laws.linear(mu=0.5), "viscous", gamma_roll=3.0),
+        turning_pair([0, 0, 1]).grains.inertia[0],
+    )
+    rate = 2 * 3.0 * OVERLAP * (RADIUS / 2) ** 2 / inertia  # both spheres turn
+    assert spins_of(law, [0, 0, 1], 2 / rate) == pytest.approx(0.1 * np.exp(-2.0), rel=1e-5)
+
+
+def test_a_constant_moment_stops_rolling_in_a_given_time():
+    law = ss.laws.with_rolling(ss.laws.linear(mu=0.5), "constant", mu_roll=0.2, gamma_roll=20.0)
+    slowing = 0.2 * (RADIUS / 2) * OVERLAP / turning_pair([0, 0, 1]).grains.inertia[0]
+    stop = 0.1 / slowing
+    assert spins_of(law, [0, 0, 1], 0.5 * stop) == pytest.approx(0.05, rel=1e-5)
+    assert abs(spins_of(law, [0, 0, 1], 1.5 * stop)) < 1e-6
+
+
+@pytest.mark.parametrize(("axis", "stiffness"), [([0, 0, 1], 0.3 * (RADIUS / 2) ** 2), ([1, 0, 0], 0.04)])
+@pytest.mark.parametrize("gamma", [0.0, 0.2])
+def test_springs_of_rolling_and_twisting_swing_freely(axis, stiffness, gamma):
+    damping = gamma * stiffness
+    law = rolling(ss.laws.linear(mu=0.5), 0.3, mu_roll=50.0, gamma_roll=0.3 * gamma)
+    law = twisting(law, 0.04, mu_twist=50.0, gamma_twist=0.04 * gamma)
+    inertia = turning_pair(axis).grains.inertia[0]
+    decay, omega = damping / inertia, np.sqrt(2 * stiffness / inertia)
+    swing = np.sqrt(omega**2 - decay**2)
+    time = 2.3 / omega
+    expected = 0.1 * np.exp(-decay * time) * (np.cos(swing * time) - decay / swing * np.sin(swing * time))
+    assert spins_of(law, axis, time) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("axis", "moment"), [([0, 0, 1], 0.05 * RADIUS / 2), ([1, 0, 0], 0.01)])
+def test_moments_have_caps_and_common_rotation_is_free(axis, moment):
+    law = twisting(rolling(ss.laws.linear(mu=0.5), mu_roll=0.05), mu_twist=0.01)
+    state, axis = turning_pair(axis, 0.0), np.asarray(axis, float)
+    state = ss.accept(state, ss.forces(state, law)[1])
+    for sign in (1, -1):
+        turned = state.grains._replace(angle=sign * np.array([2.0, -2.0])[:, None] * axis)
+        torque = ss.forces(state._replace(grains=turned), law)[0].torque
+        np.testing.assert_allclose(torque, -sign * moment * OVERLAP * np.outer([1, -1], axis), atol=1e-15)
+    turned = state.grains._replace(angle=np.full((2, 3), 0.2) * axis)
+    loads = ss.forces(state._replace(grains=turned), law)[0]
+    assert np.abs(np.cross(axis, loads.torque)).max() < 1e-15  # friction only, where there is slip
+
+
+def test_without_friction_there_are_no_moments():
+    law = twisting(rolling(ss.laws.linear(mu=0.0), gamma_roll=1.0), gamma_twist=1.0)
+    for axis in ([0, 0, 1], [1, 0, 0]):
+        assert spins_of(law, axis, 10.0, steps=100) == 0.1
+
+
+def test_rolling_in_python_is_the_built_in_spring():
+    """Model C as a user writes it, with k_r = k R_eff² and the cap μ_r R_eff F_n."""
+    law = rolling(ss.laws.linear(kt=0.8, mu=0.5), 0.4, mu_roll=0.1)
+    own = ss.laws.custom(
+        normal_force=lambda overlap, kn: kn * overlap, rolling_stiffness=lambda r_eff, k: k * r_eff**2,
+        rolling_cap=lambda normal_force, r_eff, mu_r: mu_r * r_eff * max(normal_force, 0.0),
+        parameters={"kn": 1.0, "kt": 0.8, "mu": 0.5, "k": 0.4, "mu_r": 0.1},
+    )  # fmt: skip
+    state, _ = moving("rolling", 3)
+    state = state._replace(contacts=state.contacts._replace(stale=True, rolling=None))
+    ends = [ss.run(state, ss.laws.for_pair(one, 0, 1, mu=0.3), 200, 0.02)[0] for one in (law, own)]
+    np.testing.assert_allclose(ends[0].grains.angle, ends[1].grains.angle, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"model": "elastic"}, "model='elastic' was given: 'constant', 'viscous', 'spring' are allowed"),
+        ({"k_roll": 1.0}, "mu_roll = 0.0 was given with model = 'spring': it must be positive"),
+        ({"model": "viscous", "gamma_roll": 1.0, "mu_roll": 0.1}, "mu_roll = 0.1 was given .* leave it out"),
+        ({"model": "constant", "mu_roll": 0.1}, "gamma_roll = 0.0 was given .* must be positive"),
+    ],
+)
+def test_wrong_parameters_of_rolling_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        ss.laws.with_rolling(ss.laws.linear(), **options)
+
+
+def test_parameters_of_moments_have_names():
+    law = twisting(rolling(ss.laws.linear()))
+    assert all(words in repr(law) for words in ("k_roll = 0.1, mu_roll = 0.15, k_twist = 0.01", "mu_twist = 0.05"))
+    law = ss.laws.for_pair(law, 0, 1, mu_roll=0.3)
+    assert law.table[0, 1, 6] == 0.3 and law.table[0, 0, 6] == 0.15
+    again = ss.laws.with_rolling(law, "viscous", gamma_roll=1.0)
+    assert again.table.shape == law.table.shape and again.table[0, 0, 8] == 0.01
+    own = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"k_roll": 1.0, "mu": 0.5})
+    with pytest.raises(ValueError, match="a parameter of its own that is called k_roll: rename it"):
+        rolling(own)
+    struct = law_struct(ss.laws.with_lever(twisting(own), "overlap"))
+    assert (struct["roll_at"], struct["twist_at"]) == (0, 6)
+    with pytest.raises(ValueError, match=r"mu_roll = -1.0 was given: it must be finite and not negative"):
+        ss.laws.for_pair(law, 0, 1, mu_roll=-1.0)
+
+
+# ---- dashpots for a coefficient of restitution
+
+
+@pytest.mark.parametrize(
+    "size", [{"radius": 0.5, "mass": 1.0, "speed": 0.01}, {"radius": 3.0, "mass": 7.0, "speed": 1.0}]
+)
+@pytest.mark.parametrize("make", [ss.laws.linear, ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff])
+def test_a_collision_has_the_given_restitution_at_any_size_and_speed(make, size):
+    for restitution in (0.05, 0.5, 0.95):
+        law = make(damping="coeff_restitution", damping_n=restitution)
+        assert ss.laws.collision(law, **size).restitution == pytest.approx(restitution, abs=1e-8)
+        if make is not ss.laws.linear:  # a fit to simulations
+            law = make(damping="tsuji", damping_n=restitution)
+            assert ss.laws.collision(law, **size).restitution == pytest.approx(restitution, abs=5e-3)
+
+
+def test_a_run_has_the_restitution_of_a_collision():
+    start = ss.assembly(ss.spheres([[0, 0, 0], [1.001, 0, 0]], 0.5))
+    velocity = np.array([[0.05, 0, 0], [-0.05, 0, 0]])
+    law = ss.laws.hertz_mindlin_reff(damping="coeff_restitution", damping_n=0.6)
+    end, _, _ = ss.run(start._replace(grains=start.grains._replace(velocity=velocity)), law, 20_000, 5e-4)
+    assert end.grains.velocity[1, 0] == pytest.approx(0.6 * 0.05, rel=1e-4)
+
+
+def test_without_restitution_there_are_no_dashpots_and_more_than_one_is_refused():
+    law = ss.laws.linear(damping="tsuji")
+    assert ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1).restitution == pytest.approx(1.0, abs=1e-9)
+    with pytest.raises(ValueError, match=r"damping_n = 1.5 was given: .* the coefficient of restitution, from 0"):
+        ss.laws.linear(damping="coeff_restitution", damping_n=1.5)
+    with pytest.raises(ValueError, match="damping_n = 2 was given"):
+        ss.laws.for_pair(law, 0, 1, damping_n=2.0)
+    with pytest.raises(ValueError, match="a coefficient of restitution already"):
+        ss.laws.with_restitution(law, 0.5, radius=0.5, mass=1.0, speed=0.1)
