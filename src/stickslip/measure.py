@@ -19,6 +19,7 @@ Continuum
     inertial_number     dimensionless shear rate
     shear_strain        strain of a sheared cell
     elastic_energy      energy stored in the contacts
+    dissipation         energy that each contact dissipates in a step, by sliding and by dashpots
 
 Equilibrium
     unbalanced_forces   generalised force on every body
@@ -33,6 +34,7 @@ Space and time
 """
 
 from .core.contacts.forces import unbalanced_forces
+from .core.dynamics.ledger import dissipation
 from .core.dynamics.timestep import stable_time_step
 from .core.measure import (
     branch_vectors,
@@ -62,6 +64,7 @@ __all__ = [
     "contact_forces",
     "contact_numbers",
     "coordination",
+    "dissipation",
     "elastic_energy",
     "fabric",
     "heights",
