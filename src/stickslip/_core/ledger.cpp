@@ -258,6 +258,10 @@ void add_ledger_step(const LedgerStep *step) {
   for (int64_t c = 0; c < after.count[0]; ++c) {
     while (m < count && before.key[m] < after.key[c]) ++m;
     bool known = m < count && before.key[m] == after.key[c] && before.mode[m] != OPEN;
+    const double coulomb = step->row[COULOMB], viscous = step->row[VISCOUS];
     add_contact(*step, known ? m : -1, c);
+    if (!step->shares) continue;
+    step->shares[2 * c] = step->row[COULOMB] - coulomb;
+    step->shares[2 * c + 1] = step->row[VISCOUS] - viscous;
   }
 }

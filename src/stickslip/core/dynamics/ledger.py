@@ -15,13 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..contacts.forces import Bodies
+from ..arguments import checked
+from ..contacts.forces import Bodies, check_materials
+from ..contacts.forces import bodies as bodies_of
 from ..contacts.geometry import shifts
 from ..control import spring_forces
+from ..fields import Field, check_entry
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import readable
+from ..state import State
 from .coefficients import Plan
 
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "drag", "nonpotential")
@@ -77,25 +81,80 @@ def open_books(samples: int, bodies: Bodies, state, law: Law, rate: bool) -> Boo
 
 def post_step(books: Books, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
     """Post one step, from the state in the books to `here` and `contacts`, which are not modified."""
-    old, vectors = books.bodies, state.cell.vectors
-    strain = np.zeros((3, 3))
-    if (vectors != books.vectors).any():  # dt L of the step that moved the cell
-        strain = 2 * np.linalg.solve((vectors + books.vectors), vectors - books.vectors).T
+    vectors, row = state.cell.vectors, books.row
     pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
-    books.row[_STORED] = 0.0
-    core.add_ledger_step({
-        "law": books.law, "dim": state.cell.dim, "old": old, "now": here,
-        "before": books.contacts, "after": contacts, "shift_old": shifts(contacts, books.vectors),
-        "shift_now": shifts(contacts, vectors),
-        "way": here.position - old.position - 0.5 * (here.position + old.position) @ strain.T,
-        "strain": np.ascontiguousarray(strain), "free": np.ascontiguousarray(state.control.free),
+    row[_STORED] = 0.0
+    core.add_ledger_step(_ends_of_step(books.bodies, here, books.contacts, contacts, books.vectors, vectors) | {
+        "law": books.law, "dim": state.cell.dim, "free": np.ascontiguousarray(state.control.free),
         "mass": books.mass, "inertia": books.inertia, "force": plan.external[0] + 0.5 * (pull + books.pull),
         "torque": plan.external[1], "drag": plan.drags[0], "spin_drag": plan.drags[1], "dt": plan.dt,
-        "first": step == 0, "row": books.row,
+        "first": step == 0, "row": row, "shares": None,
     })  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = books.row
     return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors, pull=pull)
+
+
+def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors) -> dict:
+    """Members of the struct of a step that describe its ends."""
+    strain = np.zeros((3, 3))
+    if (vectors != old_vectors).any():  # dt L of the step that moved the cell
+        strain = 2 * np.linalg.solve(vectors + old_vectors, vectors - old_vectors).T
+    return {
+        "old": old, "now": now, "before": before, "after": after, "shift_old": shifts(after, old_vectors),
+        "shift_now": shifts(after, vectors), "strain": np.ascontiguousarray(strain),
+        "way": now.position - old.position - 0.5 * (now.position + old.position) @ strain.T,
+    }  # fmt: skip
+
+
+@readable
+class Dissipation(NamedTuple):
+    """Energy that each pair in the list has dissipated [energy]."""
+
+    sliding: np.ndarray  # (C,) by friction
+    dashpots: np.ndarray  # (C,)
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not a finite number."""
+        for name, values in self._asdict().items():
+            check_entry(f"dissipation.{name}", values, Field(np.float64, ("contacts",)), {"contacts": len(values)})
+
+
+@checked
+def dissipation(before: State, after: State, law: Law, *, dt: float = 0.0) -> Dissipation:
+    """Energy dissipated by each pair in the list of `after` between two accepted states that are one small step apart.
+
+    The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
+
+    Parameters
+    ----------
+    before, after : states of the same grains
+    law : Law
+    dt : duration of the step, for dashpots; 0 for quasi-static steps [time]
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear(kn=1.0, kt=0.5, mu=0.3)
+    >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.9, 0, 0]], [0.5, 0.5], law, dim=2)
+    >>> place = pair.grains.position + [[0, 1e-3, 0], [0, 0, 0]]
+    >>> moved = pair._replace(grains=pair.grains._replace(position=place))
+    >>> moved = ss.accept(moved, ss.forces(moved, law)[1])
+    >>> dissipation(pair, moved, law).sliding  # the contact sticks
+    array([0.])
+    """
+    if before.n_bodies != after.n_bodies:
+        raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
+    check_materials(after, law)
+    ends, still = [bodies_of(before), bodies_of(after)], np.zeros((after.n_bodies, 3))
+    shares, none = np.zeros((len(after.contacts.i), 2)), np.zeros(after.n_bodies)
+    core.add_ledger_step(
+        _ends_of_step(*ends, before.contacts, after.contacts, before.cell.vectors, after.cell.vectors) | {
+        "law": law_struct(law, members=(*FORCES, "energy")), "dim": after.cell.dim,
+        "free": np.ones((after.n_bodies, 6), bool), "mass": none, "inertia": none, "force": still, "torque": still,
+        "drag": 0.0, "spin_drag": 0.0, "dt": dt, "first": False, "row": np.zeros(len(COLUMNS)), "shares": shares,
+    })  # fmt: skip
+    return Dissipation(*shares[: int(after.contacts.count[0])].T.copy())
 
 
 def _copy(record):
