@@ -19,6 +19,7 @@ Continuum
     inertial_number     dimensionless shear rate
     shear_strain        strain of a sheared cell
     elastic_energy      energy stored in the contacts
+    dissipation         energy that each contact dissipates in a step, by sliding and by dashpots
     coarse_grained      density, velocity and stress as fields on a grid
 
 Equilibrium
