@@ -16,8 +16,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.exchange.motion import read_mode
-from stickslip.experiments.lammps import memory
 from stickslip.experiments.packing.report import check_modes
 from stickslip.loading.packing import jammed
 from tests.unit.test_sample import arrays_of

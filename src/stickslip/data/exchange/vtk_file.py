@@ -4,15 +4,22 @@ NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-con
 frames become NAME_0000.vtu and so on, which ParaView opens as a series.
 """
 
+import base64
+import re
+import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
 
 import numpy as np
 
 from ...core.readable import pluralize
+from ...core.text import parse_numbers
 from ...extras import require
 from ..atomic import name_file_in_errors
-from ..sample import PackingError
+from ..sample import Assumption, PackingError
+from .columns import packing_of_columns
+from .content import Packing, extent_note, only_state, read_content
 from .frame import Frame, list_losses, wrapped_into
 
 
@@ -42,7 +49,7 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
     bare = sum(not len(frame.contacts["i"]) for frame in frames)
     words = [f"{pluralize(bare, 'frame')} without contacts: no file of lines was written"] if bare else []
-    return [*words, f"VTK does not store {', '.join(lost)}; stickslip writes it but does not read it"]
+    return [*words, f"VTK does not store {', '.join(lost)}"]
 
 
 def _positions(frame: Frame) -> np.ndarray:
@@ -81,3 +88,155 @@ def _to_vtk_columns(columns: dict) -> dict:
         values = column.astype(np.int32) if column.dtype.kind in "iub" else column
         out[name] = tuple(_split_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
     return out
+
+
+LEGACY, XML = b"# vtk DataFile", re.compile(rb"<VTKFile[^>]+type=.(UnstructuredGrid|PolyData)")
+TYPES = {
+    "float": "f4", "double": "f8", "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4",
+    "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtkIdType": "i8", "Float32": "f4",
+    "Float64": "f8", **{f"{sign}Int{8 * size}": f"{kind}{size}" for sign, kind in (("", "i"), ("U", "u")) for size in (1, 2, 4, 8)},
+}  # fmt: skip
+
+
+def recognize(head: bytes) -> bool:
+    """Return True for legacy VTK files and for VTU and VTP."""
+    return head.lstrip().startswith(LEGACY) or bool(XML.search(head))
+
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read the points of a VTK file, with the radii in its point data."""
+    only_state(path, frame)
+    content = read_content(path)
+    try:
+        columns = _legacy_columns(content) if content.lstrip().startswith(LEGACY) else _xml_columns(content)
+        columns = {name: _vectors(columns, name) for name in columns}
+    except (ValueError, IndexError, KeyError, TypeError, AttributeError, zlib.error, ElementTree.ParseError) as problem:
+        raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
+    packing = packing_of_columns(columns, path.name, path.stem)
+    return [packing._replace(words=[*packing.words, Assumption(extent_note(path.name))])]
+
+
+def _vectors(columns: dict, name: str) -> np.ndarray:
+    column = columns[name]
+    return column[:, 0] if column.ndim == 2 and column.shape[1] == 1 else column
+
+
+def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
+    """Points and point data of a legacy file."""
+    reader = _Legacy(content)
+    columns, count, of_points = {}, -1, False
+    while words := reader.words():
+        key = words[0].upper()
+        if key == "POINTS":
+            count = int(words[1])
+            columns["points"] = reader.numbers(3 * count, words[2]).reshape(count, 3)
+        elif key in ("POINT_DATA", "CELL_DATA"):
+            of_points = key == "POINT_DATA"
+        elif key in ("VECTORS", "NORMALS") and of_points:
+            columns[words[1]] = reader.numbers(3 * count, words[2]).reshape(count, 3)
+        elif key == "SCALARS" and of_points:
+            reader.words()  # LOOKUP_TABLE
+            width = int(words[3]) if len(words) > 3 else 1
+            columns[words[1]] = reader.numbers(width * count, words[2]).reshape(count, width)
+        elif key == "FIELD" and of_points:
+            for _ in range(int(words[2])):
+                name, width, rows, kind = reader.words()
+                columns[name] = reader.numbers(int(width) * int(rows), kind).reshape(int(rows), int(width))
+        elif key == "METADATA":
+            reader.skip_block()
+        elif key in ("VERTICES", "LINES", "POLYGONS", "CELLS", "CELL_TYPES") and reader.binary and len(words) > 1:
+            reader.numbers(int(words[-1]), "int")
+    return columns
+
+
+class _Legacy:
+    """Position in a legacy file: lines of words, and arrays that follow them."""
+
+    def __init__(self, content: bytes):
+        self.content, self.at = content, 0
+        self.words(), self.words()
+        self.binary = self.words()[0].upper() == "BINARY"
+
+    def words(self) -> list[str]:
+        """Words of the next line that is not empty; none at the end."""
+        while self.at < len(self.content):
+            line, _, _ = self.content[self.at :].partition(b"\n")
+            self.at += len(line) + 1
+            if words := line.decode("latin-1").split():
+                return words
+        return []
+
+    def skip_block(self) -> None:
+        """Skip to the next empty line."""
+        end = self.content.find(b"\n\n", self.at)
+        self.at = len(self.content) if end < 0 else end + 2
+
+    def numbers(self, count: int, kind: str) -> np.ndarray:
+        """The next `count` numbers of a type."""
+        dtype, left = np.dtype(TYPES[kind]).newbyteorder(">"), len(self.content) - self.at
+        if not 0 <= count <= left:
+            raise ValueError(f"{count} numbers are declared, but {max(left, 0)} bytes follow")
+        if self.binary:
+            start, self.at = self.at, self.at + count * dtype.itemsize
+            return np.frombuffer(self.content, dtype, count, start).astype(float)
+        words = []
+        while len(words) < count and (line := self.words()):
+            words += line
+        return parse_numbers(words[:count])
+
+
+def _xml_columns(content: bytes) -> dict[str, np.ndarray]:
+    """Points and point data of VTU and VTP: inline text, base64 or appended, also compressed with zlib."""
+    head, mark, appended = content.partition(b"<AppendedData")
+    if b"<!" in head.replace(b"<!--", b""):
+        raise ValueError("it declares a document type")
+    root = ElementTree.fromstring(head + (b"</VTKFile>" if mark else b""))
+    raw, data = b'"raw"' in appended[:200].split(b"_")[0], appended.partition(b"_")[2]
+    piece = root.find(".//Piece")
+    arrays = {e.get("Name") or "points": e for e in piece.findall("PointData/DataArray")}
+    out = {name: _xml_array(root, element, raw, data) for name, element in arrays.items()}
+    return out | {"points": _xml_array(root, piece.find("Points/DataArray"), raw, data)}
+
+
+def _xml_array(root, element, raw: bool, data: bytes) -> np.ndarray:
+    """(rows, components) numbers of a DataArray."""
+    order = ">" if root.get("byte_order") == "BigEndian" else "<"
+    dtype = np.dtype(TYPES[element.get("type")]).newbyteorder(order)
+    size = np.dtype(TYPES[root.get("header_type", "UInt32")]).newbyteorder(order)
+    width, form = int(element.get("NumberOfComponents") or 1), element.get("format")
+    if form == "ascii":
+        return parse_numbers((element.text or "").split()).reshape(-1, width)
+    stored = data[int(element.get("offset")) :] if form == "appended" else (element.text or "").strip().encode()
+    if not raw or form == "binary":
+        stored = _decode_base64(stored, size, bool(root.get("compressor")))
+    values = (
+        _blocks(stored, size)
+        if root.get("compressor")
+        else stored[size.itemsize :][: int(np.frombuffer(stored, size, 1)[0])]
+    )
+    return np.frombuffer(values, dtype).astype(float).reshape(-1, width)
+
+
+def _decode_base64(text: bytes, size: np.dtype, compressed: bool) -> bytes:
+    """Bytes of an array in base64; the header of a compressed one is encoded by itself."""
+    text = re.match(rb"[\w+/=\s]*", text)[0]
+    if not compressed:
+        count = int(np.frombuffer(base64.b64decode(text[:24])[: size.itemsize], size)[0])
+        return base64.b64decode(text[: -(-(count + size.itemsize) // 3) * 4])
+    blocks = int(np.frombuffer(base64.b64decode(text[:24])[: size.itemsize], size)[0])
+    cut = -(-(3 + blocks) * size.itemsize // 3) * 4
+    head = base64.b64decode(text[:cut])
+    body = int(np.frombuffer(head, size)[3:].sum())
+    return head + base64.b64decode(text[cut : cut + -(-body // 3) * 4])
+
+
+def _blocks(stored: bytes, size: np.dtype) -> bytes:
+    """Bytes of blocks that zlib compressed: their number, sizes, then the blocks."""
+    count, most, _ = np.frombuffer(stored, size, 3).astype(int).tolist()
+    if not 0 <= count <= len(stored) or most > 2000 * len(stored):
+        raise ValueError(f"{count} blocks of {most} bytes are declared")
+    sizes, at, out = np.frombuffer(stored, size, count, 3 * size.itemsize).astype(int), (3 + count) * size.itemsize, []
+    for length in sizes.tolist():
+        out.append(zlib.decompressobj().decompress(stored[at : at + length], most))
+        at += length
+    return b"".join(out)
