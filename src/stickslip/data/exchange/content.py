@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 import zlib
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -32,6 +33,7 @@ class Packing(NamedTuple):
     types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
     force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
     state: State | None = None  # complete, with its memory
+    setting: Callable[[State], State] | None = None  # puts the grains between walls and under loads
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # or options of `law_by_name`
 

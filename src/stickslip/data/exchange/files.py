@@ -21,6 +21,7 @@ from .formats import find_format
 from .frame import Frame, frame_of
 from .gsd_file import write_gsd
 from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
+from .lammps_folder import read_folder
 from .lammps_write import contacts_path, write_lammps
 from .motion import mode_frames, read_mode
 from .vtk_file import vtk_paths, write_vtk
@@ -101,12 +102,17 @@ def read_packing(path: str | Path, **options) -> Reading:
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
-    if path.is_dir():
-        raise PackingError(f"{path} is a folder: give a packing")
-    if not path.is_file():
+    if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file: give a packing; `stickslip docs exchange` lists formats")
     given, own = law_from_file({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
+    if path.is_dir():
+        if of_lammps:
+            raise PackingError(
+                f"{', '.join(of_lammps)} was given with a folder, whose files say it: give the file instead"
+            )
+        packing, contacts = read_folder(path, None if frame == "all" else frame)
+        return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
@@ -141,10 +147,10 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     options = its | given if isinstance(its, dict) else given
     if own is not None or options:
         law = own or lammps_law(options, memory=local.path is not None)
-    elif local.path is not None:
-        law = lammps_law(given, memory=True)
+    elif isinstance(its, Law):
+        law = its
     else:
-        law = its if isinstance(its, Law) else law_from_options({})
+        law = lammps_law({}, memory=local.path is not None)
     if own is not None or given:
         words = [note for note in words if not getattr(note, "of_law", False)]
     elif its is None:

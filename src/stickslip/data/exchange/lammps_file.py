@@ -20,12 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.contacts.forces import forces
 from ...core.contacts.jacobian import linearise
+from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
-from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
+from ..sample import NO_CONTACTS, Assumption, PackingError, PackingWarning, accepted, from_arrays
 from .contact_columns import TOTAL, name_contact_columns, pair_branches
 from .content import HEAD, Packing, head_text, only_state, read_content
 from .lammps_restart import restored
@@ -186,7 +188,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
         )
-    state = _with_types(from_arrays(law=law, **arrays), packing, law)
+    state = _placed_state(packing, law)
     rows, entries, sign = _match_pairs(state, pairs)
     c = linearise(state, law)
     vn, vt = relative_velocity(state, rows, c.normal[rows])
@@ -207,13 +209,6 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
     # where dashpots bear a part of the force, LAMMPS leaves the slip of what slides below the limit
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
-
-
-def _with_types(state: State, packing: Packing, law: Law) -> State:
-    """State whose grains have the materials of their types, if the law tells these apart."""
-    if packing.types is None or len(law.table) == 1:
-        return state
-    return state._replace(grains=state.grains._replace(material=packing.types.copy()))
 
 
 def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -244,6 +239,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
     Return the rows, the numbers of the pairs, and their signs (−1 if the grains are swapped).
     """
     rows, n = touching(state), len(state.grains.radius)
+    rows = rows[state.contacts.j[rows] < n]
     key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
     low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
     sign = np.where(pairs.i <= pairs.j, 1.0, -1.0)
@@ -316,8 +312,43 @@ def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State,
         state = reconstruct_memory(packing, pairs, law)
         mode = state.contacts.mode[: state.contacts.count[0]]
         count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
-        return state, [f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]
-    state = _with_types(from_arrays(law=law, **packing.arrays), packing, law)
+        words = [f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]
+        return with_wall_memory(state, law, packing.force, words) if len(state.walls.mass) else (state, words)
+    state = _placed_state(packing, law)
     if packing.memory is not None:
         return restored(state, law, packing.memory), []
     return state, [] if "pair_i" in packing.arrays else [NO_CONTACTS]
+
+
+def _placed_state(packing: Packing, law: Law) -> State:
+    """Accepted state of the grains with the materials of their types, amid the walls and loads of their run."""
+    state = from_arrays(law=law, **packing.arrays)
+    if packing.types is not None and len(law.table) > 1:
+        state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
+    elif packing.setting is None:
+        return state
+    return accepted(state if packing.setting is None else packing.setting(state), law)
+
+
+def with_wall_memory(state: State, law: Law, net: np.ndarray | None, words: list[str]) -> tuple[State, list[str]]:
+    """State with the slip at walls that the force on each grain leaves over, and notes; dumps have no slip at walls.
+
+    Parameters
+    ----------
+    net : (N, 3) resultants on the grains, from the dump; zero by default, as at rest [force]
+    """
+    n, rows = len(state.grains.radius), touching(state)
+    rows = rows[state.contacts.j[rows] >= n]
+    rows = rows[np.bincount(state.contacts.i[rows], minlength=n)[state.contacts.i[rows]] == 1]
+    i, c = state.contacts.i[rows], linearise(state, law, memory=FROZEN)
+    ours = forces(state, law, memory=FROZEN)[0].force
+    missing = (0.0 if net is None else net[i]) - ours[i]
+    normal, k = c.normal[rows], c.stiffness_t[rows, None]
+    missing = missing - np.einsum("ck,ck->c", missing, normal)[:, None] * normal
+    slip = state.contacts.slip.copy()
+    slip[rows] += np.divide(-missing, k, out=np.zeros_like(missing), where=k > 0)
+    how = "the assumption that the grains are at rest" if net is None else "the resultants on the grains, fx fy fz"
+    note = Assumption(
+        f"slip of {pluralize(len(rows), 'contact')} with walls, which only restart files have, follows from {how}"
+    )
+    return accepted(state._replace(contacts=state.contacts._replace(slip=slip)), law), [*words, note]

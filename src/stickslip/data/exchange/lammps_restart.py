@@ -21,7 +21,7 @@ from ...core.laws.builtin import MU, Law, rescales
 from ...core.measure import branch_vectors, touching
 from ...core.state import SLIDE, STICK, State, empty_contacts
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError
-from .content import Packing, only_state, read_content
+from .content import HEAD, Packing, only_state, read_content
 from .lammps_text import Table, add_box, restricted_box
 
 MAGIC = b"LammpS RestartT\x00"
@@ -35,10 +35,10 @@ SHARE = 0.05  # share of the dashpots' force that half a step may change
 
 
 INT, BIG, DOUBLE, INTS, DOUBLES, STRING = range(6)
-FLAGS = {  # what follows the flags of a header, up to the tilts of the box, which come after everything needed here
-    **dict.fromkeys((0, 4, 15), STRING), **dict.fromkeys((5, 16, 18, 21, 24, 27), BIG), **dict.fromkeys((8, 14), INTS),
-    **dict.fromkeys((31, 32, 36, 37, 49), DOUBLES), **dict.fromkeys((33, 34, 35, 50), DOUBLE),
-    **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73), INT),
+FLAGS = {  # what follows the flags of a header
+    **dict.fromkeys((0, 4, 15, 59), STRING), **dict.fromkeys((5, 16, 18, 21, 24, 27, 71), BIG), **dict.fromkeys((8, 14), INTS),
+    **dict.fromkeys((31, 32, 36, 37, 49), DOUBLES), **dict.fromkeys((33, 34, 35, 50, 55, 57, 66, 67, 68, 69, 70), DOUBLE),
+    **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT), **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
 }  # fmt: skip
 UNITS, STEP, DIMENSION, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ, TIME_STEP = 4, 5, 6, 14, 15, 31, 32, 33, 34, 35, 50
 LAWS = {"gran/hooke/history": "linear", "gran/hertz/history": "hertz_mindlin_reff"}
@@ -55,6 +55,7 @@ class Restart(NamedTuple):
     radius: np.ndarray  # (N,) [length]
     mass: np.ndarray  # (N,) [mass]
     types: np.ndarray  # (N,) from 0
+    mask: np.ndarray  # (N,) bits of the groups
     i: np.ndarray  # (C,) contacts, each once, i < j
     j: np.ndarray  # (C,)
     slip: np.ndarray  # (C, 3) of i relative to j [length]
@@ -153,7 +154,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     remedy = f"convert it with LAMMPS: `read_restart {path.name}`, then `write_data packing.data`"
     try:
         start, _ = _blocks(content)
-        about = _header(content)
+        about = _header(content)[0]
         if about[STYLE] != "sphere":
             raise PackingError(f"{path} has atoms of style {about[STYLE]}, and only sphere is read: {remedy}")
         known = read_restart(path)
@@ -179,17 +180,46 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     return [Packing(str(box.step), arrays, words, box.step, known.ids, known.types, memory=known, law=law)]
 
 
+def time_step(path: Path) -> int:
+    """Time step of a restart file; −1 if it cannot be read."""
+    try:
+        return int(_header(read_content(path, HEAD))[0][STEP])
+    except (KeyError, ValueError, struct.error):
+        return -1
+
+
+def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
+    """(N,) bool, members of each group whose name the file has."""
+    content = read_content(path)
+    _, at = _header(content)
+    masks, names = {}, []
+    try:
+        if struct.unpack_from("<i", content, at - 4)[0] != -1:
+            return {}
+        (count,), at = struct.unpack_from("<i", content, at), at + 4
+        while len(masks) < count <= MOST_GROUPS and len(names) < MOST_GROUPS:
+            size = struct.unpack_from("<i", content, at)[0]
+            name, at = _string(content, at) if size else ("", at + 4)
+            if name:
+                masks[name] = (memory.mask >> len(names) & 1).astype(bool)
+            names.append(name)
+    except struct.error:
+        return {}
+    return masks
+
+
+MOST_GROUPS = 32
 NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
 
 
-def _header(content: bytes) -> dict:
-    """Values of a header by their flags, up to a flag that is not needed here."""
+def _header(content: bytes) -> tuple[dict, int]:
+    """Values of a header by their flags, up to its end or a flag that is not known here, and the position after it."""
     out, at = {}, len(MAGIC) + 8
     while True:
         (flag,) = struct.unpack_from("<i", content, at)
         kind, at = FLAGS.get(flag), at + 4
         if kind is None:
-            return out
+            return out, at
         if kind == STRING:
             out[flag], at = _string(content, at)
             if flag == STYLE:
@@ -248,7 +278,7 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
     tag, bits = whole[start + TAG], whole[start + IMAGE]
     image = np.stack([bits & 1023, bits >> 10 & 1023, bits >> 20 & 4095], axis=1) - 512
     position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
-    sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1
+    sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     entry, walls = start + EXTRA, 0
     pairs = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
     touched = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))]
