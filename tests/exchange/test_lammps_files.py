@@ -228,7 +228,7 @@ def test_spheres_without_a_style_are_asked_for_or_said(tmp_path):
     asked, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="sphere")
     assert not [line for line in words if "sphere" in line]
     assert (asked.grains.radius == state.grains.radius).all()
-    with pytest.raises(ss.packings.PackingError, match="atoms of style full with 10 columns .* diameter and density"):
+    with pytest.raises(ss.packings.PackingError, match=r"atoms of style full with 10 columns .* diameter and density"):
         ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="full")
 
 

@@ -20,7 +20,6 @@ from ..core.text import SentenceError
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
-NO_CONTACTS = "no contacts were given: they were found from positions, without memory (zero slip)"
 NO_LAW, UNDECIDED = "no contact law was given", "undecided: "
 _PLAIN = {function.__name__: function for function in (hertz_mindlin, linear, hertz_mindlin_reff)}
 LAWS = {
@@ -40,6 +39,9 @@ class Assumption(str):
     def of_law(self) -> bool:
         """Whether the contact law was assumed."""
         return self.startswith(NO_LAW)
+
+
+NO_CONTACTS = Assumption("no contacts were given: they were found from positions, without memory (zero slip)")
 
 
 class Absent(Assumption):

@@ -130,6 +130,7 @@ def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
     if motion_imbalance(state, law) > BALANCED_BELOW:
         speed = np.linalg.norm(state.grains.velocity, axis=1).max()
         found.append(f"motion: the grains move, the fastest at {speed:.2g}")
+    found += _load_causes(state, law)
     lost, error = _precision_loss(state)
     stiffness = linearise(state, law).slope_n[rows].mean() if len(rows) else 0.0
     share = _ratio(stiffness * error, mean_normal_force(state, law))
@@ -138,6 +139,34 @@ def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
         )
     return (*found, "another law, or parameters other than those under which the packing came to rest")
+
+
+def _load_causes(state: State, law: Law) -> list[str]:
+    """Loads and torques that what does not balance points to: gravity, lever arms, a wall."""
+    n, total = len(state.grains.radius), unbalanced_forces(state, forces(state, law)[0])
+    free = state.control.free[:n, :3].any(axis=1)
+    force, torque, mass = total[:n, :3][free], total[:n, 3:][free], state.grains.mass[free, None]
+    small, found = BALANCED_BELOW * mean_normal_force(state, law), []
+    if not len(force) or not small:
+        return found
+    pull = np.median(force / mass, axis=0)
+    calm = np.abs(force - mass * pull).max(axis=1) <= small
+    if calm.mean() > 0.5 and (np.abs(mass * pull) > small).any():
+        g = ", ".join(f"{value:.3g}" for value in np.where(np.abs(pull) < 1e-6 * np.abs(pull).max(), 0.0, -pull))
+        found.append(f"gravity: forces on {calm.sum()} of {len(calm)} grains would balance under gravity ({g})")
+        force = force - mass * pull
+    loose = np.abs(force).max(axis=1) > small
+    if not loose.any() and (np.abs(torque) > small).any():
+        found.append("lever arms: forces balance, torques do not, as where other lever arms than R act (R − δ/2)")
+    place, radius = state.grains.position[free], state.grains.radius[free]
+    for axis in np.flatnonzero(~state.cell.periodic[: state.cell.dim]) if 0 < loose.mean() <= 0.7 else ():
+        for side, words in ((-1.0, "lowest"), (1.0, "highest")):
+            height = side * place[:, axis] + radius
+            if (height[loose] > height.max() - 0.5 * radius[loose]).all():
+                found.append(
+                    f"a wall: the {loose.sum()} grains whose forces do not balance are the {words} along {'xyz'[axis]}"
+                )
+    return found
 
 
 def _precision_loss(state: State) -> tuple[str, float]:

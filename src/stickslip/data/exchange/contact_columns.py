@@ -28,8 +28,8 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     """Names of columns of contacts, in the order in which they are; "" for what is not needed.
 
     The two columns of ids name grains that touch. The distance and the branch vector of each pair follow from the
-    positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it. If there is
-    neither, the last three columns that are neither positions nor distances are the total force.
+    positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it. If
+    there is neither, the last three columns that are neither positions nor distances are the total force.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
     if ends is None or ids is None:
         raise PackingError(
-            f"{path} has {values.shape[1]} columns without names, none of which are the ids of grains that touch: its grains "
-            f"are those of another time step or run, or name its columns with --columns"
+            f"{path} has {values.shape[1]} columns without names, none of which are the ids of grains that touch: its "
+            f"grains are those of another time step or run, or name its columns with --columns"
         )
     i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
     names[ends : ends + 2] = "i", "j"

@@ -3,8 +3,9 @@
 import bz2
 import gzip
 import lzma
+import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -14,10 +15,12 @@ import numpy as np
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import decode_text
-from ..sample import PackingError
+from ..sample import Absent, PackingError
 
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
 MOST_EXPANDED = 2000  # times the size of a compressed file
+FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
+ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 LONGEST_LINE = 60  # characters of a line that a message quotes
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
@@ -132,6 +135,13 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
         some = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         raise PackingError(f"{path} has no frame {frame!r}: it has {some}")
     return [len(names) - 1 if frame is None else names.index(frame)]
+
+
+def digits_note(words: Sequence[str]) -> list[str]:
+    """Note on positions that are written with few digits; none if they have many."""
+    most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in words[:SAMPLED]), default=FEW_DIGITS + 1)
+    few = f"few digits: positions have at most {most}, and overlaps are small differences of positions; {ALL_DIGITS}"
+    return [Absent(few)] if most <= FEW_DIGITS else []
 
 
 def extent_note(what: str) -> str:

@@ -14,7 +14,7 @@ from ...core.state import State
 from ...core.units import Units
 from .. import archive
 from ..atomic import check_free
-from ..sample import Assumption, PackingError, PackingWarning, accepted, assumed_law, law_by_name
+from ..sample import Absent, Assumption, PackingError, PackingWarning, accepted, assumed_law, law_by_name
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .content import HEAD, Packing
 from .formats import find_format
@@ -51,10 +51,10 @@ class Reading(NamedTuple):
 def read_packing(path: str | Path, **options) -> Reading:
     """Read one packing, from a file in any known format or from the folder of a run of LAMMPS.
 
-    The content of a file tells its format, not its name: .npz (names as in `from_arrays`) and .npy, archives, GSD, LAMMPS
-    restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns such as x, y, z, radius
-    (CSV, YADE, PFC). Text may be compressed. Of a folder, the newest restart file, or data and dump files, are read with
-    what its log or input script says of laws, walls, gravity and fixes.
+    The content of a file tells its format, not its name: .npz (names as in `from_arrays`) and .npy, archives, GSD,
+    LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns such as x, y, z,
+    radius (CSV, YADE, PFC). Text may be compressed. Of a folder, the newest restart file, or data and dump files, are
+    read with what its log or input script says of laws, walls, gravity and fixes.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except of archives
     contacts : path of the `dump local` that belongs to the grains and provides their memory
-    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if they are not those that their contents suggest
+    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not those that their contents suggest
     boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
     atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
 
@@ -112,11 +112,13 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
                 f"{', '.join(of_lammps)} was given with a folder, whose files say it: give the file instead"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
+        contacts = contacts if packing.law is not None or given or own is not None else None
         return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
-            f"{', '.join(of_lammps)} was given with {path.name} ({form.name}): only LAMMPS's data and dump files take it"
+            f"{', '.join(of_lammps)} was given with {path.name} ({form.name}): only LAMMPS's data and dump files "
+            f"take it"
         )
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:
@@ -155,6 +157,9 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
         words = [note for note in words if not getattr(note, "of_law", False)]
     elif its is None:
         words = [*words, assumed_law(law)]
+    if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
+        several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
+        words = [*words, Absent(several)]
     if packing.state is None:
         pairs = None if local.path is None else read_pairs(local.path, packing, local.columns)
         state, said = build_state(packing, pairs, law)

@@ -26,10 +26,10 @@ from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.readable import pluralize
-from ...core.state import OPEN, SLIDE, STICK, State
+from ...core.state import SLIDE, STICK, State
 from ..sample import NO_CONTACTS, Assumption, PackingError, PackingWarning, accepted, from_arrays
 from .contact_columns import TOTAL, name_contact_columns, pair_branches
-from .content import HEAD, Packing, head_text, only_state, read_content
+from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
 from .lammps_restart import restored
 from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, read_dump
 
@@ -39,7 +39,6 @@ ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be another one
 NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
-ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 
 
 class Pairs(NamedTuple):
@@ -70,8 +69,8 @@ def read_grain_dump(path: Path, frame: str | None = None, boundary: str | None =
     tables, steps = read_dump(path, frame)
     if not tables[-1].grains:
         raise PackingError(
-            f"{path} is a dump of contacts, with columns {' '.join(tables[-1].columns)}: give the grains, a dump of atoms "
-            f"or a data file, and this file as --contacts"
+            f"{path} is a dump of contacts, with columns {' '.join(tables[-1].columns)}: give the grains, a dump of "
+            f"atoms or a data file, and this file as --contacts"
         )
     many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
     said = many if frame is None and len(steps) > 1 else []
@@ -123,8 +122,8 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     strange = ~np.isin(ends, packing.ids)
     if strange.any():
         raise PackingError(
-            f"{path} names grain {ends[strange][0]}, which is not among the {len(packing.ids)} grains of the packing: give "
-            f"all grains, from the same run"
+            f"{path} names grain {ends[strange][0]}, which is not among the {len(packing.ids)} grains of the packing: "
+            f"give all grains, from the same run"
         )
 
     def vectors(*names):
@@ -160,8 +159,8 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
     renamed = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
     if not renamed.has("i", "j") or not (renamed.has("tx", "ty", "tz") or renamed.has(*TOTAL)):
         raise PackingError(
-            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, or by "
-            f"--columns; unnamed ones are found by what they contain"
+            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
+            f"or by --columns; unnamed ones are found by what they contain"
         )
     return renamed
 
@@ -182,7 +181,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     """
     if law.coulomb != SHARP:
         raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
-    arrays, missing = packing.arrays, {"velocity", "spin"} - set(packing.arrays)
+    missing = {"velocity", "spin"} - set(packing.arrays)
     if damping_model(law) and missing:
         raise PackingError(
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
@@ -190,6 +189,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         )
     state = _placed_state(packing, law)
     rows, entries, sign = _match_pairs(state, pairs)
+    _check_columns(pairs, branch_vectors(state)[rows], entries, sign)
     c = linearise(state, law)
     vn, vt = relative_velocity(state, rows, c.normal[rows])
     tangential = sign[:, None] * pairs.tangential[entries]
@@ -218,6 +218,25 @@ def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
     v = grains.velocity[i] - grains.velocity[j] - np.cross(turn[i] + turn[j], normal)
     vn = np.einsum("ck,ck->c", v, normal)
     return vn, v - vn[:, None] * normal
+
+
+def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: np.ndarray) -> None:
+    """Raise PackingError if the columns of contacts are not what their names say, by the geometry of the grains."""
+    tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
+    along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
+    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() else ["tx ty tz"]
+    if (
+        pairs.branch is not None
+        and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > OTHER_LAW * length.sum()
+    ):
+        wrong.append("dx dy dz")
+    if pairs.distance is not None and np.abs(pairs.distance[entries] - length).sum() > OTHER_LAW * length.sum():
+        wrong.append("dist")
+    if wrong:
+        raise PackingError(
+            f"the columns {' and '.join(wrong)} of the contacts are not what their names say, by the positions of the "
+            f"grains: name them in their order with --columns"
+        )
 
 
 def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
@@ -311,7 +330,7 @@ def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State,
     if pairs is not None:
         state = reconstruct_memory(packing, pairs, law)
         mode = state.contacts.mode[: state.contacts.count[0]]
-        count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
+        count, sliding = len(pairs.i), int((mode == SLIDE).sum())
         words = [f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"]
         return with_wall_memory(state, law, packing.force, words) if len(state.walls.mass) else (state, words)
     state = _placed_state(packing, law)

@@ -24,13 +24,14 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
-from .lammps_laws import HISTORY, WALL_CLASSIC, Contact, contact_of, law_of_contacts, mixed
+from .lammps_laws import HISTORY, WALL_CLASSIC, Contact, contact_of, law_of_contacts, mixed, wall_contact
+from .lammps_text import NO_WALLS
 
 TAIL = 2**20  # bytes at the end of a dump in which its last time step is sought first
 SILENT = (  # fixes that exert no forces on grains at rest
-    "nve", "nve/sphere", "enforce2d", "print", "ave/time", "ave/chunk", "ave/histo", "ave/atom", "ave/correlate", "balance",
-    "property/atom", "store/state", "store/force", "vector", "halt", "momentum", "pour", "deposit", "dt/reset", "heat/flow",
-    "NEIGH_HISTORY", "nve/limit", "controller",
+    "nve", "nve/sphere", "nve/limit", "enforce2d", "print", "ave/time", "ave/chunk", "ave/histo", "ave/atom", "vector",
+    "ave/correlate", "balance", "property/atom", "store/state", "store/force", "halt", "momentum", "pour", "deposit",
+    "dt/reset", "heat/flow", "NEIGH_HISTORY", "controller",
 )  # fmt: skip
 MOVERS = ("nve", "nve/sphere", "nve/limit", "nve/noforce", "move", "rigid", "rigid/small")
 SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # whose forces are mass times acceleration
@@ -122,7 +123,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     files = list_files(folder)
     if not (files.restarts or files.grains or files.data):
         raise PackingError(
-            f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of LAMMPS, or a packing"
+            f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of "
+            f"LAMMPS, or a packing"
         )
     path, packing = _newest_grains(files, frame)
     source = _newest_commands(files, path)
@@ -136,18 +138,16 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     course = Course(read_commands(source, path.name), packing, _masks(packing, path))
     _take_over(course)
     words += [f"law, walls and loads from {source.name}: {_describe(course)}", *course.words]
-    kept = [
-        note
-        for note in packing.words
-        if not isinstance(note, Obstacle) and not (course.walls and "contains no walls" in note)
-    ]
+    stale = [NO_WALLS if course.walls else "", "pair_style" if course.law else ""]
+    kept = [note for note in packing.words if not isinstance(note, Obstacle)]
+    kept = [note for note in kept if not any(words and words in note for words in stale)]
     law = course.law or packing.law
     memory = packing.memory and _with_wall_numbers(packing.memory, course)
     return packing._replace(words=[*words, *kept], law=law, setting=_setting(course), memory=memory), contacts
 
 
 def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
-    """Memory whose walls have the numbers that they have here: of two planes of a fix, a grain touches the nearer one."""
+    """Memory whose walls have the numbers that they have here; of two planes of a fix, a grain touches the nearer."""
     place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest, slip = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf), memory.wall_slip.copy()
     for k, plane in enumerate(course.walls):
@@ -281,7 +281,7 @@ def _types(word: str, kinds: int) -> range:
 def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
     """Flat walls of `fix wall/gran`, each with its own row in the law's table."""
     number = [key for key, (_, style, *_) in course.run.fixes.items() if style.startswith("wall/gran")].index(name)
-    contact, (kind, *rest) = contact_of(words[0], words[1:])
+    contact, (kind, *rest) = wall_contact(words[0], words[1:])
     if kind not in ("xplane", "yplane", "zplane") or len(rest) != 2 or not course.members(group).all():
         raise ValueError(
             f"only fixed planes that touch all grains are read, not `{' '.join([kind, *rest])}` of group {group}"
@@ -310,7 +310,7 @@ def _classic(course: Course, contact: Contact) -> Contact:
 def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None:
     """Plane of `fix wall/gran/region`."""
     number = [key for key, (_, style, *_) in course.run.fixes.items() if style.startswith("wall/gran")].index(name)
-    contact, rest = contact_of(words[0], words[1:])
+    contact, rest = wall_contact(words[0], words[1:])
     style, *numbers = course.run.regions[rest[rest.index("region") + 1]]
     if style != "plane" or len(numbers) != 6 or len(rest) != 2:
         raise ValueError("only regions that are fixed planes are read")
@@ -350,6 +350,8 @@ def _take_setforce(course: Course, name: str, group: str, words: list[str]) -> N
 def _take_addforce(course: Course, name: str, group: str, words: list[str]) -> None:
     if len(words) > 3:
         raise ValueError(f"its options `{' '.join(words[3:])}` are not read")
+    if (course.frozen & course.members(group)).any():
+        raise ValueError("it comes after the fix that holds some of its grains, which therefore move")
     course.force[course.members(group)] += [parse_number(word) for word in words[:3]]
 
 

@@ -21,15 +21,17 @@ MODELS = {  # normal and tangential model of `pair_style granular`
 }
 HISTORY = {"hooke/history": ("linear", "mass_velocity"), "hertz/history": ("hertz_mindlin_reff", "viscoelastic")}
 NORMAL = {  # number of coefficients, and the normal model with the same elastic force
-    "hooke": (2, "hooke"), "hertz": (2, "hertz"), "hertz/material": (3, "hertz"), "dmt": (4, ""), "jkr": (4, ""), "mdr": (6, ""),
+    "hooke": (2, "hooke"), "hertz": (2, "hertz"), "hertz/material": (3, "hertz"), "dmt": (4, ""), "jkr": (4, ""),
+    "mdr": (6, ""),
 }  # fmt: skip
 TANGENTIAL = {  # number of coefficients
-    "none": 0, "linear_nohistory": 2, "linear_history": 3, "linear_history_classic": 3, "mindlin_classic": 3, "mindlin": 3,
-    "mindlin/force": 3, "mindlin_rescale": 3, "mindlin_rescale/force": 3,
+    "none": 0, "linear_nohistory": 2, "linear_history": 3, "linear_history_classic": 3, "mindlin_classic": 3,
+    "mindlin": 3, "mindlin/force": 3, "mindlin_rescale": 3, "mindlin_rescale/force": 3,
 }  # fmt: skip
 OTHERS = {  # number of coefficients of the models that may follow, and those that act
     "damping": {"velocity": 0, "mass_velocity": 0, "viscoelastic": 0, "tsuji": 0, "coeff_restitution": 0},
-    "rolling": {"none": 0, "sds": 3}, "twisting": {"none": 0, "marshall": 0, "sds": 3}, "heat": {"none": 0, "radius": 1, "area": 1},
+    "rolling": {"none": 0, "sds": 3}, "twisting": {"none": 0, "marshall": 0, "sds": 3},
+    "heat": {"none": 0, "radius": 1, "area": 1},
 }  # fmt: skip
 WITHOUT_EFFECT = {
     "rolling": ("none",),
@@ -45,14 +47,16 @@ LEVER_ARMS = "the lever arms R - delta/2 of pair_style granular, in place of R"
 
 
 class Contact(NamedTuple):
-    """Law of a pair of types, or of a type and a wall: the coefficients of `law_by_name`, and what has no equal here."""
+    """Law of a pair of types, or of a type and a wall: coefficients for `law_by_name`, and what has no equal here."""
 
     law: str
     damping: str
     coefficients: tuple[float, ...]  # kn, kt, mu, damping_n, damping_t
     tension: bool = True
     lacks: tuple[str, ...] = ()
-    elastic: tuple[float, ...] = ()  # Young's modulus, Poisson's ratio, and 1 if kt follows from them; empty if kn is given
+    elastic: tuple[
+        float, ...
+    ] = ()  # Young's modulus, Poisson's ratio, and 1 if kt follows from them; empty if kn is given
 
 
 def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
@@ -78,6 +82,12 @@ def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
     rest = list(words[6:])
     tension = "limit_damping" not in rest[:1]
     return Contact(law, damping, (kn, kt, mu, damping_n, damping_t if flag else 0.0), tension), rest[not tension :]
+
+
+def wall_contact(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
+    """Law of a wall, as `contact_of`: the lever arms at walls are R."""
+    contact, rest = contact_of(style, words)
+    return contact._replace(lacks=tuple(lack for lack in contact.lacks if lack != LEVER_ARMS)), rest
 
 
 def _granular(words: list[str]) -> tuple[Contact, list[str]]:

@@ -36,9 +36,12 @@ SHARE = 0.05  # share of the dashpots' force that half a step may change
 
 INT, BIG, DOUBLE, INTS, DOUBLES, STRING = range(6)
 FLAGS = {  # what follows the flags of a header
-    **dict.fromkeys((0, 4, 15, 59), STRING), **dict.fromkeys((5, 16, 18, 21, 24, 27, 71), BIG), **dict.fromkeys((8, 14), INTS),
-    **dict.fromkeys((31, 32, 36, 37, 49), DOUBLES), **dict.fromkeys((33, 34, 35, 50, 55, 57, 66, 67, 68, 69, 70), DOUBLE),
-    **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT), **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
+    **dict.fromkeys((0, 4, 15, 59), STRING), **dict.fromkeys((5, 16, 18, 21, 24, 27, 71), BIG),
+    **dict.fromkeys((8, 14), INTS),
+    **dict.fromkeys((31, 32, 36, 37, 49), DOUBLES),
+    **dict.fromkeys((33, 34, 35, 50, 55, 57, 66, 67, 68, 69, 70), DOUBLE),
+    **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT),
+    **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
 }  # fmt: skip
 UNITS, STEP, DIMENSION, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ, TIME_STEP = 4, 5, 6, 14, 15, 31, 32, 33, 34, 35, 50
 LAWS = {"gran/hooke/history": "linear", "gran/hertz/history": "hertz_mindlin_reff"}

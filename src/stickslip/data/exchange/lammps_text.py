@@ -9,7 +9,7 @@ import numpy as np
 from ...core.text import parse_integer, parse_numbers
 from ..sample import HUGE, Absent, Assumption, PackingError
 from .columns import mass_note
-from .content import first_lines, read_lines
+from .content import digits_note, first_lines, read_lines
 
 HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
 VOLUME = 4 / 3 * np.pi
@@ -152,7 +152,9 @@ def add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) 
 
 def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
     """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
-    words, arrays = [], {"position": _position(table, path)}
+    arrays = {"position": _position(table, path)}
+    place = next(column for name, column in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
+    words: list[str] = digits_note(place)
     names = [name for name in ("radius", "diameter", "c_radius", "c_diameter") if table.has(name)]
     if not names:
         raise PackingError(
@@ -296,8 +298,8 @@ def _infer_style(path: Path, rows: np.ndarray, head: str) -> tuple[list[str], li
     if "sphere" in fits:
         raise PackingError(
             f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns could be those of "
-            f"{', '.join(fits[:-1])} or {fits[-1]}: give --atom-style sphere (atom_style in Python) if the third column "
-            f"is the diameter"
+            f"{', '.join(fits[:-1])} or {fits[-1]}: give --atom-style sphere (atom_style in Python) if the third "
+            f"column is the diameter"
         )
     if "bpm/sphere" in fits and len(fits) == 1:
         return STYLES["bpm/sphere"].split(), [Assumption("the section Atoms names no style: bpm/sphere is assumed")]

@@ -1,4 +1,4 @@
-"""Tables of grains as text: CSV, columns with or without names (PFC, YADE, LIGGGHTS exports), and MercuryDPM's .data."""
+"""Tables of grains as text: CSV, columns with or without names (PFC, YADE exports), and MercuryDPM's .data."""
 
 import re
 from pathlib import Path
@@ -132,6 +132,6 @@ def refuse(path: Path) -> PackingError:
     """Sentence for a file in no known format: what it begins with, and what helps."""
     text = first_lines(path)
     return PackingError(
-        f"{path} is in no format that is read here: {text}; give {NEEDED} as a table with these names, or another format "
-        f"of `stickslip docs exchange`"
+        f"{path} is in no format that is read here: {text}; give {NEEDED} as a table with these names, or another "
+        f"format of `stickslip docs exchange`"
     )

@@ -92,9 +92,10 @@ def _to_vtk_columns(columns: dict) -> dict:
 
 LEGACY, XML = b"# vtk DataFile", re.compile(rb"<VTKFile[^>]+type=.(UnstructuredGrid|PolyData)")
 TYPES = {
-    "float": "f4", "double": "f8", "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4",
-    "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtkIdType": "i8", "Float32": "f4",
-    "Float64": "f8", **{f"{sign}Int{8 * size}": f"{kind}{size}" for sign, kind in (("", "i"), ("U", "u")) for size in (1, 2, 4, 8)},
+    "float": "f4", "double": "f8", "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2",
+    "int": "i4", "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtkIdType": "i8",
+    "Float32": "f4", "Float64": "f8", **{f"Int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)},
+    **{f"UInt{8 * size}": f"u{size}" for size in (1, 2, 4, 8)},
 }  # fmt: skip
 
 

@@ -110,7 +110,7 @@ def _moving_cell(leg: Leg) -> CellCommands:
 
 
 def format_preparation(leg: Leg) -> str:
-    """Commands that turn the data file into a restart file, whose memory of contacts `data.exchange.lammps_restart` then fills."""
+    """Commands that turn the data file into a restart file, whose memory `lammps_restart` then fills."""
     return f"{contact_commands(leg)}\nfix move all nve/sphere\nrun 0\nwrite_restart {BEFORE}\n"
 
 

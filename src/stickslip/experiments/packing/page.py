@@ -364,14 +364,14 @@ def packing_content(
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing that is not in equilibrium are no instabilities, so none is shown
-        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
+        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm, words)
         if found.balanced:
-            sentence = verdict(found, calm)
+            sentence = verdict(found, calm, words)
             if mine and len(found.free) <= DENSE_UP_TO:
                 form = find_birth_form(state, law, dashpots=dashpots)
                 facts.append(["after the instability", form if isinstance(form, str) else form.verdict])
         else:
-            why = found.verdict
+            why = verdict(found, None, words)
             warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
     else:
         mine = _read_modes(modes, n) if modes else []
@@ -402,8 +402,8 @@ def _read_modes(path: Path, n: int) -> list:
     return [first, *(read_mode(path, k, n) for k in range(1, min(MODES, count)))]
 
 
-def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
-    out = [["verdict", verdict(found, calm)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
+def _verdict_rows(found, calm: Settling | None, words: list[str]) -> list[list[str]]:
+    out = [["verdict", verdict(found, calm, words)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
     out += [["without the dashpots", found.undamped.motion]] if found.undamped else []
     limit = f"at most {BALANCED_BELOW:g} in equilibrium"
     out.append(["residual", f"{found.residual:.2g} of the mean contact force; {limit}"])

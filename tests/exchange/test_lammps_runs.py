@@ -1,0 +1,222 @@
+"""Files as LAMMPS and other programs leave them, and folders of runs: what is read, and what is said.
+
+`lammps_runs/make.py` makes them with LAMMPS.
+"""
+
+import sys
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.cli import main
+from stickslip.data.exchange.frame import frame_of
+from stickslip.data.exchange.lammps_file import read_grain_dump
+from stickslip.data.sample import Obstacle
+
+CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"
+HERTZ = {"law": "hertz_mindlin_reff", "kn": 1.0, "kt": 0.8, "mu": 0.3, "damping_n": 0.0, "damping_t": 0.0}
+HOOKE = {"law": "linear", "kn": 2000.0, "kt": 4000 / 7, "mu": 0.4, "damping_n": 20.0, "damping_t": 10.0}
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cases")
+    with tarfile.open(CASES) as packed:
+        packed.extractall(folder, filter="data")
+    return folder
+
+
+def answer(capsys, *words):
+    """Exit code and output of the command line."""
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as end:
+            main()
+    finally:
+        sys.argv = argv
+    said = capsys.readouterr()
+    return end.value.code or 0, " ".join((said.out + said.err).split())
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("sheared/sheared.restart", "law from the restart file: pair_style gran/hertz/history"),
+        ("sheared/dump.grains", "no contacts were given"),
+        ("sheared/data.packing", "no contacts were given"),  # a dump, whatever its name
+        ("sheared/scaled.dump", "no contacts were given"),
+        ("sheared/grains.dump.gz", "no contacts were given"),
+        ("sheared/bare.lammpstrj", "has no masses: those of grains of density 1 are assumed"),
+        ("sheared/sheared.data", "does not say which directions are periodic"),
+        ("sheared/labels.data", "does not say which directions are periodic"),
+        ("dialects/crlf.dump", "the box is open along z: the file contains no walls"),
+        ("dialects/liggghts.dump", "has no masses: those of grains of density 1 are assumed"),
+        ("dialects/mercury.data", "MercuryDPM's .data has no walls and no periodic boundaries"),
+        ("dialects/yade.txt", "has no box: the grains are taken as a cluster"),
+        ("dialects/bare.txt", "does not name its columns: x y z radius is assumed"),
+        ("dialects/pfc.csv", "has no masses: those of grains of density 1 are assumed"),
+        ("dialects/packing.xyz", "has no masses: those of grains of density 1 are assumed"),
+        ("dialects/packing.vtk", "has no box: the grains are taken as a cluster"),
+    ],
+)
+def test_what_was_assumed_is_said(name, words, cases):
+    """The grains are the same in every dialect: positions up to whole periods, radii, and masses if there are any."""
+    found = ss.io.read_packing(cases / name)
+    assert any(words in note for note in found.notes)
+    assert set(found.assumed) <= set(found.notes)
+    if "from the restart file" not in words:
+        assert any(words in note for note in found.assumed)
+    run = "sheared" if name.startswith("sheared") else "poured"
+    known = ss.io.read_packing(cases / run / f"{run}.restart").state
+    size, place = known.grains.radius, known.grains.position
+    assert sorted(found.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
+    cell = np.where(known.cell.periodic[:, None], known.cell.vectors, np.eye(3) * 1e9)
+    away = (found.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
+    nearest = np.abs((away - np.round(away)) @ cell).max(axis=2).min(axis=1)
+    assert nearest.max() < 1e-4  # of files with six digits
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
+        ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
+        ("dialects/twice.dump", "has grain 4 twice within one time step"),
+        ("dialects/full.data", "could be those of sphere or full: give --atom-style sphere"),
+        ("dialects/ellipsoid.data", "could be those of ellipsoid or body: x y z, diameter and density are needed"),
+        ("dialects/unnamed.data", "could be those of sphere or full: give --atom-style sphere"),
+        ("dialects/hybrid.data", "name the parts of a hybrid style with --atom-style"),
+        ("dialects/mercury.restart", "it begins with 'restart_version 1.0 | name x'"),
+        ("dialects", "has no restart file, dump of atoms or data file of LAMMPS"),
+    ],
+)
+def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
+    path = cases / name
+    if name == "dialects":
+        path = tmp_path
+        (path / "yade.txt").write_bytes((cases / "dialects" / "yade.txt").read_bytes())
+    with pytest.raises(ss.packings.PackingError) as problem:
+        ss.io.read_packing(path)
+    assert words in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_atom_styles_are_named(cases):
+    known = ss.io.read_packing(cases / "poured" / "poured.restart").state
+    length, known = known.cell.vectors[0, 0], known.grains
+    for name, style in (("unnamed.data", "sphere"), ("hybrid.data", "hybrid sphere bond")):
+        state = ss.io.read_packing(cases / "dialects" / name, atom_style=style, boundary="ppf").state
+        away = state.grains.position - known.position
+        assert np.abs(away - length * np.round(away / length)).max() < 1e-12
+        np.testing.assert_allclose(state.grains.radius, known.radius, rtol=1e-14)
+        np.testing.assert_allclose(state.grains.mass, known.mass, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("grains", "contacts", "law"),
+    [
+        ("sheared/dump.grains", "sheared/contacts.dump", HERTZ),
+        ("sheared/sheared.data", "sheared/shuffled.local", HERTZ),
+        ("dialects/liggghts.dump", "dialects/liggghts.pairs", HOOKE),
+        ("dialects/liggghts.dump", "dialects/liggghts_named.pairs", HOOKE),
+    ],
+)
+def test_columns_of_contacts_are_found_by_their_contents(grains, contacts, law, cases):
+    """Against the memory in the restart file."""
+    state, its, _ = ss.io.read_packing(cases / grains, contacts=cases / contacts, **law)
+    known = ss.io.read_packing((cases / grains.split("/")[0] / "x").parent if "sheared" in grains else cases / "poured")
+    rows, n = ss.measure.touching(state), len(state.grains.radius)
+    theirs = ss.measure.touching(known.state)
+    theirs = theirs[known.state.contacts.j[theirs] < n]
+    assert len(rows) == len(theirs) > 30
+    mine, other = (one.contacts.slip[r] for one, r in ((state, rows), (known.state, theirs)))
+    order = lambda one, r: np.lexsort((np.round(one.contacts.slip[r][:, 0], 9), one.contacts.j[r], one.contacts.i[r]))
+    miss = mine[order(state, rows)] - other[order(known.state, theirs)]
+    assert np.abs(miss).max() < 1e-6 * np.abs(other).max()
+    assert its.table[0, 0].tolist() == pytest.approx(known.law.table[0, 0].tolist())
+
+
+def test_columns_in_another_order_are_refused(cases):
+    names = "i j dist dx dy dz tx ty tz fx fy fz"
+    with pytest.raises(ss.packings.PackingError, match="columns tx ty tz of the contacts are not what their names say"):
+        ss.io.read_packing(
+            cases / "sheared" / "dump.grains", contacts=cases / "sheared" / "contacts.dump", columns=names, **HERTZ
+        )
+
+
+@pytest.mark.parametrize("run", ["sheared", "dragged", "poured", "classic", "materials"])
+def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
+    """With all memory, of grains and walls; mixed types, frozen grains, gravity and forces of `fix addforce` included."""
+    state, law, _ = ss.io.read_packing(cases / run)
+    n, control = len(state.grains.radius), state.control
+    ours = ss.forces(state, law)[0].force[:n] + state.grains.mass[:, None] * control.gravity + control.force[:n]
+    ours[~control.free[:n, 0]] = 0.0
+    dump = cases / ("sheared" if run == "dragged" else run) / "dump.grains"
+    if run == "dragged":
+        theirs = np.zeros((n, 3))  # at rest
+    else:
+        theirs = read_grain_dump(dump)[0].force
+    scale = float(np.abs(frame_of(state, law).contacts["force_n"]).mean())
+    assert np.abs(ours - theirs).max() < (1e-9 if run == "dragged" else 1e-12) * scale
+    if run == "materials":
+        assert len(np.unique(law.table[:2, :2, 0])) == 3
+        assert (~control.free[:n].any(axis=1)).sum() > 0 and control.force.any()
+
+
+@pytest.mark.parametrize(
+    ("run", "code", "words"),
+    [
+        ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
+        ("dragged", 3, ["undecided: fix drag (viscous) was not taken over", "Without it: oscillatory instability"]),
+        ("poured", 0, ["1 wall, gravity", "stable"]),
+        ("classic", 3, ["undecided: the k_t of fix wall/gran hooke/history", "Without it: stable"]),
+        ("materials", 3, ["not in equilibrium", "the lever arms R - delta/2 of pair_style granular"]),
+    ],
+)
+def test_one_command_on_the_folder_of_a_run(run, code, words, cases, capsys, tmp_path):
+    got, said = answer(capsys, "stability", cases / run, "--modes", tmp_path / "m.npz")
+    assert got == code, said
+    assert all(word in said for word in words), said
+
+
+def test_a_run_without_a_restart_file(cases, tmp_path):
+    """Contacts come from the dump, those with the wall from the resultants: the memory is that of the restart file."""
+    for name in ("log.lammps", "dump.grains", "contacts.dump"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    mine, known = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "poured")
+    assert any("contacts with walls" in note for note in mine.assumed)
+    rows = ss.measure.touching(known.state)
+    assert (ss.measure.touching(mine.state) == rows).all()
+    scale = np.abs(known.state.contacts.slip[rows]).max()
+    assert np.abs(mine.state.contacts.slip[rows] - known.state.contacts.slip[rows]).max() < 1e-6 * scale
+    (tmp_path / "log.lammps").unlink()
+    (tmp_path / "in.poured").write_bytes((cases / "poured" / "in.poured").read_bytes())
+    script = ss.io.read_packing(tmp_path)  # `variable kt equal "2/7*2000"` has no value without LAMMPS
+    assert any(isinstance(note, Obstacle) and "have no value without running LAMMPS" in note for note in script.notes)
+
+
+def test_causes_point_to_what_the_file_lacks(cases, capsys, tmp_path):
+    """Gravity and the wall are seen in the forces, the types in the file."""
+    law = [word for name, value in HOOKE.items() for word in (f"--{name.replace('_', '-')}", value)]
+    run = cases / "poured"
+    code, said = answer(capsys, "stability", run / "dump.grains", "--contacts", run / "contacts.dump", *law)
+    assert code == 3
+    assert "would balance under gravity (0, 0, -1)" in said
+    assert "a wall: the 8 grains whose forces do not balance are the lowest along z" in said
+    assert "the grains are of 2 types, and one law is used for all of them" in said
+    code, said = answer(capsys, "stability", cases / "sheared" / "short.dump", "--modes", tmp_path / "m.npz")
+    assert "few digits: positions have at most 6," in said
+
+
+def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path):
+    path, modes = cases / "dialects" / "yade.txt", tmp_path / "m.npz"
+    code, said = answer(capsys, "stability", path, "--modes", modes)
+    assert code == 3
+    assert "no verdict: the file has no contact law and no memory of tangential contacts" in said
+    assert "give the law (--law, --kn, --kt, --mu) and the memory of contacts" in said
+    state = ss.io.read_packing(path).state
+    assert f"coordination {ss.measure.coordination(state):.4g}" in said
+    assert f"geometry: {len(ss.measure.touching(state))} contacts" in said
