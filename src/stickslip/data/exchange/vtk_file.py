@@ -4,12 +4,8 @@ NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-con
 frames become NAME_0000.vtu and so on, which ParaView opens as a series.
 """
 
-import base64
-import re
-import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -90,35 +86,33 @@ def _to_vtk_columns(columns: dict) -> dict:
     return out
 
 
-LEGACY, XML = b"# vtk DataFile", re.compile(rb"<VTKFile[^>]+type=.(UnstructuredGrid|PolyData)")
+LEGACY = b"# vtk DataFile"
 TYPES = {
     "float": "f4", "double": "f8", "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2",
     "int": "i4", "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtkIdType": "i8",
-    "Float32": "f4", "Float64": "f8", **{f"Int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)},
-    **{f"UInt{8 * size}": f"u{size}" for size in (1, 2, 4, 8)},
 }  # fmt: skip
 
 
 def recognize(head: bytes) -> bool:
     """Return True for legacy VTK files and for VTU and VTP."""
-    return head.lstrip().startswith(LEGACY) or bool(XML.search(head))
+    return head.lstrip().startswith(LEGACY) or b"<VTKFile" in head[:200]
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read the points of a VTK file, with the radii in its point data."""
+    """Read the points of a legacy VTK file, with the radii in its point data."""
     only_state(path, frame)
     content = read_content(path)
+    if not content.lstrip().startswith(LEGACY):
+        raise PackingError(f"{path} is VTK as XML, which is not read: save it from ParaView as .csv or as legacy .vtk")
     try:
-        columns = _legacy_columns(content) if content.lstrip().startswith(LEGACY) else _xml_columns(content)
-        columns = {name: _vectors(columns, name) for name in columns}
-    except (ValueError, IndexError, KeyError, TypeError, AttributeError, zlib.error, ElementTree.ParseError) as problem:
+        columns = {name: _squeezed(column) for name, column in _legacy_columns(content).items()}
+    except (ValueError, IndexError, KeyError) as problem:
         raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
     packing = packing_of_columns(columns, path.name, path.stem)
     return [packing._replace(words=[*packing.words, Assumption(extent_note(path.name))])]
 
 
-def _vectors(columns: dict, name: str) -> np.ndarray:
-    column = columns[name]
+def _squeezed(column: np.ndarray) -> np.ndarray:
     return column[:, 0] if column.ndim == 2 and column.shape[1] == 1 else column
 
 
@@ -184,60 +178,3 @@ class _Legacy:
         while len(words) < count and (line := self.words()):
             words += line
         return parse_numbers(words[:count])
-
-
-def _xml_columns(content: bytes) -> dict[str, np.ndarray]:
-    """Points and point data of VTU and VTP: inline text, base64 or appended, also compressed with zlib."""
-    head, mark, appended = content.partition(b"<AppendedData")
-    if b"<!" in head.replace(b"<!--", b""):
-        raise ValueError("it declares a document type")
-    root = ElementTree.fromstring(head + (b"</VTKFile>" if mark else b""))
-    raw, data = b'"raw"' in appended[:200].split(b"_")[0], appended.partition(b"_")[2]
-    piece = root.find(".//Piece")
-    arrays = {e.get("Name") or "points": e for e in piece.findall("PointData/DataArray")}
-    out = {name: _xml_array(root, element, raw, data) for name, element in arrays.items()}
-    return out | {"points": _xml_array(root, piece.find("Points/DataArray"), raw, data)}
-
-
-def _xml_array(root, element, raw: bool, data: bytes) -> np.ndarray:
-    """(rows, components) numbers of a DataArray."""
-    order = ">" if root.get("byte_order") == "BigEndian" else "<"
-    dtype = np.dtype(TYPES[element.get("type")]).newbyteorder(order)
-    size = np.dtype(TYPES[root.get("header_type", "UInt32")]).newbyteorder(order)
-    width, form = int(element.get("NumberOfComponents") or 1), element.get("format")
-    if form == "ascii":
-        return parse_numbers((element.text or "").split()).reshape(-1, width)
-    stored = data[int(element.get("offset")) :] if form == "appended" else (element.text or "").strip().encode()
-    if not raw or form == "binary":
-        stored = _decode_base64(stored, size, bool(root.get("compressor")))
-    values = (
-        _blocks(stored, size)
-        if root.get("compressor")
-        else stored[size.itemsize :][: int(np.frombuffer(stored, size, 1)[0])]
-    )
-    return np.frombuffer(values, dtype).astype(float).reshape(-1, width)
-
-
-def _decode_base64(text: bytes, size: np.dtype, compressed: bool) -> bytes:
-    """Bytes of an array in base64; the header of a compressed one is encoded by itself."""
-    text = re.match(rb"[\w+/=\s]*", text)[0]
-    if not compressed:
-        count = int(np.frombuffer(base64.b64decode(text[:24])[: size.itemsize], size)[0])
-        return base64.b64decode(text[: -(-(count + size.itemsize) // 3) * 4])
-    blocks = int(np.frombuffer(base64.b64decode(text[:24])[: size.itemsize], size)[0])
-    cut = -(-(3 + blocks) * size.itemsize // 3) * 4
-    head = base64.b64decode(text[:cut])
-    body = int(np.frombuffer(head, size)[3:].sum())
-    return head + base64.b64decode(text[cut : cut + -(-body // 3) * 4])
-
-
-def _blocks(stored: bytes, size: np.dtype) -> bytes:
-    """Bytes of blocks that zlib compressed: their number, sizes, then the blocks."""
-    count, most, _ = np.frombuffer(stored, size, 3).astype(int).tolist()
-    if not 0 <= count <= len(stored) or most > 2000 * len(stored):
-        raise ValueError(f"{count} blocks of {most} bytes are declared")
-    sizes, at, out = np.frombuffer(stored, size, count, 3 * size.itemsize).astype(int), (3 + count) * size.itemsize, []
-    for length in sizes.tolist():
-        out.append(zlib.decompressobj().decompress(stored[at : at + length], most))
-        at += length
-    return b"".join(out)
