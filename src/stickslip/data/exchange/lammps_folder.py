@@ -83,6 +83,10 @@ class Course:
             raise ValueError(f"the members of group {group} are not in the files (restart files have them)")
         return mask
 
+    def wall_number(self, name: str) -> int:
+        """Number of a fix among those of walls, in whose order restart files store memory."""
+        return [key for key, words in self.run.fixes.items() if words[1].startswith("wall/gran")].index(name)
+
     def obstacle(self, words: str) -> None:
         """Note that something acts that was not taken over."""
         self.words.append(Obstacle(f"{UNDECIDED}{words}"))
@@ -90,8 +94,8 @@ class Course:
 
 def is_run_folder(folder: Path) -> bool:
     """Return True if a folder has grains that LAMMPS wrote."""
-    files = list_files(folder)
-    return bool(files.restarts or files.grains or files.data)
+    files = list_files(folder) if folder.is_dir() else None
+    return bool(files and (files.restarts or files.grains or files.data))
 
 
 def list_files(folder: Path) -> Files:
@@ -126,24 +130,27 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
             f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of "
             f"LAMMPS, or a packing"
         )
-    path, packing = _newest_grains(files, frame)
+    path = _newest_grains(files, frame)
     source = _newest_commands(files, path)
-    words, contacts = [f"grains from {path.name}, time step {packing.step}"], None
+    run = None if source is None else read_commands(source, path.name)
+    packing, contacts = _read_grains(path, files, frame, run), None
+    words = [f"grains from {path.name}, time step {packing.step}"]
     if packing.memory is None:
         contacts = _matching_contacts(files.contacts, packing)
         words += [f"contacts from {contacts.name}"] if contacts else []
-    if source is None:
+    if run is None:
         words.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
         return packing._replace(words=[*words, *packing.words]), contacts
-    course = Course(read_commands(source, path.name), packing, _masks(packing, path))
+    masks = lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
+    course = Course(run, packing, masks)
     _take_over(course)
-    words += [f"law, walls and loads from {source.name}: {_describe(course)}", *course.words]
-    stale = [NO_WALLS if course.walls else "", "pair_style" if course.law else ""]
+    words += [f"law, walls and loads from {run.source}: {_describe(course)}", *course.words]
+    known = [NO_WALLS if course.walls else "", "pair_style" if course.law else ""]
     kept = [note for note in packing.words if not isinstance(note, Obstacle)]
-    kept = [note for note in kept if not any(words and words in note for words in stale)]
-    law = course.law or packing.law
+    kept = [note for note in kept if not any(part and part in note for part in known)]
     memory = packing.memory and _with_wall_numbers(packing.memory, course)
-    return packing._replace(words=[*words, *kept], law=law, setting=_setting(course), memory=memory), contacts
+    law, setting = course.law or packing.law, _setting(course)
+    return packing._replace(words=[*words, *kept], law=law, setting=setting, memory=memory), contacts
 
 
 def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
@@ -160,19 +167,27 @@ def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps
     return memory._replace(wall=wall[known], grain=memory.grain[known], wall_slip=slip[known])
 
 
-def _newest_grains(files: Files, frame: str | None) -> tuple[Path, Packing]:
+def _newest_grains(files: Files, frame: str | None) -> Path:
     """The newest restart file, else the newest dump or data file, by time step."""
     if files.restarts and frame is None:
-        steps = [(lammps_restart.time_step(path), path.stat().st_mtime, path) for path in files.restarts]
-        path = max(steps)[2]
-        return path, lammps_restart.read(path)[0]
+        return max(files.restarts, key=lambda path: (lammps_restart.time_step(path), path.stat().st_mtime))
     dumps = [(_last_step(path), path.stat().st_mtime, path) for path in files.grains]
     data = [] if dumps and frame is not None else [(_data_step(path), 0.0, path) for path in files.data]
-    path = max([*dumps, *data])[2]
-    if path in files.data:
-        boundary = next((read_boundary(one) for one in [*files.contacts, *files.grains]), None)
-        return path, read_data_file(path, frame, boundary)[0]
-    return path, read_grain_dump(path, frame)[0]
+    return max([*dumps, *data])[2]
+
+
+def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -> Packing:
+    """Packing of a file, with the boundaries and the atom style of the run if the file lacks them."""
+    if path in files.restarts:
+        return lammps_restart.read(path)[0]
+    settings = {} if run is None else run.settings
+    boundary = "".join(word[0] for word in settings.get("boundary", [])) or None
+    if path in files.grains:
+        return read_grain_dump(path, frame, boundary)[0]
+    if boundary is None:
+        boundary = next((read_boundary(other) for other in [*files.contacts, *files.grains]), None)
+    style = " ".join(settings.get("atom_style", ()))
+    return read_data_file(path, frame, boundary, style if style.startswith("hybrid") else None)[0]
 
 
 def _last_step(path: Path) -> int:
@@ -214,11 +229,6 @@ def _newest_commands(files: Files, grains: Path) -> Path | None:
     return None
 
 
-def _masks(packing: Packing, path: Path) -> dict[str, np.ndarray]:
-    """Members of groups, which restart files store."""
-    return lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
-
-
 def _take_over(course: Course) -> None:
     """Take over the commands of a run, in the order in which they matter."""
     run = course.run
@@ -237,6 +247,8 @@ def _take_over(course: Course) -> None:
                 raise ValueError("it acts on the grains")
             if style in MOVERS:
                 course.moved |= course.members(group)
+            if course.packing.arrays.get("dim") == 2 and style == "nve/sphere":
+                course.packing.arrays["i0"] = 0.5 if "disc" in words else 0.4
         except (ValueError, IndexError, KeyError, TypeError) as problem:
             course.obstacle(f"fix {name} ({style}) was not taken over: {problem}")
     if course.moved.any() and not course.moved.all():
@@ -280,7 +292,7 @@ def _types(word: str, kinds: int) -> range:
 
 def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
     """Flat walls of `fix wall/gran`, each with its own row in the law's table."""
-    number = [key for key, (_, style, *_) in course.run.fixes.items() if style.startswith("wall/gran")].index(name)
+    number = course.wall_number(name)
     contact, (kind, *rest) = wall_contact(words[0], words[1:])
     if kind not in ("xplane", "yplane", "zplane") or len(rest) != 2 or not course.members(group).all():
         raise ValueError(
@@ -309,7 +321,7 @@ def _classic(course: Course, contact: Contact) -> Contact:
 
 def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None:
     """Plane of `fix wall/gran/region`."""
-    number = [key for key, (_, style, *_) in course.run.fixes.items() if style.startswith("wall/gran")].index(name)
+    number = course.wall_number(name)
     contact, rest = wall_contact(words[0], words[1:])
     style, *numbers = course.run.regions[rest[rest.index("region") + 1]]
     if style != "plane" or len(numbers) != 6 or len(rest) != 2:

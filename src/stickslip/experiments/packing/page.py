@@ -15,6 +15,7 @@ from ...data.checkpoint import UNFINISHED
 from ...data.exchange.arrays import read_archive
 from ...data.exchange.files import capture_warnings, read_packing
 from ...data.exchange.frame import Frame, frame_of
+from ...data.exchange.lammps_folder import is_run_folder
 from ...data.exchange.motion import mode_frames, read_mode
 from ...data.law_file import check_law_files, trust_law_files
 from ...data.sample import PackingError
@@ -73,7 +74,8 @@ def load_content(
 
     With `trust`, the law file of a run may be executed.
     """
-    if not place.is_dir() and (place.is_file() or place.suffix):
+    run = not (place / NUMBERS).exists() and is_run_folder(place)
+    if run or (not place.is_dir() and (place.is_file() or place.suffix)):
         return packing_content(
             place, modes=modes, options=options, settle=settle, dashpots=dashpots, search=search, report=report
         )
