@@ -3,6 +3,9 @@
 `lammps_runs/make.py` makes them with LAMMPS.
 """
 
+import bz2
+import gzip
+import lzma
 import sys
 import tarfile
 from pathlib import Path
@@ -14,7 +17,11 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
+from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
 from stickslip.data.sample import Obstacle
+from stickslip.experiments.lammps.leg import Leg
+from stickslip.experiments.lammps.script import write_input
+from tests.peers.lammps_scenes import LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 
 CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"
 HERTZ = {"law": "hertz_mindlin_reff", "kn": 1.0, "kt": 0.8, "mu": 0.3, "damping_n": 0.0, "damping_t": 0.0}
@@ -199,6 +206,86 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
     (tmp_path / "in.poured").write_bytes((cases / "poured" / "in.poured").read_bytes())
     script = ss.io.read_packing(tmp_path)  # `variable kt equal "2/7*2000"` has no value without LAMMPS
     assert any(isinstance(note, Obstacle) and "have no value without running LAMMPS" in note for note in script.notes)
+
+
+def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
+    """Both directions of the table of laws: inclined walls with their own friction, gravity and dashpots."""
+    for law in (LINEAR_DAMPED, REFF_DAMPED):
+        state, law = between_walls(3), walls_law(law)
+        write_input(Leg(state, law, 0.01, 1, 1), tmp_path)
+        again, its, notes = ss.io.read_packing(tmp_path)
+        assert not [note for note in notes if isinstance(note, Obstacle)]
+        assert (its.kind, its.damping) == (law.kind, law.damping)
+        np.testing.assert_allclose(its.table[0, :3], law.table[0, [0, 0, 1]], rtol=1e-15)
+        np.testing.assert_allclose(again.walls.normal, state.walls.normal, atol=1e-15)
+        heights = [np.einsum("wk,wk->w", one.walls.point, one.walls.normal) for one in (again, state)]
+        np.testing.assert_allclose(*heights, atol=1e-15)
+        np.testing.assert_allclose(again.control.gravity, state.control.gravity, atol=1e-17)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "law", "lacks"),
+    [
+        ("hooke 2 0.5 tangential linear_history 1 0.4 0.3 damping velocity", (2, 1, 0.3, 0.5, 0.2), ""),
+        ("hertz 2 0.5 tangential mindlin_rescale 1 0.4 0.3", (2, 1, 0.3, 0.5, 0.2), ""),
+        ("hertz/material 6 0 0.5 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), ""),
+        ("hertz 2 0.5 tangential mindlin/force 1 1 0.3", (2, 1, 0.3, 0.5, 0.5), "tangential mindlin/force"),
+        (
+            "hertz 2 0.5 tangential mindlin 1 1 0.3 rolling sds 1 1 1 damping tsuji",
+            (2, 1, 0.3, 0.5, 0.5),
+            "rolling sds",
+        ),
+        ("jkr 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model jkr"),
+        ("dmt 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model dmt"),
+    ],
+)
+def test_coefficients_of_the_granular_style(coefficients, law, lacks):
+    contact, rest = contact_of("granular", [*coefficients.split(), "zplane"])
+    assert rest == ["zplane"]
+    assert contact.coefficients == pytest.approx(law)
+    assert LEVER_ARMS in contact.lacks
+    assert any(lacks in lack for lack in contact.lacks)
+    assert (len(contact.lacks) > 1) == bool(lacks)
+
+
+@pytest.mark.parametrize("opener", [gzip.open, lzma.open, bz2.open])
+def test_compressed_text_is_read(opener, cases, tmp_path):
+    plain, packed = cases / "dialects" / "pfc.csv", tmp_path / "p"
+    with opener(packed, "wb") as file:
+        file.write(plain.read_bytes())
+    assert (ss.io.read_packing(packed).state.grains.position == ss.io.read_packing(plain).state.grains.position).all()
+    packed.write_bytes(packed.read_bytes()[:-20])
+    with pytest.raises(ss.packings.PackingError, match="cannot be decompressed"):
+        ss.io.read_packing(packed)
+
+
+def test_what_is_compressed_otherwise_is_told(tmp_path):
+    (tmp_path / "p.zst").write_bytes(b"\x28\xb5\x2f\xfd rest")
+    with pytest.raises(
+        ss.packings.PackingError, match="Zstandard, which Python reads from version 3.14|be decompressed"
+    ):
+        ss.io.read_packing(tmp_path / "p.zst")
+    with gzip.open(tmp_path / "bomb.gz", "wb", compresslevel=9) as file:
+        file.write(bytes(2**24))
+    with pytest.raises(ss.packings.PackingError, match="it is binary"):
+        ss.io.read_packing(tmp_path / "bomb.gz")
+
+
+def test_what_is_not_taken_over_stays_with_the_packing(cases, capsys, tmp_path):
+    answer(capsys, "convert", cases / "dragged", "--to", tmp_path / "p.h5")
+    code, said = answer(capsys, "stability", tmp_path / "p.h5", "-q")
+    assert code == 3
+    assert said.startswith("undecided: fix drag (viscous) was not taken over")
+
+
+def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
+    for name in ("log.lammps", "dump.grains", "contacts.dump", "poured.restart"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    whole = (tmp_path / "poured.restart").read_bytes()
+    (tmp_path / "poured.restart").write_bytes(whole[:-100])
+    found = ss.io.read_packing(tmp_path)
+    assert any("poured.restart cannot be read" in note and "write_data" in note for note in found.assumed)
+    assert any("contacts from contacts.dump" in note for note in found.notes)
 
 
 def test_causes_point_to_what_the_file_lacks(cases, capsys, tmp_path):

@@ -130,11 +130,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
             f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of "
             f"LAMMPS, or a packing"
         )
-    path = _newest_grains(files, frame)
-    source = _newest_commands(files, path)
-    run = None if source is None else read_commands(source, path.name)
-    packing, contacts = _read_grains(path, files, frame, run), None
-    words = [f"grains from {path.name}, time step {packing.step}"]
+    path, run, packing = _newest_packing(files, frame)
+    words, contacts = [f"grains from {path.name}, time step {packing.step}"], None
     if packing.memory is None:
         contacts = _matching_contacts(files.contacts, packing)
         words += [f"contacts from {contacts.name}"] if contacts else []
@@ -149,6 +146,9 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     kept = [note for note in packing.words if not isinstance(note, Obstacle)]
     kept = [note for note in kept if not any(part and part in note for part in known)]
     memory = packing.memory and _with_wall_numbers(packing.memory, course)
+    if memory and any("/force" in note for note in course.words):
+        memory = memory._replace(i=memory.i[:0], j=memory.j[:0], slip=memory.slip[:0])
+        words.append(Absent("the memory of contacts, which are forces under this law, is not converted to slips"))
     law, setting = course.law or packing.law, _setting(course)
     return packing._replace(words=[*words, *kept], law=law, setting=setting, memory=memory), contacts
 
@@ -165,6 +165,21 @@ def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps
             slip[mine] = memory.wall_slip[mine] * (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
     known = wall >= 0
     return memory._replace(wall=wall[known], grain=memory.grain[known], wall_slip=slip[known])
+
+
+def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, Packing]:
+    """File of the newest grains that can be read, the commands of its run, and the packing."""
+    path = _newest_grains(files, frame)
+    source = _newest_commands(files, path)
+    run = None if source is None else read_commands(source, path.name)
+    try:
+        return path, run, _read_grains(path, files, frame, run)
+    except PackingError as problem:
+        if path not in files.restarts or not (files.grains or files.data):
+            raise
+        rest = files._replace(restarts=[other for other in files.restarts if other != path])
+        path, run, packing = _newest_packing(rest, frame)
+        return path, run, packing._replace(words=[Absent(str(problem)), *packing.words])
 
 
 def _newest_grains(files: Files, frame: str | None) -> Path:

@@ -131,7 +131,7 @@ def _combined(normal: str, tangential: str, numbers: list, more) -> Contact:
         lacks = lacks if tangential == "none" else [*lacks, f"tangential {tangential} with normal {normal}"]
     elastic = (*elastic, float(kt is None)) if elastic else ()
     if kt is None:
-        kt = elastic_constants(*elastic[:2])[1] if elastic else kn * 2 / 7
+        kt = elastic_constants(*elastic[:2])[1]
     damping = damping if damping in DAMPING else "viscoelastic"
     return Contact(
         law, damping, (kn, kt, mu, damping_n, share * damping_n), tension, tuple(dict.fromkeys(lacks)), elastic
