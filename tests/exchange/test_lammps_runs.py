@@ -59,6 +59,7 @@ def answer(capsys, *words):
         ("sheared/bare.lammpstrj", "has no masses: those of grains of density 1 are assumed"),
         ("sheared/sheared.data", "does not say which directions are periodic"),
         ("sheared/labels.data", "does not say which directions are periodic"),
+        ("dialects/part.dump", "12 grains are in the file: others may touch them"),
         ("dialects/crlf.dump", "the box is open along z: the file contains no walls"),
         ("dialects/liggghts.dump", "has no masses: those of grains of density 1 are assumed"),
         ("dialects/mercury.data", "MercuryDPM's .data has no walls and no periodic boundaries"),
@@ -79,7 +80,8 @@ def test_what_was_assumed_is_said(name, words, cases):
     run = "sheared" if name.startswith("sheared") else "poured"
     known = ss.io.read_packing(cases / run / f"{run}.restart").state
     size, place = known.grains.radius, known.grains.position
-    assert sorted(found.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
+    if name != "dialects/part.dump":
+        assert sorted(found.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
     cell = np.where(known.cell.periodic[:, None], known.cell.vectors, np.eye(3) * 1e9)
     away = (found.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
     nearest = np.abs((away - np.round(away)) @ cell).max(axis=2).min(axis=1)
@@ -91,6 +93,8 @@ def test_what_was_assumed_is_said(name, words, cases):
     [
         ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
         ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
+        ("dialects/packing.vtu", "is VTK as XML, which is not read: save it from ParaView as .csv or as legacy .vtk"),
+        ("dialects/empty.vtk", "has no columns: x y z"),
         ("dialects/twice.dump", "has grain 4 twice within one time step"),
         ("dialects/full.data", "could be those of sphere or full: give --atom-style sphere"),
         ("dialects/ellipsoid.data", "could be those of ellipsoid or body: x y z, diameter and density are needed"),
@@ -102,6 +106,8 @@ def test_what_was_assumed_is_said(name, words, cases):
 )
 def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
     path = cases / name
+    (cases / "dialects" / "packing.vtu").write_text('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n')
+    (cases / "dialects" / "empty.vtk").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n")
     if name == "dialects":
         path = tmp_path
         (path / "yade.txt").write_bytes((cases / "dialects" / "yade.txt").read_bytes())
@@ -261,9 +267,7 @@ def test_compressed_text_is_read(opener, cases, tmp_path):
 
 def test_what_is_compressed_otherwise_is_told(tmp_path):
     (tmp_path / "p.zst").write_bytes(b"\x28\xb5\x2f\xfd rest")
-    with pytest.raises(
-        ss.packings.PackingError, match="Zstandard, which Python reads from version 3.14|be decompressed"
-    ):
+    with pytest.raises(ss.packings.PackingError, match=r"Zstandard|cannot be decompressed"):
         ss.io.read_packing(tmp_path / "p.zst")
     with gzip.open(tmp_path / "bomb.gz", "wb", compresslevel=9) as file:
         file.write(bytes(2**24))

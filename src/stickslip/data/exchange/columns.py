@@ -81,7 +81,8 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     if "position" not in known or not {"radius", "diameter"} & set(known):
         some = " ".join(list(columns)[:20])
         lacks = "no positions" if "position" not in known else "no radii"
-        raise PackingError(f"{what} has columns {some}: {lacks} among them; {NEEDED} are needed, under such names")
+        there = f"columns {some}: {lacks} among them;" if some else "no columns:"
+        raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
     arrays, words = {n: known[n] for n in ("position", "velocity", "mass") if n in known}, []
     arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
     arrays |= more

@@ -179,6 +179,9 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
         order = np.argsort(ids, kind="stable")
         ids, arrays = ids[order], {name: column[order] for name, column in arrays.items()}
         check_ids(path, ids)
+        if len(ids) and ids[-1] > len(ids):
+            gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
+            words.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
     return ids, arrays, words
 
 
