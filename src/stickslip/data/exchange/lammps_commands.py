@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.text import parse_number
 from .content import read_lines
 
 LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
@@ -73,14 +72,9 @@ def read_lines_of(path: Path) -> str:
 def _value(words: list[str], values: dict[str, str]) -> dict[str, str]:
     """Value of a variable that has one without running LAMMPS."""
     name, style, first = words[1], words[2], _substituted(words[3], values).strip('"')
-    if style in ("index", "string", "getenv", "internal") and name not in values:
+    if style in ("index", "string") and name not in values:
         return {name: first}
-    if style == "equal" and len(words) == 4:
-        try:
-            return {name: repr(parse_number(first))}
-        except ValueError:
-            return {}
-    return {}
+    return {name: first} if style == "equal" and re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?", first) else {}
 
 
 def _substituted(line: str, values: dict[str, str]) -> str:
@@ -121,10 +115,10 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
             parts = [group_members(run, word, ids, types, n) for word in words if word != name]
             if any(part is None for part in parts) or not parts:
                 return None
-            combine = {"union": np.any, "intersect": np.all}.get(style)
-            members |= (
-                combine(parts, axis=0) if combine else parts[0] & ~np.any([*parts[1:], np.zeros(n, bool)], axis=0)
-            )
+            others = np.any([np.zeros(n, bool), *parts[1:]], axis=0)
+            members |= {"union": parts[0] | others, "subtract": parts[0] & ~others, "intersect": np.all(parts, axis=0)}[
+                style
+            ]
         elif style not in ("empty", "clear"):
             return None
     return members
@@ -132,23 +126,12 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
 
 def _chosen(numbers: np.ndarray, words: list[str]) -> np.ndarray:
     """Which of the numbers are meant by words such as 3, 1:10 and 2*5, or by a comparison."""
-    compare = {
-        "<": np.less,
-        ">": np.greater,
-        "<=": np.less_equal,
-        ">=": np.greater_equal,
-        "==": np.equal,
-        "!=": np.not_equal,
-    }
-    if words and words[0] in compare:
-        return compare[words[0]](numbers, int(words[1]))
+    compare = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal}
+    if words and words[0] in (*compare, "!="):
+        return compare[words[0]](numbers, int(words[1])) if words[0] in compare else numbers != int(words[1])
     chosen = np.zeros(len(numbers), bool)
     for word in words:
-        low, high, *step = (
-            ([int(p) if p else None for p in re.split("[:*]", word)] + [None])[:3]
-            if re.search("[:*]", word)
-            else (int(word),) * 2
-        )
-        inside = (numbers >= (1 if low is None else low)) & (numbers <= (numbers.max() if high is None else high))
-        chosen |= inside & ((numbers - (low or 1)) % (step[0] if step and step[0] else 1) == 0)
+        low, *more = (int(part or 0) for part in re.split("[:*]", word))
+        high = (more[0] or numbers.max()) if more else low
+        chosen |= (numbers >= low) & (numbers <= high) & ((numbers - low) % (more[1] if len(more) > 1 else 1) == 0)
     return chosen

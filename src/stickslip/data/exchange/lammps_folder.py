@@ -24,9 +24,10 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
-from .lammps_laws import HISTORY, WALL_CLASSIC, Contact, contact_of, law_of_contacts, mixed, wall_contact
+from .lammps_laws import HISTORY, SAME_UNITS, WALL_CLASSIC, Contact, contact_of, law_of_contacts, mixed, wall_contact
 from .lammps_text import NO_WALLS
 
+LOOKED_AT = 50  # dumps whose last time step is read, the newest
 TAIL = 2**20  # bytes at the end of a dump in which its last time step is sought first
 SILENT = (  # fixes that exert no forces on grains at rest
     "nve", "nve/sphere", "nve/limit", "enforce2d", "print", "ave/time", "ave/chunk", "ave/histo", "ave/atom", "vector",
@@ -34,7 +35,6 @@ SILENT = (  # fixes that exert no forces on grains at rest
     "dt/reset", "heat/flow", "NEIGH_HISTORY", "controller",
 )  # fmt: skip
 MOVERS = ("nve", "nve/sphere", "nve/limit", "nve/noforce", "move", "rigid", "rigid/small")
-SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # whose forces are mass times acceleration
 
 
 class Files(NamedTuple):
@@ -186,7 +186,8 @@ def _newest_grains(files: Files, frame: str | None) -> Path:
     """The newest restart file, else the newest dump or data file, by time step."""
     if files.restarts and frame is None:
         return max(files.restarts, key=lambda path: (lammps_restart.time_step(path), path.stat().st_mtime))
-    dumps = [(_last_step(path), path.stat().st_mtime, path) for path in files.grains]
+    newest = sorted(files.grains, key=lambda path: (path.stat().st_mtime, _numbers(path)))[-LOOKED_AT:]
+    dumps = [(_last_step(path), path.stat().st_mtime, path) for path in newest]
     data = [] if dumps and frame is not None else [(_data_step(path), 0.0, path) for path in files.data]
     return max([*dumps, *data])[2]
 
@@ -203,6 +204,11 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
         boundary = next((read_boundary(other) for other in [*files.contacts, *files.grains]), None)
     style = " ".join(settings.get("atom_style", ()))
     return read_data_file(path, frame, boundary, style if style.startswith("hybrid") else None)[0]
+
+
+def _numbers(path: Path) -> list[int]:
+    """Numbers in the name of a file, such as its time step."""
+    return [int(digits) for digits in re.findall(r"\d{1,18}", path.name)]
 
 
 def _last_step(path: Path) -> int:
@@ -225,7 +231,10 @@ def _data_step(path: Path) -> int:
 
 def _matching_contacts(paths: list[Path], packing: Packing) -> Path | None:
     """The first dump of contacts that belongs to the packing."""
+    mark = re.compile(rb"ITEM: TIMESTEP\s+%d\s" % packing.step)
     for path in paths:
+        if packing.step >= 0 and not mark.search(read_content(path)):
+            continue
         try:
             pairs: Pairs = read_pairs(path, packing)
         except PackingError:
@@ -264,7 +273,7 @@ def _take_over(course: Course) -> None:
                 course.moved |= course.members(group)
             if course.packing.arrays.get("dim") == 2 and style == "nve/sphere":
                 course.packing.arrays["i0"] = 0.5 if "disc" in words else 0.4
-        except (ValueError, IndexError, KeyError, TypeError) as problem:
+        except (ValueError, IndexError, KeyError, TypeError, RecursionError) as problem:
             course.obstacle(f"fix {name} ({style}) was not taken over: {problem}")
     if course.moved.any() and not course.moved.all():
         course.frozen |= ~course.moved

@@ -28,17 +28,13 @@ TANGENTIAL = {  # number of coefficients
     "none": 0, "linear_nohistory": 2, "linear_history": 3, "linear_history_classic": 3, "mindlin_classic": 3,
     "mindlin": 3, "mindlin/force": 3, "mindlin_rescale": 3, "mindlin_rescale/force": 3,
 }  # fmt: skip
-OTHERS = {  # number of coefficients of the models that may follow, and those that act
+OTHERS = {  # number of coefficients of the models that may follow
     "damping": {"velocity": 0, "mass_velocity": 0, "viscoelastic": 0, "tsuji": 0, "coeff_restitution": 0},
     "rolling": {"none": 0, "sds": 3}, "twisting": {"none": 0, "marshall": 0, "sds": 3},
     "heat": {"none": 0, "radius": 1, "area": 1},
 }  # fmt: skip
-WITHOUT_EFFECT = {
-    "rolling": ("none",),
-    "twisting": ("none",),
-    "heat": ("none", "radius", "area"),
-    "damping": tuple(DAMPING),
-}
+NO_EQUAL = {"damping tsuji", "damping coeff_restitution", "rolling sds", "twisting marshall", "twisting sds"}
+SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # in which forces are mass times acceleration
 WALL_CLASSIC = (
     "the k_t of fix wall/gran hooke/history, which LAMMPS up to 2025 multiplies by the contact radius sqrt(delta R) "
     "(taken at its mean over contacts)"
@@ -54,9 +50,7 @@ class Contact(NamedTuple):
     coefficients: tuple[float, ...]  # kn, kt, mu, damping_n, damping_t
     tension: bool = True
     lacks: tuple[str, ...] = ()
-    elastic: tuple[
-        float, ...
-    ] = ()  # Young's modulus, Poisson's ratio, and 1 if kt follows from them; empty if kn is given
+    elastic: tuple[float, ...] = ()  # Young's modulus, Poisson's ratio, 1 if kt follows from them; empty if kn is given
 
 
 def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
@@ -91,12 +85,12 @@ def wall_contact(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
 
 
 def _granular(words: list[str]) -> tuple[Contact, list[str]]:
-    name, numbers, elastic, lacks = words.pop(0), [], (), [LEVER_ARMS]
+    name, elastic, lacks = words.pop(0), (), [LEVER_ARMS]
     if name not in NORMAL:
         raise ValueError(f"the normal model {name}")
     count, normal = NORMAL[name]
     numbers, words = [parse_number(w) for w in words[:count]], words[count:]
-    if name == "hooke" or name == "hertz":
+    if count == 2:
         kn, damping_n = numbers
     else:
         elastic, damping_n = (numbers[0], numbers[2]), numbers[1]
@@ -117,7 +111,7 @@ def _granular(words: list[str]) -> tuple[Contact, list[str]]:
             model = words.pop(0)
             words = words[OTHERS[key][model] :]
             damping = model if key == "damping" else damping
-            lacks += [] if model in WITHOUT_EFFECT[key] else [f"{key} {model}"]
+            lacks += [f"{key} {model}"] if f"{key} {model}" in NO_EQUAL else []
     return _combined(normal or "hertz", tangential, [kn, damping_n, *values], (damping, tension, lacks, elastic)), words
 
 

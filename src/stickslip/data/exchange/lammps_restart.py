@@ -22,6 +22,8 @@ from ...core.measure import branch_vectors, touching
 from ...core.state import SLIDE, STICK, State, empty_contacts
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError
 from .content import HEAD, Packing, only_state, read_content
+from .lammps_laws import HISTORY as HISTORY_LAWS
+from .lammps_laws import SAME_UNITS
 from .lammps_text import Table, add_box, restricted_box
 
 MAGIC = b"LammpS RestartT\x00"
@@ -43,9 +45,9 @@ FLAGS = {  # what follows the flags of a header
     **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT),
     **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
 }  # fmt: skip
-UNITS, STEP, DIMENSION, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ, TIME_STEP = 4, 5, 6, 14, 15, 31, 32, 33, 34, 35, 50
-LAWS = {"gran/hooke/history": "linear", "gran/hertz/history": "hertz_mindlin_reff"}
-DAMPING = {"linear": "mass_velocity", "hertz_mindlin_reff": "viscoelastic"}
+UNITS, STEP, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 31, 32, 33, 34, 35
+MOST_GROUPS = 32
+NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
 
 
 class Restart(NamedTuple):
@@ -175,11 +177,10 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     arrays, words = add_box(box, arrays, None, [])
     law, said = _law_of_pair_style(content[:start])
     walls = [style for style in _stores(content[:start]) if style.startswith(WALL)]
-    words = [
-        *(w for w in words if not walls),
-        *said,
-        *(Obstacle(f"{UNDECIDED}{s} acts on the grains: {NO_PLACE}") for s in walls),
-    ]
+    left_out = [f"{style} acts on the grains: {NO_PLACE}" for style in walls]
+    if about[UNITS] not in SAME_UNITS:
+        left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
+    words = [*([] if walls else words), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
     return [Packing(str(box.step), arrays, words, box.step, known.ids, known.types, memory=known, law=law)]
 
 
@@ -211,10 +212,6 @@ def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
     return masks
 
 
-MOST_GROUPS = 32
-NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
-
-
 def _header(content: bytes) -> tuple[dict, int]:
     """Values of a header by their flags, up to its end or a flag that is not known here, and the position after it."""
     out, at = {}, len(MAGIC) + 8
@@ -241,13 +238,13 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
     match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z/_]+)\0", head, re.DOTALL)
     style = match[2].decode() if match else "none"
-    if style not in LAWS:
+    if style.removeprefix("gran/") not in HISTORY_LAWS:
         return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
     kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, match.end())
-    law = LAWS[style]
+    law, damping = HISTORY_LAWS[style.removeprefix("gran/")]
     return {
         "law": law, "coulomb": "sharp", "kn": kn, "kt": kt, "mu": mu, "damping_n": damping_n,
-        "damping_t": damping_t if flag else 0.0, "damping": DAMPING[law],
+        "damping_t": damping_t if flag else 0.0, "damping": damping,
     }, [f"law from the restart file: pair_style {style}"]  # fmt: skip
 
 
