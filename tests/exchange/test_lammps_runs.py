@@ -314,3 +314,46 @@ def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path
     state = ss.io.read_packing(path).state
     assert f"coordination {ss.measure.coordination(state):.4g}" in said
     assert f"geometry: {len(ss.measure.touching(state))} contacts" in said
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z,radius\n0,0,0,0.5\n0.9,0,1,0.5\n",
+        '"Points:0","Points:1","Points:2","Radius"\n0,0,0,0.5\n0.9,0,1,0.5\n',
+        "# made by hand\nid; pos_x [m]; pos_y [m]; pos_z [m]; Diameter (m)\n7; 0; 0; 0; 1\n3; 0.9; 0; 1; 1\n",
+        "# 2 grains\n0 0 0 0.5\n0.9 0 1 0.5\n",
+        "#format x_y_z_r_mask\n0\t0\t0\t0.5\t1\n0.9\t0\t1\t0.5\t1\n",
+        "\ufeffX Y Z R vx vy vz\r\n0 0 0 0.5 0 0 1\r\n0.9 0 1 0.5 0 0 1\r\n",
+        "ball_id,xc,yc,zc,rad,rho\n1,0,0,0,0.5,2\n2,0.9,0,1,0.5,2\n",
+    ],
+)
+def test_tables_under_their_usual_names(text, tmp_path):
+    (tmp_path / "t").write_text(text, encoding="utf-8", newline="")
+    state, _, notes = ss.io.read_packing(tmp_path / "t")
+    assert sorted(map(tuple, state.grains.position.tolist())) == [(0, 0, 0), (0.9, 0, 1)]
+    assert state.grains.radius.tolist() == [0.5, 0.5]
+    assert state.grains.mass[0] == pytest.approx((2 if "rho" in text else 1) * np.pi / 6)
+    assert state.grains.velocity[0, 2] == ("vx" in text)
+    assert any("of density 1" in note for note in notes) != ("rho" in text)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x,y,z\n0,0,0\n", "it begins with 'x,y,z | 0,0,0'"),
+        ("1 2 3\n4 5 6\n", "it begins with '1 2 3 | 4 5 6'"),
+        ("x y z r\n0 0 0\n", "has 3 entries in row 1, where its columns are 4"),
+        ("x y z r\n0 0 0 one\n", "is not a number"),
+        ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
+        ("x y z r\n0 0 0 1", "ends in the middle of a line"),
+        ("x y z r\n", "at least one grain|empty|0 grains"),
+    ],
+)
+def test_tables_that_are_none(text, words, tmp_path):
+    (tmp_path / "t").write_text(text)
+    with pytest.raises(
+        ss.packings.PackingError, match=words.replace("|", r"\|") if "begins" in words else words
+    ) as problem:
+        ss.io.read_packing(tmp_path / "t")
+    assert "\n" not in str(problem.value)
