@@ -289,7 +289,19 @@ def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
     (tmp_path / "poured.restart").write_bytes(whole[:-100])
     found = ss.io.read_packing(tmp_path)
     assert any("poured.restart cannot be read" in note and "write_data" in note for note in found.assumed)
-    assert any("contacts from contacts.dump" in note for note in found.notes)
+    assert any("contacts in contacts.dump" in note for note in found.notes)
+
+
+def test_a_folder_of_dumps_asks_for_the_law(cases, tmp_path):
+    for name in ("dump.grains", "contacts.dump"):
+        (tmp_path / name).write_bytes((cases / "sheared" / name).read_bytes())
+    found = ss.io.read_packing(tmp_path)
+    assert any(
+        "the memory of contacts in contacts.dump needs the law: give --law, --kn" in note for note in found.assumed
+    )
+    state, law, notes = ss.io.read_packing(tmp_path, **HERTZ)
+    assert any("no log.lammps and no input script" in note for note in notes)
+    assert ss.stability(state, law).stable is False
 
 
 def test_causes_point_to_what_the_file_lacks(cases, capsys, tmp_path):

@@ -31,6 +31,7 @@ ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
+LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
 
@@ -103,7 +104,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
     if not (path.is_file() or path.is_dir()):
-        raise PackingError(f"{path} is not a file: give a packing; `stickslip docs exchange` lists formats")
+        raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
     given, own = law_from_file({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if path.is_dir():
@@ -112,7 +113,9 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
                 f"{', '.join(of_lammps)} was given with a folder, whose files say it: give the file instead"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
-        contacts = contacts if packing.law is not None or given or own is not None else None
+        if contacts and packing.law is None and not given and own is None:
+            unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
+            packing, contacts = packing._replace(words=[*packing.words, unused]), None
         return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:

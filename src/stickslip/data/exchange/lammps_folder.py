@@ -134,7 +134,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     words, contacts = [f"grains from {path.name}, time step {packing.step}"], None
     if packing.memory is None:
         contacts = _matching_contacts(files.contacts, packing)
-        words += [f"contacts from {contacts.name}"] if contacts else []
+        words += [f"contacts in {contacts.name}"] if contacts else []
     if run is None:
         words.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
         return packing._replace(words=[*words, *packing.words]), contacts
