@@ -39,10 +39,6 @@ STABILITY = examples(
         "only the verdict, at rest under another law",
     ),
     ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and what is known about others"),
-    (
-        "stability examples/sheared --law hertz_mindlin_reff --kn 1 --kt 0.8 --mu 0.2 --damping-n 0 --damping-t 0 -q",
-        "a folder of LAMMPS; with its log, it needs no law",
-    ),
 )
 CONVERT = examples(
     ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, contacts in a second file"),
