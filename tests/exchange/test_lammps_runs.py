@@ -292,6 +292,31 @@ def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
     assert any("contacts in contacts.dump" in note for note in found.notes)
 
 
+def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
+    """As in a run that begins with `read_restart`."""
+    for name in ("log.lammps", "poured.restart"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    log = tmp_path / "log.lammps"
+    log.write_text("\n".join(line for line in log.read_text().split("\n") if not line.startswith("pair_")))
+    mine, known = ss.io.read_packing(tmp_path).law, ss.io.read_packing(cases / "poured").law
+    np.testing.assert_allclose(mine.table, known.table, rtol=1e-14)
+    (tmp_path / "poured.restart").unlink()
+    (tmp_path / "poured.data").write_bytes((cases / "poured" / "poured.data").read_bytes())
+    state, _, notes = ss.io.read_packing(tmp_path)
+    assert len(state.walls.mass) == 1
+    assert any("pair_style none was not taken over" in note for note in notes)
+
+
+def test_options_take_precedence_over_the_law_of_a_run(cases):
+    """A number alone changes that number between all types and walls; a law replaces it everywhere."""
+    law = ss.io.read_packing(cases / "materials").law
+    other = ss.io.read_packing(cases / "materials", mu=0.05).law
+    assert (other.table[..., :2] == law.table[..., :2]).all() and (other.table[..., 2] == 0.05).all()
+    state, other, _ = ss.io.read_packing(cases / "materials", law="linear", kn=500.0)
+    assert len(state.walls.mass) == 1
+    assert (other.table[..., 0] == 500.0).all() and other.kind == ss.laws.linear().kind
+
+
 def test_a_folder_of_dumps_asks_for_the_law(cases, tmp_path):
     for name in ("dump.grains", "contacts.dump"):
         (tmp_path / name).write_bytes((cases / "sheared" / name).read_bytes())

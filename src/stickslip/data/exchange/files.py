@@ -5,6 +5,8 @@ import warnings
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from ...core.arguments import checked
 from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
@@ -32,6 +34,7 @@ SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": wr
 SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
+NUMBERS = {"kn", "kt", "mu", "damping_n", "damping_t"}
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
 
@@ -149,13 +152,7 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
     """
     its, words = packing.law, packing.words
-    options = its | given if isinstance(its, dict) else given
-    if own is not None or options:
-        law = own or lammps_law(options, memory=local.path is not None)
-    elif isinstance(its, Law):
-        law = its
-    else:
-        law = lammps_law({}, memory=local.path is not None)
+    law = _chosen_law(packing, given, own, memory=local.path is not None)
     if own is not None or given:
         words = [note for note in words if not getattr(note, "of_law", False)]
     elif its is None:
@@ -170,6 +167,17 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
     state = with_neighbor_list(with_inertia(packing.state, i0))
     return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
+
+
+def _chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
+    """Law that was given, or that of the packing with the numbers that were given; the defaults if there is neither."""
+    its = packing.law
+    if isinstance(its, Law) and own is None and (not given or (packing.setting and set(given) <= NUMBERS)):
+        return with_values(its, **given)
+    law = own or lammps_law(its | given if isinstance(its, dict) else given, memory=memory)
+    if packing.setting and isinstance(its, Law):  # types and walls, each a material
+        law = law._replace(table=np.tile(law.table[:1, :1], (len(its.table), len(its.table), 1)))
+    return law
 
 
 @checked

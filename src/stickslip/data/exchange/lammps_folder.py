@@ -284,13 +284,17 @@ def _take_over(course: Course) -> None:
 def _take_pairs(course: Course) -> None:
     """Laws of pairs of types."""
     style, *words = course.run.pair_style or ["none"]
+    stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
-        if style.removeprefix("gran/") in HISTORY:
+        if style == "none" and isinstance(stored, dict):  # restored from a restart file
+            numbers = tuple(stored[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t"))
+            course.contacts |= dict.fromkeys(everywhere, Contact(stored["law"], stored["damping"], numbers))
+        elif style.removeprefix("gran/") in HISTORY:
             contact, _ = contact_of(style.removeprefix("gran/"), words)
-            course.contacts |= {(a, b): contact for a in range(course.kinds) for b in range(a, course.kinds)}
+            course.contacts |= dict.fromkeys(everywhere, contact)
         elif style == "granular":
             _take_coefficients(course)
-        elif style != "none":
+        else:
             raise ValueError("no law here is equal to it")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         course.obstacle(f"pair_style {style} was not taken over: {problem}")
@@ -399,7 +403,7 @@ TAKEN = {
 
 def _finish_law(course: Course) -> None:
     """The law of all pairs of types and walls."""
-    if not course.contacts:
+    if not any(max(pair) < course.kinds for pair in course.contacts):
         return
     course.law, lacks = law_of_contacts(course.contacts, course.kinds + len(course.walls))
     for lack in lacks:
@@ -423,7 +427,7 @@ def _setting(course: Course):
         count = len(course.walls)
         walls = flat_walls(
             [plane.height * plane.normal for plane in course.walls], [plane.normal for plane in course.walls],
-            material=[course.kinds + k for k in range(count)],
+            material=[course.kinds + k if course.law else 0 for k in range(count)],
         )  # fmt: skip
         control = loads(course.n, count, gravity=course.gravity)
         control.force[: course.n] = course.force
