@@ -8,6 +8,7 @@ import gzip
 import lzma
 import sys
 import tarfile
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -305,6 +306,36 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
     state, _, notes = ss.io.read_packing(tmp_path)
     assert len(state.walls.mass) == 1
     assert any("pair_style none was not taken over" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("neigh_modify exclude type 1 2", "neigh_modify exclude type 1 2 was not taken over"),
+        ("fix s all spring/self 1.0", "fix s (spring/self) was not taken over: it acts on the grains"),
+        (
+            "fix q all wall/gran hooke/history 1 1 0 0 0.5 1 zcylinder 3",
+            "only fixed planes that touch all grains are read",
+        ),
+        ("fix q low addforce 0 0 v_push", "the members of group low are not in the files"),
+        ("fix q all addforce 0 0 v_push", "fix q (addforce) was not taken over"),
+        ("fix q all setforce 0 NULL 0", "only setforce 0 0 0 is read"),
+        ("units real", "units real, in which LAMMPS converts forces"),
+        ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
+        ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
+        ("fix x all print 10 'now'", ""),
+    ],
+)
+def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_path):
+    run = "materials" if line.startswith("pair_coeff") else "poured"
+    for name in ("log.lammps", f"{run}.restart"):
+        (tmp_path / name).write_bytes((cases / run / name).read_bytes())
+    log = tmp_path / "log.lammps"
+    log.write_text(log.read_text().replace("write_restart", f"{line}\nwrite_restart"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ss.packings.PackingWarning)
+        left_out = [note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle)]
+    assert any(words in note for note in left_out) if words else not left_out
 
 
 def test_options_take_precedence_over_the_law_of_a_run(cases):

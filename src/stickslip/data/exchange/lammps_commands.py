@@ -86,6 +86,9 @@ def _apply(run: Run, words: list[str]) -> Run:
     key, rest = words[0], words[1:]
     if key in ("units", "boundary", "atom_style", "newton"):
         run.settings[key] = rest
+    elif key == "neigh_modify" and "exclude" in rest:
+        part = " ".join(rest[rest.index("exclude") + 1 :][:3])
+        run.settings["exclude"] = [] if part.startswith("none") else [*run.settings.get("exclude", []), part]
     elif key == "clear":
         return Run(run.source, [], [], {}, {}, {}, {}, [], run.year)
     elif key == "pair_style" and rest:

@@ -258,6 +258,8 @@ def _take_over(course: Course) -> None:
     run = course.run
     for command in run.unknown:
         course.obstacle(f"the variables in `{command}` have no value without running LAMMPS; its log.lammps has them")
+    for part in run.settings.get("exclude", []):
+        course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it leaves out are there here")
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
         course.obstacle(f"units {units}, in which LAMMPS converts forces, were not taken over")
