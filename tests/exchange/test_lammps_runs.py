@@ -338,6 +338,20 @@ def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_pa
     assert any(words in note for note in left_out) if words else not left_out
 
 
+def test_grains_that_have_crossed_the_box_many_times(cases, tmp_path):
+    """As in long shear: positions are then those in the box."""
+    text = (cases / "sheared" / "dump.grains").read_text().split("\n")
+    names = next(line for line in text if line.startswith("ITEM: ATOMS")).split()[2:]
+    first, at = text.index(next(line for line in text if line.startswith("ITEM: ATOMS"))) + 1, names.index("ix")
+    row = text[first].split()
+    row[at] = "70"
+    (tmp_path / "dump").write_text("\n".join([*text[:first], " ".join(row), *text[first + 1 :]]))
+    given = {"contacts": cases / "sheared" / "contacts.dump"} | HERTZ
+    state, law, _ = ss.io.read_packing(tmp_path / "dump", **given)
+    known, _, _ = ss.io.read_packing(cases / "sheared" / "dump.grains", **given)
+    assert ss.stability(state, law).verdict == ss.stability(known, law).verdict
+
+
 def test_options_take_precedence_over_the_law_of_a_run(cases):
     """A number alone changes that number between all types and walls; a law replaces it everywhere."""
     law = ss.io.read_packing(cases / "materials").law

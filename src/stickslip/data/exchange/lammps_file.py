@@ -27,7 +27,7 @@ from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.readable import pluralize
 from ...core.state import SLIDE, STICK, State
-from ..sample import NO_CONTACTS, Assumption, PackingError, PackingWarning, accepted, from_arrays
+from ..sample import HUGE, NO_CONTACTS, Assumption, PackingError, PackingWarning, accepted, from_arrays
 from .contact_columns import TOTAL, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
 from .lammps_restart import restored
@@ -118,7 +118,7 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     if packing.ids is None:
         raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
     table = _rename_columns(table, path, columns, packing)
-    ends = table.numbers("i", "j").astype(np.int64)
+    ends = _finite_numbers(table, path, "i", "j").astype(np.int64)
     strange = ~np.isin(ends, packing.ids)
     if strange.any():
         raise PackingError(
@@ -127,16 +127,26 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
         )
 
     def vectors(*names):
-        return table.numbers(*names) if table.has(*names) else None
+        return _finite_numbers(table, path, *names) if table.has(*names) else None
 
     place, normal = np.searchsorted(packing.ids, ends), vectors("fx", "fy", "fz")
     branch, tangential = vectors("dx", "dy", "dz"), vectors("tx", "ty", "tz")
     if tangential is None:
-        n, total = pair_branches(packing, *place.T), table.numbers(*TOTAL)
+        n, total = pair_branches(packing, *place.T), _finite_numbers(table, path, *TOTAL)
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         normal = np.einsum("ck,ck->c", total, n)[:, None] * n
         tangential = total - normal
     return Pairs(*place.T, branch, vectors("dist"), normal, tangential)
+
+
+def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:
+    """Columns as numbers; PackingError if one of them is NaN or infinite."""
+    values = table.numbers(*names)
+    if not (np.abs(values) < HUGE).all():
+        raise PackingError(
+            f"{path} contains NaN, infinity or numbers beyond {HUGE:g} in {' '.join(names)}: it is damaged"
+        )
+    return values
 
 
 def _rename_columns(table: Table, path: Path, columns: str | None, packing: Packing) -> Table:
@@ -149,7 +159,7 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
         names = (
-            name_contact_columns(table.numbers(*names), packing, path)
+            name_contact_columns(_finite_numbers(table, path, *names), packing, path)
             if table.columns[names[0]]
             else ORDER[: len(names)]
         )

@@ -24,7 +24,7 @@ from ..sample import UNDECIDED, Absent, Obstacle, PackingError
 from .content import HEAD, Packing, only_state, read_content
 from .lammps_laws import HISTORY as HISTORY_LAWS
 from .lammps_laws import SAME_UNITS
-from .lammps_text import Table, add_box, restricted_box
+from .lammps_text import Table, add_box, restricted_box, whole_periods
 
 MAGIC = b"LammpS RestartT\x00"
 # the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
@@ -169,7 +169,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     except (ValueError, KeyError, IndexError, struct.error) as problem:
         raise PackingError(f"{path} cannot be read ({problem}): {remedy}") from None
     arrays = {
-        "position": known.position + known.image @ vectors, "radius": known.radius, "mass": known.mass,
+        "position": known.position + whole_periods(known.image, vectors), "radius": known.radius, "mass": known.mass,
         "velocity": known.velocity, "spin": known.spin,
     }  # fmt: skip
     flags = about[BOUNDARY].reshape(3, 2)

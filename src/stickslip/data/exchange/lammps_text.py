@@ -31,6 +31,7 @@ STYLES = {  # columns of the section Atoms, which three whole numbers may follow
     "dipole": "id type charge x y z mux muy muz",
     "peri": "id type volume density x y z",
 }
+MOST_IMAGES = 25  # periods of the box by which positions are unwrapped
 WHOLE = ("id", "molecule", "type", "flag")
 NO_WALLS = "the file contains no walls, and none were read; those of `fix wall/gran` are read from the run's folder"
 SPHERES = "x y z, diameter and density"
@@ -195,10 +196,15 @@ def check_ids(path: Path, ids: np.ndarray) -> None:
         )
 
 
+def whole_periods(image: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(N, 3) displacements by images of the box; zero if grains are so far apart that contacts could not count them."""
+    return image @ vectors if np.abs(image).max(initial=0) <= MOST_IMAGES else np.zeros(image.shape)
+
+
 def _position(table: Table, path: Path) -> np.ndarray:
     """(N, 3) positions, unwrapped if the columns allow it [length]."""
     vectors, corner = table.vectors, table.corner
-    whole = table.numbers("ix", "iy", "iz") @ vectors if table.has("ix", "iy", "iz") else 0.0
+    whole = whole_periods(table.numbers("ix", "iy", "iz"), vectors) if table.has("ix", "iy", "iz") else 0.0
     for mark in ("u", ""):
         if table.has(*(axis + mark for axis in AXES)):
             place = table.numbers(*(axis + mark for axis in AXES))
@@ -251,7 +257,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
     }
     arrays["types"] = rows[:, at["type"]].astype(np.int64) - 1
     if rows.shape[1] == len(names) + 3:
-        arrays["position"] = arrays["position"] + rows[:, -3:] @ vectors
+        arrays["position"] = arrays["position"] + whole_periods(rows[:, -3:], vectors)
     if motion is not None and motion.shape[1] >= 7:
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
         arrays |= {"velocity": motion[:, 1:4], "spin": motion[:, 4:7]}
