@@ -148,7 +148,7 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
         (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{d}/none.npz"], "is not a file"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{p}"], "contains no modes"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--frame", "3"], "has one state"),
-        (["stability", "{p}", "--contacts", "{p}"], "only LAMMPS files take it"),
+        (["stability", "{p}", "--contacts", "{p}"], "only LAMMPS's data and dump files take it"),
         (["stability", "{p}", "--young", "1"], "only one of young and poisson"),
         (["stability", "{p}", "--damping-n", "-1"], "not negative"),
     ],

@@ -127,7 +127,7 @@ def test_frames_are_chosen(tmp_path):
     assert_same(states[2], ss.io.read_packing(tmp_path / "p.gsd")[0])
     for state, (_, back, _, _) in zip(states, ss.io.read_packings(tmp_path / "p.gsd"), strict=True):
         assert_same(state, back)
-    with pytest.raises(ss.packings.PackingError, match=r"no frame '7': its frames are 0 to 2"):
+    with pytest.raises(ss.packings.PackingError, match=r"no frame '7': it has 0, 1, 2"):
         ss.io.read_packing(tmp_path / "p.gsd", frame="7")
 
 
@@ -189,8 +189,15 @@ def test_files_of_another_kind_are_refused_politely(change, words, tmp_path):
     assert "\n" not in str(problem.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"no gsd at all", b"\xdf\x65\xdf\x65\xdf\x65\xdf\x65" + bytes(300)])
-def test_what_is_no_gsd_is_refused(content, tmp_path):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "it is empty"),
+        (b"no gsd at all", "it begins with 'no gsd at all'"),
+        (b"\xdf\x65\xdf\x65\xdf\x65\xdf\x65" + bytes(300), "cannot be read as GSD"),
+    ],
+)
+def test_what_is_no_gsd_is_refused(content, words, tmp_path):
     (tmp_path / "p.gsd").write_bytes(content)
-    with pytest.raises(ss.packings.PackingError, match="cannot be read as GSD"):
+    with pytest.raises(ss.packings.PackingError, match=words):
         ss.io.read_packing(tmp_path / "p.gsd")

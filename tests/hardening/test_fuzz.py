@@ -6,6 +6,7 @@ import json
 import signal
 import struct
 import sys
+import tarfile
 import tomllib
 import tracemalloc
 import warnings
@@ -16,10 +17,11 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.exchange.motion import read_mode
-from stickslip.experiments.lammps import memory
 from stickslip.experiments.packing.report import check_modes
 from stickslip.loading.packing import jammed
+from tests.exchange.test_lammps_runs import CASES
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES
 
@@ -260,6 +262,86 @@ def test_some_mutated_restart_files(tmp_path):
     assert tracemalloc.get_traced_memory()[1] < 5e6
     tracemalloc.stop()
     assert 50 < taken < 500
+
+
+FOREIGN = (
+    "sheared/sheared.restart", "sheared/dump.grains", "sheared/grains.dump.gz", "sheared/labels.data",
+    "sheared/log.lammps", "dialects/yade.txt", "dialects/pfc.csv", "dialects/mercury.data", "dialects/packing.xyz",
+    "dialects/packing.vtk", "dialects/liggghts.pairs", "p.npy", "binary.vtk",
+)  # fmt: skip
+
+
+def foreign_files(folder):
+    """Files of other programs, of 24 to 27 grains."""
+    with tarfile.open(CASES) as packed:
+        packed.extractall(folder, filter="data")
+    state = ss.io.read_packing(folder / "sheared" / "sheared.restart").state
+    place, radius = state.grains.position, state.grains.radius
+    np.save(folder / "p.npy", np.column_stack([place, radius]))
+    head = f"# vtk DataFile Version 3.0\ngrains\nBINARY\nDATASET POLYDATA\nPOINTS {len(place)} double\n".encode()
+    data = f"\nPOINT_DATA {len(place)}\nSCALARS radius double 1\nLOOKUP_TABLE default\n".encode()
+    (folder / "binary.vtk").write_bytes(head + place.astype(">f8").tobytes() + data + radius.astype(">f8").tobytes())
+    return {name: (folder / name).read_bytes() for name in FOREIGN}
+
+
+def check_foreign(count, folder):
+    """Whatever is in a file: a packing, or one sentence, within seconds and a few megabytes."""
+    rng, whole, taken = np.random.default_rng(3), foreign_files(folder), 0
+    for k in range(count):
+        name = FOREIGN[k % len(FOREIGN)]
+        content = with_damage(whole[name], rng)
+        if rng.random() < 0.2:  # a piece of another format
+            other = whole[FOREIGN[rng.integers(len(FOREIGN))]]
+            content = content[: len(content) // 2] + other[len(other) // 3 :]
+        (folder / name).write_bytes(content)
+        given = {"law": "linear", "kn": 1.0, "kt": 1.0, "mu": 0.5, "damping_n": 0.0, "damping_t": 0.0}
+        what = folder / "sheared" if name.endswith("log.lammps") else folder / name
+        if name.endswith(".pairs"):
+            what, given = folder / "dialects" / "liggghts.dump", given | {"contacts": folder / name}
+        try:
+            with answered(10):
+                warnings.simplefilter("ignore", ss.packings.PackingWarning)
+                ss.io.read_packing(what, **(given if name.endswith(".pairs") else {}))
+        except ValueError as problem:
+            assert isinstance(problem, ss.packings.PackingError), (name, problem)
+            assert "\n" not in str(problem), problem
+        else:
+            taken += 1
+        (folder / name).write_bytes(whole[name])
+    assert 0 < taken < count
+
+
+def test_some_damaged_files_of_other_programs(tmp_path):
+    check_foreign(400, tmp_path)
+
+
+@pytest.mark.slow
+def test_ten_thousand_damaged_files_of_other_programs(tmp_path):
+    check_foreign(10_000, tmp_path)
+
+
+BILLION = {
+    "a.vtk": b"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET POLYDATA\nPOINTS 1000000000 double\n" + bytes(600),
+    "a.xyz": b'1000000000\nProperties=pos:R:3:radius:R:1\n0 0 0 1\n',
+    "mercury.data": b"1000000000 0 0 0 0 1 1 1\n0 0 0 0 0 0 1 0 0 0 0 0 0 0\n",
+    "a.data": b"x\n\n1000000000 atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # sphere\n\n1 1 1 1 0 0 0\n",
+    "a.dump": b"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1000000000\nITEM: BOX BOUNDS pp pp pp\n0 1\n0 1\n0 1\n"
+    b"ITEM: ATOMS id x y z radius\n1 0 0 0 1\n",
+    "a.npy": b"\x93NUMPY\x01\x00v\x00"
+    + b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 4), }".ljust(117)
+    + b"\n",
+    "a.restart": memory.MAGIC + memory.HEADER_END + memory.BLOCK + struct.pack("<i", 10**9) + bytes(400) + memory.MAGIC,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BILLION)
+def test_a_billion_grains_in_a_kilobyte_are_refused_before_memory_is_taken(name, tmp_path):
+    (tmp_path / name).write_bytes(BILLION[name])
+    tracemalloc.start()
+    with pytest.raises(ss.packings.PackingError), answered(5):
+        ss.io.read_packing(tmp_path / name)
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()
 
 
 @pytest.mark.slow

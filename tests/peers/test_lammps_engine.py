@@ -12,11 +12,12 @@ import stickslip as ss
 from stickslip.core.contacts.memory import FROZEN
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
+from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.flow import SETTLING, SHEARED
 from stickslip.experiments.flow import lammps as flow_lammps
 from stickslip.experiments.flow.pouring import poured
-from stickslip.experiments.lammps import memory, process, script
+from stickslip.experiments.lammps import process, script
 from stickslip.experiments.lammps.job import leg_folder
 from stickslip.experiments.lammps.leg import Leg, Wave
 from stickslip.experiments.lammps.run import run_in_lammps, run_leg, sample_path, walls_at

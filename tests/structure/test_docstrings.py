@@ -9,7 +9,11 @@ import pytest
 
 import stickslip
 
-MODULES = [m.name for m in pkgutil.walk_packages(stickslip.__path__, "stickslip.") if "__main__" not in m.name]
+MODULES = [
+    m.name
+    for m in pkgutil.walk_packages(stickslip.__path__, "stickslip.")
+    if not {"-", "__main__"} & {*m.name, m.name.rpartition(".")[2]}
+]
 
 
 class Finder(doctest.DocTestFinder):

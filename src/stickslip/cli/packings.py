@@ -28,6 +28,10 @@ Dashpots = Annotated[
 REMEDY = (
     "give what is missing, or let the packing come to rest with --settle; the result then refers to the settled packing"
 )
+BARE = (
+    "for a verdict, give the law (--law, --kn, --kt, --mu) and the memory of contacts: the folder of a LAMMPS run "
+    "with a restart file, or --contacts; --settle finds an equilibrium near this one, without its history"
+)
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
@@ -110,7 +114,9 @@ def with_packing_options(command):
 @app.command(epilog=STABILITY, short_help="Is this packing stable?")
 @with_packing_options
 def stability(
-    file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
+    file: Annotated[
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+    ],
     options: dict,
     method: Annotated[
         str,
@@ -152,6 +158,7 @@ def stability(
     from ..data.exchange.files import capture_warnings, read_packing
     from ..experiments import terminal
     from ..experiments.packing import report as stability_report
+    from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
 
     asked = [name for name, on in (("fastest", fastest), ("all", every), ("certify", certify)) if on]
@@ -170,12 +177,13 @@ def stability(
                 words.append(f"settled: {calm.how}")
             found = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
-            if beyond:
+            if beyond or (file.is_dir() and found.grows and found.balanced and len(found.free) <= DENSE_UP_TO):
                 from ..experiments.packing.details import compute_details
 
                 more = compute_details(state, its_law, found, report=tell)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
         why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
+        shape = stability_report.geometry(state) if stability_report.missing_parts(words) else None
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]
     if as_json:
@@ -183,23 +191,30 @@ def stability(
 
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
-        verdict = stability_report.verdict(found, calm)
+        verdict = stability_report.verdict(found, calm, words)
         about = json_output.common_fields("stability", files=paths) | {"notes": words, "verdict": verdict}
-        print(json_output.to_json(about | stability_report.to_dict(found, more, form, calm=calm, why=why)))
+        print(
+            json_output.to_json(
+                about | stability_report.to_dict(found, more, form, calm=calm, why=why, words=words, shape=shape)
+            )
+        )
     elif quiet:
-        print(stability_report.verdict(found, calm))
+        print(stability_report.verdict(found, calm, words))
     else:
-        stability_report.show(found, its_law, words, more, form, calm=calm, why=why, remedy="" if settle else REMEDY)
+        remedy = "" if settle else BARE if shape else REMEDY
+        stability_report.show(found, its_law, words, more, form, calm=calm, why=why, remedy=remedy, shape=shape)
         if paths:
             terminal.show_paths(paths)
-    if found.stable is None:
+    if stability_report.decided(found, words) is None:
         raise typer.Exit(NO_VERDICT)
 
 
 @app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
 @with_packing_options
 def convert(
-    file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
+    file: Annotated[
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+    ],
     to: Annotated[Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .npz or .h5.")],
     options: dict,
     modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,

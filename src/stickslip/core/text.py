@@ -29,7 +29,11 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
         if the file cannot be read.
     """
     check_regular_file(path, remedy)
-    content = Path(path).read_bytes()
+    return decode_text(Path(path).read_bytes(), path, remedy=remedy, fallback=fallback)
+
+
+def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
+    r"""Text of the bytes of a file, with line endings converted to \n; `path` is for messages, see `read_text`."""
     if _has_wide_letters(content):
         raise ValueError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
     if b"\0" in content:

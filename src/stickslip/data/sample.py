@@ -21,6 +21,7 @@ from ..core.text import SentenceError
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
+NO_LAW, UNDECIDED = "no contact law was given", "undecided: "
 _PLAIN = {
     function.__name__: function
     for function in (hertz_mindlin, linear, hertz_mindlin_reff, jkr, dmt, walton_braun, liquid_bridge)
@@ -38,18 +39,40 @@ class PackingError(SentenceError):
 class Assumption(str):
     """A note on what was assumed about a packing; files that are made from the packing repeat it."""
 
+    @property
+    def of_law(self) -> bool:
+        """Whether the contact law was assumed."""
+        return self.startswith(NO_LAW)
+
+
+class Absent(Assumption):
+    """A note on what a file does not contain, which may be why forces do not balance."""
+
+
+class Obstacle(Assumption):
+    """A note on what acts on the grains of a run but was not taken over, which leaves any verdict undecided."""
+
+
+def repeated_note(words: str) -> Assumption:
+    """Note that a file repeats from the one that it was made from."""
+    return (Obstacle if words.startswith(UNDECIDED) else Assumption)(words)
+
 
 class MemoryNote(str):
     """A note on the memory of the contacts, which is made for every frame of a series."""
 
 
-NO_CONTACTS = MemoryNote("no contacts were given: they were found from positions, without memory (zero slip)")
+class NoMemory(MemoryNote, Assumption):
+    """A note on contacts without memory."""
+
+
+NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, without memory (zero slip)")
 
 
 def assumed_law(law: Law) -> Assumption:
     """Return the note on a law that nobody has given."""
     words = " ".join(repr(law).removeprefix("Law: ").split())
-    return Assumption(f"no contact law was given: the defaults are assumed ({words})")
+    return Assumption(f"{NO_LAW}: the defaults are assumed ({words})")
 
 
 class PackingWarning(UserWarning):

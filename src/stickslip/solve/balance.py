@@ -141,6 +141,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     if motion_imbalance(here) > BALANCED_BELOW:
         speed = np.linalg.norm(state.grains.velocity, axis=1).max()
         found.append(f"motion: the grains move, the fastest at {speed:.2g}")
+    found += _load_causes(here)
     lost, error = _precision_loss(state)
     share = _ratio(here.mean_stiffness * error, here.mean_force)
     if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the position errors of two grains
@@ -148,6 +149,35 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
         )
     return (*found, "another law, or parameters other than those under which the packing came to rest")
+
+
+def _load_causes(here: LinearisedState) -> list[str]:
+    """Loads and torques that what does not balance points to: gravity, lever arms, a wall."""
+    state = here.state
+    n, total = len(state.grains.radius), unbalanced_forces(state, forces(state, here.law)[0])
+    free = state.control.free[:n, :3].any(axis=1)
+    force, torque, mass = total[:n, :3][free], total[:n, 3:][free], state.grains.mass[free, None]
+    small, found = BALANCED_BELOW * here.mean_force, []
+    if not len(force) or not small:
+        return found
+    pull = np.median(force / mass, axis=0)
+    calm = np.abs(force - mass * pull).max(axis=1) <= small
+    if calm.mean() > 0.5 and (np.abs(mass * pull) > small).any():
+        g = ", ".join(f"{value:.3g}" for value in np.where(np.abs(pull) < 1e-6 * np.abs(pull).max(), 0.0, -pull))
+        found.append(f"gravity: forces on {calm.sum()} of {len(calm)} grains would balance under gravity ({g})")
+        force = force - mass * pull
+    loose = np.abs(force).max(axis=1) > small
+    if not loose.any() and (np.abs(torque) > small).any():
+        found.append("lever arms: forces balance, torques do not, as where other lever arms than R act (R − δ/2)")
+    place, radius = state.grains.position[free], state.grains.radius[free]
+    for axis in np.flatnonzero(~state.cell.periodic[: state.cell.dim]) if 0 < loose.mean() <= 0.7 else ():
+        for side, words in ((-1.0, "lowest"), (1.0, "highest")):
+            height = side * place[:, axis] + radius
+            if (height[loose] > height.max() - 0.5 * radius[loose]).all():
+                found.append(
+                    f"a wall: the {loose.sum()} grains whose forces do not balance are the {words} along {'xyz'[axis]}"
+                )
+    return found
 
 
 def _precision_loss(state: State) -> tuple[str, float]:
@@ -183,7 +213,7 @@ def with_modes_under(state: State, law: Law) -> State:
     >>> import stickslip as ss
     >>> state, _ = ss.packings.jammed(10, packing_fraction=0.7)
     >>> found = with_modes_under(state, ss.laws.hertz_mindlin(mu=0.5))
-    >>> set(found.contacts.mode[touching(state)].tolist()) == {STICK}
+    >>> set(found.contacts.mode[ss.measure.touching(state)].tolist()) == {STICK}
     True
     """
     return modes_under(state, law, linearise(state, law))

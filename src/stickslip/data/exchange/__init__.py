@@ -1,1 +1,1 @@
-"""Packings in the formats of other programs: one module per format; `files` selects it by the file extension."""
+"""Packings in the formats of other programs: one module per format; `formats` tells which a file has."""

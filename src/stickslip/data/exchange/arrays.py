@@ -11,7 +11,9 @@ from ...core.state import State
 from ...core.units import Units, current_units, units_from
 from .. import archive
 from ..atomic import replace_atomically
-from ..sample import Assumption, PackingError, law_by_name
+from ..sample import Assumption, PackingError, law_by_name, repeated_note
+from .columns import packing_of_columns
+from .content import Packing, extent_note, only_state
 from .frame import Frame, law_to_dict, list_losses, without_walls
 
 REQUIRED = ("position", "radius")
@@ -59,20 +61,52 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     return words + ([f".npz does not store {', '.join(lost)}"] if lost else [])
 
 
-def read_npz(path: Path) -> tuple[dict, dict]:
-    """Read arrays for `from_arrays`, with `units` or None, and options for `law_by_name`.
+def recognize(head: bytes) -> bool:
+    """Return True for NumPy's .npz and .npy."""
+    return head.startswith((b"PK\x03\x04", b"\x93NUMPY"))
+
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read arrays of this package's names or of usual ones such as x and radius, or one array of x y z radius."""
+    only_state(path, frame)
+    arrays = load_arrays(path)
+    if "position" not in arrays and not set(arrays) & {*CONTACTS, *LAW}:
+        flat = next(iter(arrays.values())) if list(arrays) == [""] else None
+        words = [Assumption(extent_note(path.name))]
+        if flat is not None and flat.ndim == 2 and flat.shape[1] == 4:
+            words = [Assumption(f"{path.name} has four columns without names: x y z radius is assumed"), *words]
+            arrays = dict(zip(("x", "y", "z", "radius"), flat.T, strict=True))
+        elif flat is not None:
+            arrays = {name: flat[name] for name in flat.dtype.names or ()}
+        packing = packing_of_columns(arrays, path.name, path.stem)
+        return [packing._replace(words=[*packing.words, *words])]
+    arrays, given = check_arrays(path, arrays)
+    del arrays["units"]
+    words = [repeated_note(words) for words in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
+    return [Packing(path.stem, arrays, words, law=given or None)]
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of a file of NumPy by name; the one of an .npy has the name ""."""
+    try:
+        with path.open("rb") as raw:  # numpy leaves a damaged archive open if it opens the file itself
+            if raw.read(6) == b"\x93NUMPY":
+                return {"": np.array(np.load(path, mmap_mode="r", allow_pickle=False))}
+            raw.seek(0)
+            with np.load(raw, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+    except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
+        raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
+
+
+def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]:
+    """Arrays for `from_arrays`, with `units` or None, and options for `law_by_name`.
 
     Raises
     ------
     PackingError
-        if the file is of another kind.
+        if the file has arrays of other names, or lacks some.
     """
-    try:
-        # numpy leaves a damaged archive open if it opens the file itself
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
-        raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
     known = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:
         if name not in known:
@@ -118,7 +152,12 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
     return []
 
 
-def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law | None, list[str]]]:
+def recognize_archive(head: bytes) -> bool:
+    """Return True for HDF5, which archives of this package begin after a checksum."""
+    return b"\x89HDF\r\n\x1a\n" in head
+
+
+def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
     """Read the states of an archive, each with its path in the archive and the nearest law above it."""
     tree = archive.read(path)
     states = dict(_find_states(tree))
@@ -130,8 +169,8 @@ def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law |
     if wanted not in (None, "all") and wanted not in states:
         raise PackingError(f"{path} has no state {wanted!r}: it has {some}")
     names = list(states) if wanted in (None, "all") else [wanted]
-    assumed = [Assumption(words) for words in str(tree.get("assumed", "")).splitlines()]
-    return [(name, states[name], _law_above(tree, name), assumed) for name in names]
+    assumed = [repeated_note(words) for words in str(tree.get("assumed", "")).splitlines()]
+    return [Packing(name, {}, assumed, state=states[name], law=_law_above(tree, name)) for name in names]
 
 
 def _law_above(tree: dict, name: str) -> Law | None:

@@ -1,8 +1,9 @@
-"""Reading and writing packings; the file extension selects the format."""
+"""Reading packings, whose content tells the format, and writing them, in the format of the file extension."""
 
 import difflib
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,51 +16,67 @@ from ...core.state import State
 from ...core.units import Units
 from .. import archive
 from ..atomic import check_free
-from ..sample import (
-    NO_CONTACTS,
-    Assumption,
-    PackingError,
-    PackingWarning,
-    accepted,
-    assumed_law,
-    from_arrays,
-    law_by_name,
-)
-from .arrays import law_from_options, read_archive, read_npz, write_archive, write_npz
+from ..sample import Absent, Assumption, PackingError, PackingWarning, accepted, assumed_law, law_by_name
+from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
+from .content import HEAD, Packing
+from .formats import find_format
 from .frame import Frame, frame_of
-from .gsd_file import read_gsd, write_gsd
-from .lammps_file import complete_law_options, read_lammps
+from .gsd_file import write_gsd
+from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
+from .lammps_folder import read_folder
 from .lammps_write import contacts_path, write_lammps
 from .motion import mode_frames, read_mode
 from .vtk_file import vtk_paths, write_vtk
 from .xyz_file import write_xyz
 
-ARCHIVE, LAMMPS_DATA, DUMP = (".h5", ".hdf5"), (".data", ".lmp", ".lammps"), (".dump", ".lammpstrj")
-READ = (".npz", *ARCHIVE, ".gsd", *LAMMPS_DATA, *DUMP)
+ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
+LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
+NUMBERS = {"kn", "kt", "mu", "damping_n", "damping_t"}
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
 
-@checked
-def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
-    """Read one packing: .npz (names as in `from_arrays`), archive, GSD, LAMMPS data or dump.
+class Reading(NamedTuple):
+    """A packing that was read from a file, with its law and notes."""
 
-    Returns the state, its law, and notes on what was assumed or changed.
+    state: State
+    law: Law
+    notes: list[str]
+
+    @property
+    def assumed(self) -> list[str]:
+        """Notes on what the file does not contain and was assumed, such as a law, masses, a box or slips of zero."""
+        return [note for note in self.notes if isinstance(note, Assumption)]
+
+
+@checked
+def read_packing(path: str | Path, **options) -> Reading:
+    """Read one packing, from a file in any known format or from the folder of a run of LAMMPS.
+
+    The content of a file tells its format, not its name: .npz (names as in `from_arrays`) and .npy, archives, GSD,
+    LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns such as x, y, z,
+    radius (CSV, YADE, PFC). Text may be compressed. Of a folder, the newest restart file, or data and dump files, are
+    read with what its log or input script says of laws, walls, gravity and fixes.
+
+    Returns
+    -------
+    Reading
+        the state, its law, and notes on what was assumed or changed; `assumed` lists what was assumed
 
     Parameters
     ----------
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
-        take precedence over the law in the file. LAMMPS files contain no law; to read contacts from a dump, give all of
-        its parameters
+        take precedence over the law in the file. LAMMPS's data and dump files contain no law; to read contacts from a
+        dump, give all of its parameters
     i0 : float, moment of inertia I0 m R²
-    frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, or a
-        time step in a dump; for GSD and dumps, the last one by default
+    frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
+        in a dump; the last one by default, except of archives
     contacts : path of the `dump local` that belongs to the grains and provides their memory
-    columns : names of its columns, if the file does not name them: i j dist dx dy dz fx fy fz tx ty tz
+    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not those that their contents suggest
     boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
-    atom_style : "sphere", if a LAMMPS data file does not name its style, and its columns could be those of another one
+    atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
 
     Raises
     ------
@@ -81,43 +98,86 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     ...     state.contacts.count
     array([1])
     """
-    ((_, *found),) = read_packings(path, **{"frame": None, **options})
-    return tuple(found)
+    ((_, *parts),) = read_packings(path, **{"frame": None, **options})
+    return Reading(*parts)
 
 
 @checked
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
-    if not path.is_file():
-        raise PackingError(f"{path} is not a file: give a packing, {', '.join(READ)}")
-    suffix = path.suffix.lower()
-    given = {name: value for name, value in options.items() if value is not None}
-    given, own = law_from_file(given)
+    if not (path.is_file() or path.is_dir()):
+        raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
+    given, own = law_from_file({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
-    if suffix in LAMMPS_DATA + DUMP:
-        return [_with_i0(found, i0) for found in _read_lammps(path, frame, given, of_lammps, own)]
-    if of_lammps:
-        raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only LAMMPS files take it")
-    if suffix in ARCHIVE:
-        return [_with_options(*found, given, i0, own) for found in read_archive(path, frame)]
-    if suffix == ".gsd":
-        return [_with_options(*found, given, i0, own) for found in read_gsd(path, frame)]
-    if suffix != ".npz":
-        raise PackingError(_unknown_suffix(path, READ, "read"))
-    if frame not in (None, "all"):
-        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave the frame out")
-    arrays, in_file = read_npz(path)
-    del arrays["units"]
-    user, given = given, {} if own else in_file | given
-    if i0 is not None:
-        arrays["i0"] = i0
-    assumed = [Assumption(words) for words in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
-    law = own or law_from_options(given)
-    words = [] if user or own else assumed if given else [assumed_law(law)]
-    if "pair_i" not in arrays:
-        words = [NO_CONTACTS, *words]
-    return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
+    if path.is_dir():
+        if of_lammps:
+            raise PackingError(
+                f"{', '.join(of_lammps)} was given with a folder, whose files say it: give the file instead"
+            )
+        packing, contacts = read_folder(path, None if frame == "all" else frame)
+        if contacts and packing.law is None and not given and own is None:
+            unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
+            packing, contacts = packing._replace(words=[*packing.words, unused]), None
+        return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
+    form = find_format(path)
+    if of_lammps and not form.of_lammps:
+        raise PackingError(
+            f"{', '.join(of_lammps)} was given with {path.name} ({form.name}): only LAMMPS's data and dump files "
+            f"take it"
+        )
+    local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
+    if local.path is not None and "boundary" not in of_lammps:
+        of_lammps["boundary"] = read_boundary(local.path)
+    return [_build(packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
+
+
+class _LocalContacts(NamedTuple):
+    """A `dump local` of contacts, and the names of its columns."""
+
+    file: str | Path | None
+    columns: str | None
+
+    @property
+    def path(self) -> Path | None:
+        """Path of the file; PackingError if there is none."""
+        if self.file is not None and not Path(self.file).is_file():
+            raise PackingError(f"{self.file} is not a file: give the contacts that LAMMPS's `dump local` wrote")
+        return None if self.file is None else Path(self.file)
+
+
+def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
+    """Name, state, law and notes of a packing under the options that were given.
+
+    Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
+    """
+    its, words = packing.law, packing.words
+    law = _chosen_law(packing, given, own, memory=local.path is not None)
+    if own is not None or given:
+        words = [note for note in words if not getattr(note, "of_law", False)]
+    elif its is None:
+        words = [*words, assumed_law(law)]
+    if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
+        several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
+        words = [*words, Absent(several)]
+    if packing.state is None:
+        pairs = None if local.path is None else read_pairs(local.path, packing, local.columns)
+        state, said = build_state(packing, pairs, law)
+        return packing.name, with_inertia(state, i0), law, [*words, *said]
+    same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
+    state = with_neighbor_list(with_inertia(packing.state, i0))
+    return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
+
+
+def _chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
+    """Law that was given, or that of the packing with the numbers that were given; the defaults if there is neither."""
+    its = packing.law
+    if isinstance(its, Law) and own is None and (not given or (packing.setting and set(given) <= NUMBERS)):
+        return with_values(its, **given)
+    law = own or lammps_law(its | given if isinstance(its, dict) else given, memory=memory)
+    if packing.setting and isinstance(its, Law):  # types and walls, each a material
+        law = law._replace(table=np.tile(law.table[:1, :1], (len(its.table), len(its.table), 1)))
+    return law
 
 
 @checked
@@ -140,10 +200,12 @@ def packing_units(path: str | Path) -> Units | None:
     path = path / "results.h5" if path.is_dir() else path
     if not path.is_file():
         return None
-    if path.suffix.lower() == ".npz":
-        arrays, _ = read_npz(path)
-        return arrays["units"]
-    return archive.named_units(path) if path.suffix.lower() in ARCHIVE else None
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if recognize(head):
+        arrays = load_arrays(path)
+        return check_arrays(path, arrays)[0]["units"] if "units" in arrays else None
+    return archive.named_units(path) if recognize_archive(head) else None
 
 
 def law_from_file(given: dict) -> tuple[dict, Law | None]:
@@ -162,26 +224,9 @@ def law_from_file(given: dict) -> tuple[dict, Law | None]:
     return {name: value for name, value in rest.items() if name != "law"}, law
 
 
-def _read_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, own: Law | None):
-    contacts = of_lammps.pop("contacts", None)
-    if contacts is not None:
-        contacts = Path(contacts)
-        if not contacts.is_file():
-            raise PackingError(f"{contacts} is not a file: give the contacts that LAMMPS's `dump local` wrote")
-    law = own or lammps_law(given, memory=contacts is not None)
-    words = [] if given or own else [assumed_law(law)]
-    found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
-    return [(name, state, law, said + words) for name, state, law, said in found]
-
-
 def lammps_law(given: dict, *, memory: bool) -> Law:
     """Law for LAMMPS files; all of its parameters are required if contacts provide their `memory`."""
     return law_by_name(**complete_law_options(given)) if memory else law_from_options(given)
-
-
-def _with_i0(found, i0: float | None):
-    name, state, law, words = found
-    return name, with_inertia(state, i0), law, words
 
 
 def with_inertia(state: State, i0: float | None) -> State:
@@ -192,25 +237,6 @@ def with_inertia(state: State, i0: float | None) -> State:
         raise PackingError(f"i0 = {i0} was given: it must be positive")
     grains = state.grains
     return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
-
-
-def _with_options(
-    name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own
-):
-    """Apply options to a state: its memory is unchanged if its law stays the same.
-
-    Otherwise its slip is limited to what the new law allows.
-    """
-    law = own or (law_from_options(given) if given or its_law is None else its_law)
-    if given or own:
-        words = [one for one in words if not isinstance(one, Assumption)]
-    elif its_law is None:
-        words = [*words, assumed_law(law)]
-    if isinstance(found, dict):
-        return name, with_inertia(from_arrays(law=law, **found), i0), law, words
-    same = its_law is not None and not given and (own is None or laws_equal(own, its_law))
-    state = with_neighbor_list(with_inertia(found, i0))
-    return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 
 @checked
@@ -240,7 +266,7 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITTEN:
-        raise PackingError(_unknown_suffix(path, WRITTEN, "written"))
+        raise PackingError(_unknown_suffix(path))
     if isinstance(states, State):
         states = [frame_of(states, law)]
     frames: list[Frame] = list(states)
@@ -279,7 +305,7 @@ def convert(
     """
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in WRITTEN:
-        raise PackingError(_unknown_suffix(to, WRITTEN, "written"))
+        raise PackingError(_unknown_suffix(to))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
         found = read_packings(path, **{**options, "frame": "all", **chosen})
@@ -312,10 +338,10 @@ def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
     return [to, *([contacts_path(to)] if holds else [])]
 
 
-def _unknown_suffix(path: Path, known: tuple[str, ...], done: str) -> str:
-    near = difflib.get_close_matches(path.suffix.lower(), known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} can be {done}"
-    return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be {done}: {hint}"
+def _unknown_suffix(path: Path) -> str:
+    near = difflib.get_close_matches(path.suffix.lower(), WRITTEN, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(WRITTEN)} can be written"
+    return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be written: {hint}"
 
 
 def capture_warnings(call, *given, **options):

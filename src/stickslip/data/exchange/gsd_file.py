@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from ...core import state as core
-from ...core.laws.builtin import Law
 from ...core.readable import pluralize
 from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
 from ..older_contacts import restore_contacts
-from ..sample import Assumption, PackingError
+from ..sample import PackingError, repeated_note
+from .content import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
 SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
@@ -120,12 +120,13 @@ def _json_chunk(words: dict) -> np.ndarray:
     return np.frombuffer(json.dumps(words).encode(), np.uint8)
 
 
-def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, State | dict, Law | None, list[str]]]:
-    """Read frames of a GSD file: name, state (for foreign files, arrays for `from_arrays`), law and notes.
+def recognize(head: bytes) -> bool:
+    """Return True for GSD."""
+    return head.startswith(b"\xdf\x65" * 4)
 
-    Parameters
-    ----------
-    wanted : number of a frame from 0, "all", or None for the last
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read frames of a GSD file, named by their number from 0; of foreign files, arrays for `from_arrays`.
 
     Raises
     ------
@@ -135,8 +136,10 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
     hoomd = require("gsd.hoomd", "exchange")
     try:
         with hoomd.open(str(path), "r") as file:
-            numbers = _frame_numbers(path, len(file), wanted)
-            return [(str(k), *_read_frame(path, file, k)) for k in numbers]
+            if not len(file):
+                raise PackingError(f"{path} has no frames: give a GSD file with at least one")
+            chosen = chosen_frames(path, [str(k) for k in range(len(file))], frame)
+            return [_read_frame(path, file, k) for k in chosen]
     except PackingError:
         raise
     except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:
@@ -147,20 +150,9 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
         ) from None
 
 
-def _frame_numbers(path, count: int, wanted: str | None) -> range:
-    if not count:
-        raise PackingError(f"{path} has no frames: give a GSD file with at least one")
-    if wanted in (None, "all"):
-        return range(count) if wanted else range(count - 1, count)
-    if not wanted.isdecimal() or int(wanted) >= count:
-        raise PackingError(f"{path} has no frame {wanted!r}: its frames are 0 to {count - 1}")
-    return range(int(wanted), int(wanted) + 1)
-
-
-def _read_frame(path, file, number: int):
-    """Read one frame: state or arrays, law, notes."""
+def _read_frame(path, file, number: int) -> Packing:
     if not file.file.chunk_exists(number, META):
-        return _read_foreign(file[number])
+        return Packing(str(number), *_read_foreign(file[number]))
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if not meta["schema"] <= SCHEMA:
         raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads up to {SCHEMA}")
@@ -175,7 +167,8 @@ def _read_frame(path, file, number: int):
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     state = State(**parts, time=float(meta["time"]))
     check(state)
-    return state, law_from_dict(meta["law"]), [Assumption(words) for words in meta.get("assumed", ())]
+    words = [repeated_note(words) for words in meta.get("assumed", ())]
+    return Packing(str(number), {}, words, state=state, law=law_from_dict(meta["law"]))
 
 
 def _read_array(file, number: int, shapes: dict, name: str) -> np.ndarray:
@@ -210,7 +203,7 @@ def _read_foreign(frame):
         words.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():
         arrays["i0"] = inertia[:, 2] / (arrays["mass"] * arrays["radius"] ** 2)
-    return arrays, None, words
+    return arrays, words
 
 
 def quaternion(angle: np.ndarray) -> np.ndarray:

@@ -20,22 +20,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.contacts.forces import forces
 from ...core.contacts.jacobian import linearise
+from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
-from ..sample import NO_CONTACTS, MemoryNote, PackingError, PackingWarning, accepted, from_arrays
-from .lammps_text import Table, grains_from_dump, read_data, read_dump
+from ..sample import HUGE, NO_CONTACTS, Assumption, MemoryNote, PackingError, PackingWarning, accepted, from_arrays
+from .contact_columns import TOTAL, name_contact_columns, pair_branches
+from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
+from .lammps_restart import restored
+from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
-# order of the columns of contacts if they have no names; more may follow
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be another one
 NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
-ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 
 
 class Pairs(NamedTuple):
@@ -49,68 +52,57 @@ class Pairs(NamedTuple):
     tangential: np.ndarray  # (M, 3) tangential force on i [force]
 
 
-class Packing(NamedTuple):
-    """Content of a file of grains, without contacts."""
-
-    step: int  # −1: unknown
-    ids: np.ndarray | None
-    arrays: dict  # for `from_arrays`
-    words: list[str]
+def recognize_dump(head: bytes) -> bool:
+    """Return True for a dump as text, of grains or of contacts."""
+    return head_text(head).lstrip().startswith("ITEM:")
 
 
-def read_grains(
-    path: Path, *, wanted: str | None = None, boundary: str | None = None, atom_style: str | None = None
-) -> list[Packing]:
-    """Read packings from a dump (`wanted`: a time step, "all", or None for the last) or from a data file.
+def recognize_data(head: bytes) -> bool:
+    """Return True for a data file, whose header has the number of atoms and the box."""
+    return bool(re.search(r"(?m)^\s*(\d+\s+atoms|\S+\s+\S+\s+xlo\s+xhi)\b", head_text(head)))
+
+
+def read_grain_dump(path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None):
+    """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last."""
+    if atom_style:
+        raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
+    tables, steps = read_dump(path, frame)
+    if not tables[-1].grains:
+        raise PackingError(
+            f"{path} is a dump of contacts, with columns {' '.join(tables[-1].columns)}: give the grains, a dump of "
+            f"atoms or a data file, and this file as --contacts"
+        )
+    many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
+    said = many if frame is None and len(steps) > 1 else []
+    return [packing_from_table(table, path, boundary, said) for table in tables]
+
+
+def read_data_file(path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None):
+    """Read the packing of a data file.
 
     Parameters
     ----------
-    boundary : three letters as in LAMMPS, such as ppf; default: as stated in the dump, or all periodic for a data file
-    atom_style : "sphere", if the section Atoms of a data file does not name its style
+    boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
+    atom_style : style of the atoms, if the section Atoms does not name it
     """
-    if atom_style not in (None, "sphere"):
-        raise PackingError(f"atom_style = {atom_style!r} was given: sphere is supported")
-    with path.open("rb") as file:
-        dump = file.read(64).decode("utf-8-sig", errors="ignore").startswith("ITEM:")
-    if dump:
-        if atom_style:
-            raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
-        tables, steps = read_dump(path, wanted)
-        many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
-        said = many if wanted is None and len(steps) > 1 else []
-        return [packing_from_table(table, path, boundary, said) for table in tables]
     ids, arrays, box, words = read_data(path, atom_style)
-    if wanted not in (None, "all"):
-        raise PackingError(f"{path} is a data file, which has one state: leave out the frame {wanted}")
-    return [Packing(box.step, ids, *_add_box(box, arrays, boundary, words))]
+    only_state(path, frame)
+    return [_finish_packing(box, ids, arrays, boundary, words)]
 
 
 def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
     """Packing from one time step of a dump of grains; `said` are notes on the file."""
     ids, arrays, words = grains_from_dump(table, path)
-    return Packing(table.step, ids, *_add_box(table, arrays, boundary, [*words, *said]))
+    return _finish_packing(table, ids, arrays, boundary, [*words, *said])
 
 
-def _add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
-    """Add cell, periodic flags and dimension to the arrays."""
-    periodic = table.periodic
-    if boundary is not None:
-        if not re.fullmatch("[pfsm]{3}", boundary):
-            raise PackingError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
-        periodic = np.array([letter == "p" for letter in boundary])
-    elif periodic is None:
-        periodic, words = (
-            np.ones(3, bool),
-            [*words, "the file does not say which directions are periodic: all are assumed to be"],
-        )
-    flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
-    cell = table.vectors.copy()
-    if not any(a[:, 2].any() for a in flat):
-        arrays, words = arrays | {"dim": 2}, [*words, "all grains lie at z = 0: treated as two-dimensional"]
-        periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
-    if not periodic.all() and arrays.get("dim", 3) == 3:
-        words = [*words, "the box is open along an axis: LAMMPS files contain no walls, and none were read"]
-    return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), words
+def _finish_packing(
+    table: Table, ids: np.ndarray | None, arrays: dict, boundary: str | None, words: list[str]
+) -> Packing:
+    """Packing with its cell, periodic flags and dimension."""
+    types, force = arrays.pop("types", None), arrays.pop("force", None)
+    arrays, words = add_box(table, arrays, boundary, words)
+    return Packing(str(table.step), arrays, words, table.step, ids, types, force)
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:
@@ -123,24 +115,41 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
 
 def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | None = None) -> Pairs:
     """Contacts of a packing from one time step of a `dump local`."""
-    table = _rename_columns(table, path, columns)
     if packing.ids is None:
         raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
-    ends = table.numbers("i", "j").astype(np.int64)
+    table = _rename_columns(table, path, columns, packing)
+    ends = _finite_numbers(table, path, "i", "j").astype(np.int64)
     strange = ~np.isin(ends, packing.ids)
     if strange.any():
         raise PackingError(
-            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files from the same run"
+            f"{path} names grain {ends[strange][0]}, which is not among the {len(packing.ids)} grains of the packing: "
+            f"give all grains, from the same run"
         )
 
     def vectors(*names):
-        return table.numbers(*names) if table.has(*names) else None
+        return _finite_numbers(table, path, *names) if table.has(*names) else None
 
-    place, tangential = np.searchsorted(packing.ids, ends), table.numbers("tx", "ty", "tz")
-    return Pairs(*place.T, vectors("dx", "dy", "dz"), vectors("dist"), vectors("fx", "fy", "fz"), tangential)
+    place, normal = np.searchsorted(packing.ids, ends), vectors("fx", "fy", "fz")
+    branch, tangential = vectors("dx", "dy", "dz"), vectors("tx", "ty", "tz")
+    if tangential is None:
+        n, total = pair_branches(packing, *place.T), _finite_numbers(table, path, *TOTAL)
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        normal = np.einsum("ck,ck->c", total, n)[:, None] * n
+        tangential = total - normal
+    return Pairs(*place.T, branch, vectors("dist"), normal, tangential)
 
 
-def _rename_columns(table: Table, path: Path, columns: str | None) -> Table:
+def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:
+    """Columns as numbers; PackingError if one of them is NaN or infinite."""
+    values = table.numbers(*names)
+    if not (np.abs(values) < HUGE).all():
+        raise PackingError(
+            f"{path} contains NaN, infinity or numbers beyond {HUGE:g} in {' '.join(names)}: it is damaged"
+        )
+    return values
+
+
+def _rename_columns(table: Table, path: Path, columns: str | None, packing: Packing) -> Table:
     """Rename the columns of a table to the names used here."""
     names = list(table.columns)
     if columns is not None:
@@ -148,16 +157,22 @@ def _rename_columns(table: Table, path: Path, columns: str | None) -> Table:
         if len(given) != len(names):
             raise PackingError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
         names = given
-    elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names) and len(names) >= len(ORDER):
-        names = ORDER + names[len(ORDER) :]
+    elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
+        names = (
+            name_contact_columns(_finite_numbers(table, path, *names), packing, path)
+            if table.columns[names[0]]
+            else ORDER[: len(names)]
+        )
     names = [ALIASES.get(name, name) for name in names]
-    found = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
-    if not found.has("i", "j", "tx", "ty", "tz"):
+    if "periodic" in names and "tx" not in names:  # LIGGGHTS's pair/gran/local
+        names = [name.replace("f", "F") if name in FORCE else name for name in names]
+    renamed = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
+    if not renamed.has("i", "j") or not (renamed.has("tx", "ty", "tz") or renamed.has(*TOTAL)):
         raise PackingError(
             f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
-            f"in the order {' '.join(ORDER)}, or named by --columns"
+            f"or by --columns; unnamed ones are found by what they contain"
         )
-    return found
+    return renamed
 
 
 def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
@@ -176,14 +191,15 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     """
     if law.coulomb != SHARP:
         raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
-    arrays, missing = packing.arrays, {"velocity", "spin"} - set(packing.arrays)
+    missing = {"velocity", "spin"} - set(packing.arrays)
     if damping_model(law) and missing:
         raise PackingError(
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
         )
-    state = from_arrays(law=law, **arrays)
+    state = _placed_state(packing, law)
     rows, entries, sign = _match_pairs(state, pairs)
+    _check_columns(pairs, branch_vectors(state)[rows], entries, sign)
     c = linearise(state, law)
     vn, vt = relative_velocity(state, rows, c.normal[rows])
     tangential = sign[:, None] * pairs.tangential[entries]
@@ -195,8 +211,9 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         _check_normal_forces(force_n, theirs)
         force_n = theirs
     slip = np.divide(-pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0)
-    slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * np.abs(law.table[0, 0, MU] * force_n)
-    contacts = state.contacts
+    contacts, kind = state.contacts, state.grains.material
+    mu = law.table[kind[contacts.i[rows]], kind[contacts.j[rows]], MU]
+    slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * np.abs(mu * force_n)
     new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy())
     new.slip[:] = 0.0
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
@@ -211,6 +228,25 @@ def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
     v = grains.velocity[i] - grains.velocity[j] - np.cross(turn[i] + turn[j], normal)
     vn = np.einsum("ck,ck->c", v, normal)
     return vn, v - vn[:, None] * normal
+
+
+def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: np.ndarray) -> None:
+    """Raise PackingError if the columns of contacts are not what their names say, by the geometry of the grains."""
+    tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
+    along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
+    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() else ["tx ty tz"]
+    if (
+        pairs.branch is not None
+        and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > OTHER_LAW * length.sum()
+    ):
+        wrong.append("dx dy dz")
+    if pairs.distance is not None and np.abs(pairs.distance[entries] - length).sum() > OTHER_LAW * length.sum():
+        wrong.append("dist")
+    if wrong:
+        raise PackingError(
+            f"the columns {' and '.join(wrong)} of the contacts are not what their names say, by the positions of the "
+            f"grains: name them in their order with --columns"
+        )
 
 
 def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
@@ -232,6 +268,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
     Return the rows, the numbers of the pairs, and their signs (−1 if the grains are swapped).
     """
     rows, n = touching(state), len(state.grains.radius)
+    rows = rows[state.contacts.j[rows] < n]
     key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
     low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
     sign = np.where(pairs.i <= pairs.j, 1.0, -1.0)
@@ -290,34 +327,57 @@ def complete_law_options(given: dict) -> dict:
     return out
 
 
-def _read_boundary(contacts: Path) -> str | None:
+def read_boundary(contacts: Path) -> str | None:
     """Read the boundaries of the box from the header of a dump; a data file does not contain them."""
-    with contacts.open(encoding="utf-8-sig", errors="replace") as file:
-        head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
+    head = re.search(
+        r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", head_text(read_content(contacts, HEAD))
+    )
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
 
 
-def read_lammps(
-    path: Path, law: Law, *, contacts: Path | None = None, columns: str | None = None, wanted: str | None = None,
-    boundary: str | None = None, atom_style: str | None = None,
-) -> list[tuple[str, State, Law | None, list[str]]]:  # fmt: skip
-    """Read states from a data file or a dump, with memory if there is a `dump local` of contacts."""
-    out = []
-    if contacts is not None and boundary is None:
-        boundary = _read_boundary(contacts)
-    for packing in read_grains(path, wanted=wanted, boundary=boundary, atom_style=atom_style):
-        pairs = None if contacts is None else read_pairs(contacts, packing, columns)
-        state, words = build_state(packing, pairs, law)
-        out.append((str(packing.step), state, law, words))
-    return out
-
-
 def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State, list[str]]:
-    """Accepted state of a packing, with the memory of its contacts if they are given, and notes."""
-    if pairs is None:
-        return from_arrays(law=law, **packing.arrays), [*packing.words, NO_CONTACTS]
-    state = reconstruct_memory(packing, pairs, law)
-    mode = state.contacts.mode[: state.contacts.count[0]]
-    count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
-    note = f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"
-    return state, [*packing.words, MemoryNote(note)]
+    """Accepted state of a packing, with the memory of its contacts if it is known, and notes on these."""
+    if pairs is not None:
+        state = reconstruct_memory(packing, pairs, law)
+        mode = state.contacts.mode[: state.contacts.count[0]]
+        count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
+        words = [MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit")]
+        return with_wall_memory(state, law, packing.force, words) if len(state.walls.mass) else (state, words)
+    state = _placed_state(packing, law)
+    if packing.memory is not None:
+        return restored(state, law, packing.memory), []
+    return state, [] if "pair_i" in packing.arrays else [NO_CONTACTS]
+
+
+def _placed_state(packing: Packing, law: Law) -> State:
+    """Accepted state of the grains with the materials of their types, amid the walls and loads of their run."""
+    state = from_arrays(law=law, **packing.arrays)
+    if packing.types is not None and len(law.table) > 1:
+        state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
+    elif packing.setting is None:
+        return state
+    return accepted(state if packing.setting is None else packing.setting(state), law)
+
+
+def with_wall_memory(state: State, law: Law, net: np.ndarray | None, words: list[str]) -> tuple[State, list[str]]:
+    """State with the slip at walls that the force on each grain leaves over, and notes; dumps have no slip at walls.
+
+    Parameters
+    ----------
+    net : (N, 3) resultants on the grains, from the dump; zero by default, as at rest [force]
+    """
+    n, rows = len(state.grains.radius), touching(state)
+    rows = rows[state.contacts.j[rows] >= n]
+    rows = rows[np.bincount(state.contacts.i[rows], minlength=n)[state.contacts.i[rows]] == 1]
+    i, c = state.contacts.i[rows], linearise(state, law, memory=FROZEN)
+    ours = forces(state, law, memory=FROZEN)[0].force
+    missing = (0.0 if net is None else net[i]) - ours[i]
+    normal, k = c.normal[rows], c.stiffness_t[rows, None]
+    missing = missing - np.einsum("ck,ck->c", missing, normal)[:, None] * normal
+    slip = state.contacts.slip.copy()
+    slip[rows] += np.divide(-missing, k, out=np.zeros_like(missing), where=k > 0)
+    how = "the assumption that the grains are at rest" if net is None else "the resultants on the grains, fx fy fz"
+    note = Assumption(
+        f"slip of {pluralize(len(rows), 'contact')} with walls, which only restart files have, follows from {how}"
+    )
+    return accepted(state._replace(contacts=state.contacts._replace(slip=slip)), law), [*words, note]

@@ -231,4 +231,5 @@ def read_frame(
     packing = packing_from_table(table, grains.path, boundary)
     if contacts is not None and local is not None:
         pairs = pairs_from_table(local, contacts.path, packing, columns)
-    return build_state(packing, pairs, law)
+    state, words = build_state(packing, pairs, law)
+    return state, [*packing.words, *words]

@@ -1,4 +1,4 @@
-"""Parsing of LAMMPS text files: data files of `atom_style sphere`, and dumps of `custom` and `local` style."""
+"""Parsing of LAMMPS text files: data files of atom styles with radii, and dumps of `custom` and `local` style."""
 
 import re
 from pathlib import Path
@@ -6,13 +6,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.text import parse_integer, parse_numbers, read_text
-from ..sample import HUGE, PackingError
+from ...core.text import parse_integer, parse_numbers
+from ..sample import HUGE, Absent, Assumption, PackingError
+from .columns import mass_note
+from .content import digits_note, first_lines, read_lines
 
-HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
+HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
-VELOCITY, SPIN = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
+VELOCITY, SPIN, FORCE = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz"), ("fx", "fy", "fz")
+STYLES = {  # columns of the section Atoms, which three whole numbers may follow
+    "sphere": "id type diameter density x y z",
+    "bpm/sphere": "id molecule type diameter density x y z",
+    "atomic": "id type x y z",
+    "charge": "id type charge x y z",
+    "bond": "id molecule type x y z",
+    "angle": "id molecule type x y z",
+    "molecular": "id molecule type x y z",
+    "full": "id molecule type charge x y z",
+    "ellipsoid": "id type flag density x y z",
+    "line": "id molecule type flag density x y z",
+    "tri": "id molecule type flag density x y z",
+    "body": "id type flag mass x y z",
+    "dipole": "id type charge x y z mux muy muz",
+    "peri": "id type volume density x y z",
+}
+MOST_IMAGES = 25  # periods of the box by which positions are unwrapped
+WHOLE = ("id", "molecule", "type", "flag")
+NO_WALLS = "the file contains no walls, and none were read; those of `fix wall/gran` are read from the run's folder"
+SPHERES = "x y z, diameter and density"
 
 
 class Table(NamedTuple):
@@ -23,6 +45,7 @@ class Table(NamedTuple):
     corner: np.ndarray  # (3,) of the box [length]
     periodic: np.ndarray | None  # (3,) bool; None if the file does not say
     columns: dict[str, list[str]]  # words, one list per column
+    grains: bool = True  # False for a dump of contacts
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
@@ -39,9 +62,11 @@ class Table(NamedTuple):
 
 def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[int]]:
     """Read time steps of a dump (`wanted`: one of them, "all", or None for the last), and list all step numbers."""
-    pieces = _read_text(path).split("ITEM: TIMESTEP")[1:]
+    pieces = read_lines(path).split("ITEM: TIMESTEP")[1:]
     if not pieces:
-        raise PackingError(f"{path} contains no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
+        raise PackingError(
+            f"{path} contains no ITEM: TIMESTEP ({first_lines(path)}): give a dump that LAMMPS wrote as text"
+        )
     try:
         steps = [parse_integer(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
@@ -53,16 +78,6 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or not a LAMMPS dump ({problem})") from None
-
-
-def _read_text(path: Path) -> str:
-    try:
-        text = read_text(path, remedy="give LAMMPS files as text, not binary or compressed")
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
-    if text and not text.endswith("\n"):  # a truncated number is still a number
-        raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
-    return text
 
 
 def parse_step(step: int, piece: str) -> Table:
@@ -80,9 +95,12 @@ def parse_step(step: int, piece: str) -> Table:
     names, words = head.split()[1:], body.split()
     if len(words) != rows * len(names):
         raise ValueError(f"step {step} declares {rows} rows of {len(names)} numbers but has {len(words)} numbers")
-    if len(set(names)) != len(names):
-        raise ValueError(f"step {step} has two columns with the same name")
-    return Table(step, vectors, corner, periodic, {name: words[k :: len(names)] for k, name in enumerate(names)})
+    columns: dict[str, list[str]] = {}
+    for k, name in enumerate(names):
+        column = words[k :: len(names)]
+        if columns.setdefault(name, column) != column:
+            raise ValueError(f"step {step} has two columns {name} with different numbers")
+    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items)
 
 
 def _parse_bounds(head: str, body: str):
@@ -109,33 +127,84 @@ def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 
+def add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
+    """Add cell, periodic flags and dimension to the arrays."""
+    periodic = table.periodic
+    if boundary is not None:
+        if not re.fullmatch("[pfsm]{3}", boundary):
+            raise PackingError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
+        periodic = np.array([letter == "p" for letter in boundary])
+    elif periodic is None:
+        periodic = np.ones(3, bool)
+        words = [
+            *words,
+            Absent("the file does not say which directions are periodic: all are assumed to be (--boundary)"),
+        ]
+    flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
+    cell = table.vectors.copy()
+    if not any(a[:, 2].any() for a in flat):
+        arrays, words = arrays | {"dim": 2}, [*words, "all grains lie at z = 0: treated as two-dimensional"]
+        periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
+    if not periodic.all() and arrays.get("dim", 3) == 3:
+        axes = " and ".join(np.array(["x", "y", "z"])[~periodic])
+        words = [*words, Absent(f"the box is open along {axes}: {NO_WALLS}")]
+    return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), words
+
+
 def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids, arrays for `from_arrays` and notes from a dump of grains, sorted by id."""
-    words, arrays = [], {"position": _position(table, path)}
-    if table.has("radius") or table.has("diameter"):
-        arrays["radius"] = table.numbers("radius") if table.has("radius") else table.numbers("diameter") / 2
-    else:
-        raise PackingError(f"{path} has no column radius or diameter: add one to the dump command")
+    """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
+    arrays = {"position": _position(table, path)}
+    place = next(column for name, column in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
+    words: list[str] = digits_note(place)
+    names = [name for name in ("radius", "diameter", "c_radius", "c_diameter") if table.has(name)]
+    if not names:
+        raise PackingError(
+            f"{path} has columns {' '.join(table.columns)}: radius or diameter is not among them; add one to the dump "
+            f"command, or convert the run's restart file with write_data"
+        )
+    arrays["radius"] = table.numbers(names[0]) / (1 if "radius" in names[0] else 2)
     if table.has("mass"):
         arrays["mass"] = table.numbers("mass")
     elif table.has("density"):
         arrays["mass"] = table.numbers("density") * VOLUME * arrays["radius"] ** 3
     else:
-        words.append(f"{path.name} has no column mass: all masses are set to 1")
-    for name, columns in (("velocity", VELOCITY), ("spin", SPIN)):
+        words.append(mass_note(path.name))
+        arrays["mass"] = VOLUME * arrays["radius"] ** 3
+    for name, columns in (("velocity", VELOCITY), ("spin", SPIN), ("force", FORCE)):
         if table.has(*columns):
             arrays[name] = table.numbers(*columns)
+    if table.has("type") and all(word.isdecimal() for word in table.columns["type"]):
+        arrays["types"] = table.numbers("type").astype(np.int64) - 1
     ids = table.numbers("id").astype(np.int64) if table.has("id") else None
     if ids is not None:
         order = np.argsort(ids, kind="stable")
         ids, arrays = ids[order], {name: column[order] for name, column in arrays.items()}
+        check_ids(path, ids)
+        if len(ids) and ids[-1] > len(ids):
+            gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
+            words.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
     return ids, arrays, words
+
+
+def check_ids(path: Path, ids: np.ndarray) -> None:
+    """Raise PackingError if two grains have the same id; ids are sorted."""
+    if not np.diff(ids).all():
+        twice = ids[:-1][np.diff(ids) == 0]
+        raise PackingError(
+            f"{path} has grain {twice[0]} twice within one time step: it is put together from several files or steps; "
+            f"give the dump as LAMMPS wrote it"
+        )
+
+
+def whole_periods(image: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(N, 3) displacements by images of the box; zero if grains are so far apart that contacts could not count them."""
+    return image @ vectors if np.abs(image).max(initial=0) <= MOST_IMAGES else np.zeros(image.shape)
 
 
 def _position(table: Table, path: Path) -> np.ndarray:
     """(N, 3) positions, unwrapped if the columns allow it [length]."""
     vectors, corner = table.vectors, table.corner
-    whole = table.numbers("ix", "iy", "iz") @ vectors if table.has("ix", "iy", "iz") else 0.0
+    whole = whole_periods(table.numbers("ix", "iy", "iz"), vectors) if table.has("ix", "iy", "iz") else 0.0
     for mark in ("u", ""):
         if table.has(*(axis + mark for axis in AXES)):
             place = table.numbers(*(axis + mark for axis in AXES))
@@ -144,26 +213,33 @@ def _position(table: Table, path: Path) -> np.ndarray:
         if table.has(*(axis + mark for axis in AXES)):
             place = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
             return place + (whole if mark == "s" else 0.0)
-    raise PackingError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
+    raise PackingError(
+        f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu"
+    )
 
 
 def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
     """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
 
-    Its atom style is the one that its section Atoms names, or else the one `asked` for.
+    Its atom style is the one that its section Atoms names, the one `asked` for, or the only one that fits.
     """
-    text = _read_text(path)
+    text = read_lines(path)
     first = text.partition("\n")[0]
     sections = _split_sections(text.partition("\n")[2])
     head = sections.pop("")[1]
     try:
         if "Atoms" not in sections:
-            raise PackingError(f"{path} has no section Atoms: give a LAMMPS data file, or a dump")
+            raise PackingError(f"{path} has no section Atoms ({first_lines(path)}): give a LAMMPS data file, or a dump")
         style, body = sections["Atoms"]
         count = parse_integer(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
-        rows = _parse_rows(body, count, "Atoms")
-        words = _check_style(path, style, asked, rows)
+        labels = (
+            dict(line.split()[1::-1] for line in sections["Atom Type Labels"][1].strip().split("\n"))
+            if "Atom Type Labels" in sections
+            else {}
+        )
+        rows = _parse_rows(body, count, "Atoms", labels)
         vectors, corner = _parse_data_box(head)
+        names, words = _columns_of_atoms(path, style, asked, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
@@ -172,36 +248,93 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or not a LAMMPS data file ({problem})") from None
-    radius = rows[:, 2] / 2
-    arrays = {"position": rows[:, 4:7], "radius": radius, "mass": rows[:, 3] * VOLUME * radius**3}
-    if rows.shape[1] == 10:
-        arrays["position"] = arrays["position"] + rows[:, 7:] @ vectors
-    if motion is not None and motion.shape[1] == 7:
+    at = {name: k for k, name in enumerate(names)}
+    radius = rows[:, at["diameter"]] / 2
+    arrays = {
+        "position": rows[:, at["x"] : at["x"] + 3],
+        "radius": radius,
+        "mass": rows[:, at["density"]] * VOLUME * radius**3,
+    }
+    arrays["types"] = rows[:, at["type"]].astype(np.int64) - 1
+    if rows.shape[1] == len(names) + 3:
+        arrays["position"] = arrays["position"] + whole_periods(rows[:, -3:], vectors)
+    if motion is not None and motion.shape[1] >= 7:
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
         arrays |= {"velocity": motion[:, 1:4], "spin": motion[:, 4:7]}
+    check_ids(path, rows[:, 0])
     return rows[:, 0].astype(np.int64), arrays, box, words
 
 
-def _check_style(path: Path, style: str | None, asked: str | None, rows: np.ndarray) -> list[str]:
-    """Return a note if a style is assumed; raise PackingError for atoms that are, or may be, of another one.
-
-    The styles full, ellipsoid and body have as many columns as sphere, but whole numbers in place of the diameter.
-    """
-    if asked and style not in (None, asked):
+def _columns_of_atoms(
+    path: Path, style: str | None, asked: str | None, rows: np.ndarray, head: str
+) -> tuple[list[str], list[str]]:
+    """Names of the columns of the section Atoms, and a note if its style was inferred."""
+    if asked and style not in (None, asked, asked.split()[0]):
         raise PackingError(f"atom_style = {asked!r} was given, but {path} names atoms of style {style}: leave it out")
-    if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
+    kind = asked or style
+    if kind is None:
+        return _infer_style(path, rows, head)
+    names = style_columns(kind, rows.shape[1])
+    if names is None or "diameter" not in names or rows.shape[1] - len(names) not in (0, 3):
+        shown = " ".join(names) if names else "unknown"
         raise PackingError(
-            f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
-            f"supported, with id type diameter density x y z and optionally ix iy iz"
+            f"{path} has atoms of style {kind} with {rows.shape[1]} columns ({shown}): atom_style sphere is supported, "
+            f"and others with {SPHERES}, such as hybrid sphere bond; name the parts of a hybrid style with --atom-style"
         )
-    if style or asked:
-        return []
-    if (rows[:, 2] == np.round(rows[:, 2])).all():
+    return names, []
+
+
+def style_columns(style: str, width: int) -> list[str] | None:
+    """Columns of an atom style; of a hybrid one those that all have come first. None for an unknown style."""
+    kind, *parts = style.split()
+    if kind != "hybrid":
+        return STYLES[kind].split() if kind in STYLES else None
+    if not parts and width in (7, 10):
+        parts = ["sphere"]
+    if not parts or not set(parts) <= set(STYLES):
+        return None
+    own = [name for part in parts for name in STYLES[part].split() if name not in ("id", "type", *AXES)]
+    return list(dict.fromkeys(["id", "type", *AXES, *own]))
+
+
+def _infer_style(path: Path, rows: np.ndarray, head: str) -> tuple[list[str], list[str]]:
+    """Columns of the only style that fits the rows, and a note that it is assumed."""
+    types = re.search(r"(?m)^\s*(\d+)\s+atom\s+types\b", head)
+    most = int(types[1]) if types else np.inf
+    fits = [style for style in STYLES if _fits(STYLES[style].split(), style, rows, most, head)]
+    if fits == ["sphere"]:
+        return STYLES["sphere"].split(), [Assumption("the section Atoms names no style: sphere is assumed")]
+    if "sphere" in fits:
         raise PackingError(
-            f"{path} does not name the style of its atoms, whose third column has whole numbers, as in other styles: "
-            f"give --atom-style sphere (atom_style in Python) if it is the diameter"
+            f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns could be those of "
+            f"{', '.join(fits[:-1])} or {fits[-1]}: give --atom-style sphere (atom_style in Python) if the third "
+            f"column is the diameter"
         )
-    return ["the section Atoms names no style: sphere is assumed"]
+    if "bpm/sphere" in fits and len(fits) == 1:
+        return STYLES["bpm/sphere"].split(), [Assumption("the section Atoms names no style: bpm/sphere is assumed")]
+    which = f"could be those of {' or '.join(fits)}" if fits else "fit no style that is known here"
+    raise PackingError(
+        f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns {which}: {SPHERES} are needed, as "
+        f"write_data writes them for atom_style sphere"
+    )
+
+
+def _fits(names: list[str], style: str, rows: np.ndarray, types: float, head: str) -> bool:
+    """Return True if rows can be those of a style: whole numbers, types and positive sizes where it has them."""
+    if rows.shape[1] - len(names) not in (0, 3) or style == "peri":
+        return False
+    part = dict(zip(names, rows.T, strict=False))
+    whole = all((part[name] == np.round(part[name])).all() for name in names if name in WHOLE)
+    images = (rows[:, len(names) :] == np.round(rows[:, len(names) :])).all()
+    sizes = all((part[name] > 0).all() for name in ("diameter", "density", "mass") if name in part)
+    kind = bool(((part["type"] >= 1) & (part["type"] <= types)).all())
+    shaped = (
+        "flag" not in part or not part["flag"].any() or bool(re.search(rf"(?m)^\s*\d+\s+{PLURAL.get(style)}\b", head))
+    )
+    return bool(whole and images and sizes and kind and shaped)
+
+
+PLURAL = {"ellipsoid": "ellipsoids", "line": "lines", "tri": "triangles", "body": "bodies"}
 
 
 def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
@@ -214,14 +347,15 @@ def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
     return found
 
 
-def _parse_rows(body: str, rows: int, name: str) -> np.ndarray:
+def _parse_rows(body: str, rows: int, name: str, labels: dict[str, str] | None = None) -> np.ndarray:
     lines = body.strip().split("\n")
     if "#" in body:
         lines = [line.partition("#")[0] for line in lines]
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
         raise ValueError(f"section {name} has {len(lines)} lines but the file declares {rows} atoms")
-    values = parse_numbers(" ".join(lines).split()).reshape(rows, -1)
+    words = " ".join(lines).split()
+    values = parse_numbers([labels.get(word, word) for word in words] if labels else words).reshape(rows, -1)
     if not (np.abs(values) < HUGE).all():
         raise ValueError(f"section {name} contains NaN, infinity or numbers beyond {HUGE:g}")
     return values

@@ -10,9 +10,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ...core.readable import pluralize
+from ...core.text import parse_numbers
 from ...extras import require
 from ..atomic import name_file_in_errors
-from ..sample import PackingError
+from ..sample import Assumption, PackingError
+from .columns import packing_of_columns
+from .content import Packing, extent_note, only_state, read_content
 from .frame import Frame, list_losses, wrapped_into
 
 
@@ -42,7 +45,7 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
     bare = sum(not len(frame.contacts["i"]) for frame in frames)
     words = [f"{pluralize(bare, 'frame')} without contacts: no file of lines was written"] if bare else []
-    return [*words, f"VTK does not store {', '.join(lost)}; stickslip writes it but does not read it"]
+    return [*words, f"VTK does not store {', '.join(lost)}"]
 
 
 def _positions(frame: Frame) -> np.ndarray:
@@ -81,3 +84,97 @@ def _to_vtk_columns(columns: dict) -> dict:
         values = column.astype(np.int32) if column.dtype.kind in "iub" else column
         out[name] = tuple(_split_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
     return out
+
+
+LEGACY = b"# vtk DataFile"
+TYPES = {
+    "float": "f4", "double": "f8", "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2",
+    "int": "i4", "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtkIdType": "i8",
+}  # fmt: skip
+
+
+def recognize(head: bytes) -> bool:
+    """Return True for legacy VTK files and for VTU and VTP."""
+    return head.lstrip().startswith(LEGACY) or b"<VTKFile" in head[:200]
+
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read the points of a legacy VTK file, with the radii in its point data."""
+    only_state(path, frame)
+    content = read_content(path)
+    if not content.lstrip().startswith(LEGACY):
+        raise PackingError(f"{path} is VTK as XML, which is not read: save it from ParaView as .csv or as legacy .vtk")
+    try:
+        columns = {name: _squeezed(column) for name, column in _legacy_columns(content).items()}
+    except (ValueError, IndexError, KeyError) as problem:
+        raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
+    packing = packing_of_columns(columns, path.name, path.stem)
+    return [packing._replace(words=[*packing.words, Assumption(extent_note(path.name))])]
+
+
+def _squeezed(column: np.ndarray) -> np.ndarray:
+    return column[:, 0] if column.ndim == 2 and column.shape[1] == 1 else column
+
+
+def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
+    """Points and point data of a legacy file."""
+    reader = _Legacy(content)
+    columns, count, of_points = {}, -1, False
+    while words := reader.words():
+        key = words[0].upper()
+        if key == "POINTS":
+            count = int(words[1])
+            columns["points"] = reader.numbers(3 * count, words[2]).reshape(count, 3)
+        elif key in ("POINT_DATA", "CELL_DATA"):
+            of_points = key == "POINT_DATA"
+        elif key in ("VECTORS", "NORMALS") and of_points:
+            columns[words[1]] = reader.numbers(3 * count, words[2]).reshape(count, 3)
+        elif key == "SCALARS" and of_points:
+            reader.words()  # LOOKUP_TABLE
+            width = int(words[3]) if len(words) > 3 else 1
+            columns[words[1]] = reader.numbers(width * count, words[2]).reshape(count, width)
+        elif key == "FIELD" and of_points:
+            for _ in range(int(words[2])):
+                name, width, rows, kind = reader.words()
+                columns[name] = reader.numbers(int(width) * int(rows), kind).reshape(int(rows), int(width))
+        elif key == "METADATA":
+            reader.skip_block()
+        elif key in ("VERTICES", "LINES", "POLYGONS", "CELLS", "CELL_TYPES") and reader.binary and len(words) > 1:
+            reader.numbers(int(words[-1]), "int")
+    return columns
+
+
+class _Legacy:
+    """Position in a legacy file: lines of words, and arrays that follow them."""
+
+    def __init__(self, content: bytes):
+        self.content, self.at = content, 0
+        self.words(), self.words()
+        self.binary = self.words()[0].upper() == "BINARY"
+
+    def words(self) -> list[str]:
+        """Words of the next line that is not empty; none at the end."""
+        while self.at < len(self.content):
+            line, _, _ = self.content[self.at :].partition(b"\n")
+            self.at += len(line) + 1
+            if words := line.decode("latin-1").split():
+                return words
+        return []
+
+    def skip_block(self) -> None:
+        """Skip to the next empty line."""
+        end = self.content.find(b"\n\n", self.at)
+        self.at = len(self.content) if end < 0 else end + 2
+
+    def numbers(self, count: int, kind: str) -> np.ndarray:
+        """The next `count` numbers of a type."""
+        dtype, left = np.dtype(TYPES[kind]).newbyteorder(">"), len(self.content) - self.at
+        if not 0 <= count <= left:
+            raise ValueError(f"{count} numbers are declared, but {max(left, 0)} bytes follow")
+        if self.binary:
+            start, self.at = self.at, self.at + count * dtype.itemsize
+            return np.frombuffer(self.content, dtype, count, start).astype(float)
+        words = []
+        while len(words) < count and (line := self.words()):
+            words += line
+        return parse_numbers(words[:count])

@@ -4,10 +4,19 @@ They are written without a library, because ASE would write only eight decimals.
 """
 
 import json
+import re
 from pathlib import Path
 
+import numpy as np
+
+from ...core.text import parse_numbers
 from ..atomic import replace_atomically
-from .frame import Frame, law_to_dict, list_losses
+from ..sample import NO_CONTACTS, PackingError
+from .columns import packing_of_columns
+from .content import Packing, chosen_frames, extent_note, head_text, read_lines
+from .frame import Frame, law_from_dict, law_to_dict, list_losses
+
+PAIR = re.compile(r'(\w+)=("(?:[^"\\]|\\.)*"|\S+)')
 
 
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
@@ -40,3 +49,63 @@ def _format_frame(frame: Frame) -> str:
     head += [f"time={frame.state.time!r}", f"dim={cell.dim}", f"law={law}"]
     rows = (f"X {' '.join(row)}\n" for row in zip(*columns, strict=True))
     return f"{len(grains.radius)}\n{' '.join(head)}\n{''.join(rows)}"
+
+
+def recognize(head: bytes) -> bool:
+    """Return True for extended XYZ: a count of grains, and a line that names the columns."""
+    lines = head_text(head).split("\n", 2)
+    return len(lines) > 1 and lines[0].strip().isdecimal() and "Properties=" in lines[1]
+
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read frames, named by their number; the law is read if stickslip wrote it."""
+    lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
+    while at < len(lines):
+        if not re.fullmatch(r"\s*\d{1,12}\s*", lines[at]) or at + 2 + int(lines[at]) > len(lines):
+            raise PackingError(
+                f"{path} has {lines[at][:40]!r} where frame {len(starts)} begins: it is truncated or damaged"
+            )
+        starts.append(at)
+        at += 2 + int(lines[at])
+    chosen = chosen_frames(path, [str(k) for k in range(len(starts))], frame)
+    return [_read_frame(path, str(k), lines[starts[k] :][: 2 + int(lines[starts[k]])]) for k in chosen]
+
+
+def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
+    about = dict(PAIR.findall(lines[1]))
+    try:
+        kinds = about["Properties"].strip('"').split(":")
+        columns = _columns(kinds, [line.split() for line in lines[2:]])
+        more, law = _box(about), law_from_dict(json.loads(json.loads(about["law"]))) if "law" in about else None
+    except (KeyError, ValueError, IndexError, TypeError) as problem:
+        raise PackingError(
+            f"{path} has a damaged frame {name} ({problem}): its second line must name its columns"
+        ) from None
+    packing = packing_of_columns(columns, path.name, name, **more)
+    words = [*packing.words, NO_CONTACTS] if law else packing.words
+    return packing._replace(law=law, words=words if "cell" in more else [*words, extent_note(path.name)])
+
+
+def _columns(kinds: list[str], rows: list[list[str]]) -> dict[str, np.ndarray]:
+    """Columns of numbers by their names in `Properties`."""
+    out, at = {}, 0
+    for name, kind, width in zip(kinds[::3], kinds[1::3], map(int, kinds[2::3]), strict=True):
+        if kind in "RI":
+            values = parse_numbers([word for row in rows for word in row[at : at + width]]).reshape(len(rows), width)
+            out[name] = values[:, 0] if width == 1 else values
+        at += width
+    if any(len(row) != at for row in rows):
+        raise ValueError(f"rows that do not have {at} entries")
+    return out
+
+
+def _box(about: dict[str, str]) -> dict:
+    """Cell and its periodic flags, as arguments of `from_arrays`."""
+    if "Lattice" not in about:
+        return {}
+    flags = about.get("pbc", '"T T T"').strip('"').split()
+    more = {
+        "cell": parse_numbers(about["Lattice"].strip('"').split()).reshape(3, 3),
+        "periodic": [f in "T1" for f in flags],
+    }
+    return more | ({"dim": int(about["dim"])} if about.get("dim") in ("2", "3") else {})

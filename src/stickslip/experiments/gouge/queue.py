@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from ...data.checkpoint import LEGS, checkpoint_in
+from ...data.exchange.lammps_restart import is_complete
 from ...data.schema import ScenarioError
 from ..lammps.job import clear_legs, leg_folder, write_scripts
-from ..lammps.memory import is_complete
 from ..lammps.process import require_lammps
 from ..lammps.run import sample_path, write_start
 from ..lammps.script import write_input

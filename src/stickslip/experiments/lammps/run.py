@@ -13,11 +13,11 @@ from ...core.control import factors_at
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.laws.builtin import Law
 from ...core.state import OPEN, State
+from ...data.exchange.lammps_restart import Restart, history_size, is_complete, read_restart, restored, write_memory
 from ...data.exchange.lammps_text import read_dump
 from ...data.schema import ScenarioError
 from .cell import needs_forces, read_cell
 from .leg import Leg
-from .memory import Restart, history_size, is_complete, read_restart, restored, write_memory
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
 from .script import BEFORE, DATA, PLACES, PREPARE, SAMPLE, format_preparation, write_input
 from .supported import check_leg
@@ -169,6 +169,8 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     state, path = leg.state, sample_path(leg, folder, step)
     try:
         found = read_restart(path, walls=len(state.walls.mass), values=history_size(leg.law))
+        if len(found.ids) != len(state.grains.radius):
+            raise ValueError("a restart file that lacks grains")
     except (OSError, ValueError) as problem:
         raise RuntimeError(f"{path} cannot be read ({problem}): run LAMMPS again in {folder}") from problem
     elapsed = step * leg.dt

@@ -7,6 +7,7 @@ import numpy as np
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.laws.builtin import NO_TENSION, Law, rescales
 from ...data.exchange.frame import wrapped_into
+from ...data.exchange.lammps_laws import MODELS
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
 from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
 from .supported import is_linear, lacks_radius, parameters_of
@@ -110,7 +111,7 @@ def _moving_cell(leg: Leg) -> CellCommands:
 
 
 def format_preparation(leg: Leg) -> str:
-    """Commands that turn the data file into a restart file, whose memory of contacts `memory` then fills."""
+    """Commands that turn the data file into a restart file, whose memory `lammps_restart` then fills."""
     return f"{contact_commands(leg)}\nfix move all nve/sphere\nrun 0\nwrite_restart {BEFORE}\n"
 
 
@@ -176,8 +177,9 @@ def _wall_commands(leg: Leg) -> str:
 
 def _granular(law: Law, kn: float, kt: float, damping_n: float, damping_t: float, mu: float) -> str:
     """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n."""
-    normal, damping = ("hooke", "mass_velocity") if is_linear(law) else ("hertz", "viscoelastic")
-    tangential = "mindlin_rescale" if rescales(law) else "linear_history" if is_linear(law) else "mindlin"
+    damping = "mass_velocity" if is_linear(law) else "viscoelastic"
+    name = "linear" if is_linear(law) else "hertz_mindlin_reff"
+    normal, tangential = MODELS[f"{name}_rescaled" if rescales(law) else name]
     share = damping_t / damping_n if damping_n > 0 else 0.0
     return (
         f"{normal} {digits(kn, damping_n)} tangential {tangential} {digits(kt, share, mu)} damping {damping}"

@@ -15,6 +15,7 @@ from ...data.checkpoint import UNFINISHED
 from ...data.exchange.arrays import read_archive
 from ...data.exchange.files import capture_warnings, read_packing
 from ...data.exchange.frame import Frame, frame_of
+from ...data.exchange.lammps_folder import is_run_folder
 from ...data.exchange.motion import mode_frames, read_mode
 from ...data.law_file import check_law_files, trust_law_files
 from ...data.sample import PackingError
@@ -73,7 +74,8 @@ def load_content(
 
     With `trust`, the law file of a run may be executed.
     """
-    if not place.is_dir() and (place.is_file() or place.suffix):
+    run = not (place / NUMBERS).exists() and is_run_folder(place)
+    if run or (not place.is_dir() and (place.is_file() or place.suffix)):
         return packing_content(
             place, modes=modes, options=options, settle=settle, dashpots=dashpots, search=search, report=report
         )
@@ -169,7 +171,7 @@ def _experiment_name(text: str) -> str:
 def _read_states(path: Path, frame: str | None) -> list:
     """Read the states of one group: the largest one, or the one that contains the requested frame."""
     try:
-        found = read_archive(path, "all")
+        found = [(one.name, one.state, one.law, one.words) for one in read_archive(path, "all")]
     except PackingError:
         return []
     groups = Counter(name.rpartition("/")[0] for name, *_ in found)
@@ -364,14 +366,14 @@ def packing_content(
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing that is not in equilibrium are no instabilities, so none is shown
-        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
+        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm, words)
         if found.balanced:
-            sentence = verdict(found, calm)
+            sentence = verdict(found, calm, words)
             if mine and len(found.free) <= DENSE_UP_TO:
                 form = find_birth_form(state, law, dashpots=dashpots)
                 facts.append(["after the instability", form if isinstance(form, str) else form.verdict])
         else:
-            why = found.verdict
+            why = verdict(found, None, words)
             warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
     else:
         mine = _read_modes(modes, n) if modes else []
@@ -402,8 +404,8 @@ def _read_modes(path: Path, n: int) -> list:
     return [first, *(read_mode(path, k, n) for k in range(1, min(MODES, count)))]
 
 
-def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
-    out = [["verdict", verdict(found, calm)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
+def _verdict_rows(found, calm: Settling | None, words: list[str]) -> list[list[str]]:
+    out = [["verdict", verdict(found, calm, words)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
     out += [["without the dashpots", found.undamped.motion]] if found.undamped else []
     limit = f"at most {BALANCED_BELOW:g} in equilibrium"
     out.append(["residual", f"{found.residual:.2g} of the mean contact force; {limit}"])

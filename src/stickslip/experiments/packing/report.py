@@ -12,12 +12,12 @@ from rich.table import Table
 from ...builtin_laws import NAMES
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names, with_values
 from ...core.laws.kinds import Kind, find_user_law
-from ...core.measure import mean_normal_force, touching
+from ...core.measure import coordination, grain_volumes, mean_normal_force, overlaps, rattlers, touching, volume
 from ...core.readable import pluralize
 from ...core.state import State
 from ...core.units import with_unit
 from ...data.atomic import replace_atomically
-from ...data.sample import Assumption
+from ...data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle
 from ...solve.balance import BALANCED_BELOW, imbalance
 from ...solve.birth import BirthForm, birth_form
 from ...solve.equilibrate import equilibrate
@@ -80,16 +80,80 @@ def settled(state: State, law: Law) -> tuple[State, Settling]:
     return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
-def verdict(found: Stability, calm: Settling | None = None) -> str:
-    """Return the verdict in one sentence, which says so if the packing was settled."""
-    return f"{found.verdict}; {calm}" if calm else found.verdict
+def verdict(found: Stability, calm: Settling | None = None, words=()) -> str:
+    """Return the verdict in one sentence, which says so if the packing was settled.
+
+    Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
+    """
+    sentence = f"{found.verdict}; {calm}" if calm else found.verdict
+    if not found.balanced:
+        return f"no verdict: {missing}; {sentence}" if (missing := missing_parts(words)) else sentence
+    left_out = [note.removeprefix(UNDECIDED) for note in words if isinstance(note, Obstacle)]
+    return (
+        f"{UNDECIDED}{'; '.join(left_out)}. Without {'it' if len(left_out) == 1 else 'these'}: {sentence}"
+        if left_out
+        else sentence
+    )
+
+
+def decided(found: Stability, words) -> bool | None:
+    """Return whether the packing is stable; None if that is undecided."""
+    return None if any(isinstance(note, Obstacle) for note in words) else found.stable
+
+
+def missing_parts(words) -> str:
+    """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
+    if NO_CONTACTS in words and any(getattr(note, "of_law", False) for note in words):
+        return "the file has no contact law and no memory of tangential contacts"
+    return ""
+
+
+class Geometry(NamedTuple):
+    """What positions and radii alone say of a packing."""
+
+    contacts: int
+    coordination: float  # mean number of contacts of grains that are not rattlers
+    rattlers: int  # grains with fewer than two contacts, after recursive removal of rattlers
+    overlap: float  # largest overlap, over the smaller radius of the two grains
+    mean_overlap: float  # the same, mean over contacts
+    packing_fraction: float
+    volume: str  # what it was divided by
+
+    def __str__(self) -> str:
+        return (
+            f"geometry: {pluralize(self.contacts, 'contact')}, coordination {self.coordination:.4g} without "
+            f"{pluralize(self.rattlers, 'rattler')}, overlaps up to {100 * self.overlap:.3g} % of a radius (mean "
+            f"{100 * self.mean_overlap:.3g} %), packing fraction {self.packing_fraction:.4g} of {self.volume}"
+        )
+
+
+def geometry(state: State) -> Geometry:
+    """Return what positions and radii alone say: coordination, rattlers, overlaps, packing fraction."""
+    rows, grains, dim = touching(state), state.grains, state.cell.dim
+    radius = np.append(grains.radius, np.full(len(state.walls.mass), np.inf))
+    small = np.minimum(radius[state.contacts.i[rows]], radius[state.contacts.j[rows]])
+    share = overlaps(state)[rows] / small if len(rows) else np.zeros(1)
+    if state.cell.periodic[:dim].all():
+        whole, name = volume(state), "the cell"
+    else:
+        low, high = (
+            op(grains.position + side * grains.radius[:, None], axis=0) for op, side in ((np.min, -1), (np.max, 1))
+        )
+        lengths = np.where(state.cell.periodic, np.diag(state.cell.vectors), high - low)[:dim]
+        whole, name = float(np.prod(lengths)), "the box around the grains"
+    fraction = float(grain_volumes(state).sum() / whole)
+    loose = rattlers(state)
+    return Geometry(
+        len(rows), coordination(state), int(loose.sum()), float(share.max()), float(share.mean()), fraction, name
+    )
 
 
 def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
-    """Return the likely causes of unbalanced forces, inferred from the packing and the options given for its law."""
+    """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
     known, law = list(found.causes[:-1]), "another law than that of the packing"  # the last cause says no more of it
+    known += [note.removeprefix(UNDECIDED) for note in words if isinstance(note, Absent | Obstacle)]
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
-    assumed = any(isinstance(line, Assumption) for line in words)
+    assumed = any(getattr(note, "of_law", False) for note in words)
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumed:
@@ -99,7 +163,8 @@ def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str
 
 def to_dict(
     found: Stability, more: stability_more.Details | None = None,
-    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(),
+    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), words=(),
+    shape: Geometry | None = None,
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
     damped = found.undamped is not None
@@ -117,7 +182,9 @@ def to_dict(
         "balanced": found.balanced,
         "causes": list(why),
         "settled": None if calm is None else _settling_dict(calm),
-        "stable": found.stable,
+        "stable": decided(found, words),
+        "assumed": [note for note in words if isinstance(note, Assumption)],
+        "geometry": shape and shape._asdict(),
         "at_limit": found.at_limit,
         "if_stuck": found.if_stuck.motion if found.if_stuck else None,
         "pairs": pairs,
@@ -154,13 +221,13 @@ def _settling_dict(calm: Settling) -> dict:
 def show(
     found: Stability, law: Law, words: list[str], more: stability_more.Details | None = None,
     form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
+    shape: Geometry | None = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
-    Also print `why` and `remedy` if the packing is not in equilibrium.
+    Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
     """
-    for line in words:
-        console.print(line, style="yellow")
+    _show_notes(words)
     console.print(f"law: {describe_law(law)}")
     console.print(
         f"{found.n} grains, {found.contacts} contacts, {len(found.rattlers)} rattlers, residual "
@@ -168,8 +235,10 @@ def show(
     )
     if calm:
         console.print(str(calm), style="bold yellow")
-    color = {True: "green", False: "red", None: "yellow"}[found.stable]
-    console.print(found.verdict, style=f"bold {color}")
+    if shape:
+        console.print(str(shape))
+    color = {True: "green", False: "red", None: "yellow"}[decided(found, words)]
+    console.print(verdict(found, None, words), style=f"bold {color}")
     if not found.balanced:
         _show_imbalance(found, why, remedy)
     if found.undamped:
@@ -186,6 +255,18 @@ def show(
         stability_more.show(more, found)
     if form:
         _show_form(form)
+
+
+def _show_notes(words) -> None:
+    """Print what was read, then what was assumed; what is left out stands in the verdict."""
+    for note in words:
+        if not isinstance(note, Assumption):
+            console.print(note, style="yellow")
+    assumed = [note for note in words if isinstance(note, Assumption) and not isinstance(note, Obstacle)]
+    if assumed:
+        console.print("assumed:", style="yellow")
+    for note in assumed:
+        console.print(f"  - {note}", style="yellow")
 
 
 def _show_form(form: BirthForm | str) -> None:

@@ -7,6 +7,7 @@ the memory of each contact, in the order i − j. Entries of walls follow in the
 are stored in the bits of doubles.
 """
 
+import re
 import struct
 from pathlib import Path
 from typing import NamedTuple
@@ -19,13 +20,34 @@ from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import MU, Law, rescales
 from ...core.measure import branch_vectors, touching
 from ...core.state import SLIDE, STICK, State, empty_contacts
+from ..sample import UNDECIDED, Absent, Obstacle, PackingError
+from .content import HEAD, Packing, only_state, read_content
+from .lammps_laws import HISTORY as HISTORY_LAWS
+from .lammps_laws import SAME_UNITS
+from .lammps_text import Table, add_box, restricted_box, whole_periods
 
 MAGIC = b"LammpS RestartT\x00"
 # the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
 HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
 POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
+HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
+LONGEST_LIST = 4096  # bytes of the list of fixes
 SHARE = 0.05  # share of the dashpots' force that half a step may change
+
+
+INT, BIG, DOUBLE, INTS, DOUBLES, STRING = range(6)
+FLAGS = {  # what follows the flags of a header
+    **dict.fromkeys((0, 4, 15, 59), STRING), **dict.fromkeys((5, 16, 18, 21, 24, 27, 71), BIG),
+    **dict.fromkeys((8, 14), INTS),
+    **dict.fromkeys((31, 32, 36, 37, 49), DOUBLES),
+    **dict.fromkeys((33, 34, 35, 50, 55, 57, 66, 67, 68, 69, 70), DOUBLE),
+    **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT),
+    **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
+}  # fmt: skip
+UNITS, STEP, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 31, 32, 33, 34, 35
+MOST_GROUPS = 32
+NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
 
 
 class Restart(NamedTuple):
@@ -35,12 +57,17 @@ class Restart(NamedTuple):
     image: np.ndarray  # (N, 3)
     velocity: np.ndarray  # (N, 3) [length/time]
     spin: np.ndarray  # (N, 3) [rad/time]
+    radius: np.ndarray  # (N,) [length]
+    mass: np.ndarray  # (N,) [mass]
+    types: np.ndarray  # (N,) from 0
+    mask: np.ndarray  # (N,) bits of the groups
     i: np.ndarray  # (C,) contacts, each once, i < j
     j: np.ndarray  # (C,)
     slip: np.ndarray  # (C, 3) of i relative to j [length]
     wall: np.ndarray  # (K,) number of the fix of the wall that a grain touches
     grain: np.ndarray  # (K,)
     wall_slip: np.ndarray  # (K, 3) [length]
+    ids: np.ndarray  # (N,) numbers of the grains in LAMMPS, increasing
 
 
 def is_complete(path: Path) -> bool:
@@ -87,58 +114,204 @@ def _ends(block: np.ndarray, start: np.ndarray, stop, least: int = 2) -> np.ndar
     return start + length.astype(np.int64)
 
 
-def read_restart(path: Path, *, walls: int = 0, values: int = 3) -> Restart:
+def read_restart(path: Path, *, walls: int | None = None, values: int | None = None) -> Restart:
     """Read a restart file.
 
     Parameters
     ----------
-    walls : number of fixes of walls
-    values : number of doubles in the memory of a contact between grains, of which the first three are the slip
+    walls : number of fixes of walls, if not those that the file names
+    values : number of doubles in the memory of a contact between grains, of which the first three are the slip; by
+        default as many as the records have room for
 
     Raises
     ------
     ValueError
         If the file is incomplete or in another format.
     """
-    blocks = _blocks(path.read_bytes())[1]
-    parts = [_read_block(block, walls, values) for block in blocks if len(block)]
+    content = read_content(path)
+    start, blocks = _blocks(content)
+    stores = _stores(content[:start]) if walls is None else [HISTORY, *[REGION] * walls]
+    parts = [_read_block(block, stores, values) for block in blocks if len(block)]
+    if not parts:
+        raise ValueError("a restart file without grains")
     tag, *grains = (np.concatenate(columns) for columns in zip(*(part[0] for part in parts), strict=True))
-    pairs = [np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)]
-    touched = [np.concatenate(columns) for columns in zip(*(part[2] for part in parts), strict=True)]
+    pairs, touched = (
+        [np.concatenate(columns) for columns in zip(*(part[k] for part in parts), strict=True)] for k in (1, 2)
+    )
     order = np.argsort(tag)
-    if not (tag[order] == np.arange(len(tag)) + 1).all():
-        raise ValueError("a restart file that lacks grains")
-    if ((pairs[1] < 0) | (pairs[1] >= len(tag))).any():
+    ids = tag[order]
+    if not np.diff(ids).all() or not np.isin(np.concatenate([pairs[0], pairs[1], touched[1]]), ids).all():
         raise ValueError("a restart file with a contact of a grain that it lacks")
+    pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
-    return Restart(*(column[order] for column in grains), *(column[once] for column in pairs), *touched)
+    return Restart(*(column[order] for column in grains), *(column[once] for column in pairs), *touched, ids)
 
 
-def _read_block(block: np.ndarray, walls: int, values: int):
+def recognize(head: bytes) -> bool:
+    """Return True for a restart file of LAMMPS."""
+    return head.startswith(MAGIC)
+
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read the grains of a restart file, the memory of their contacts, and the law if its pair style stores it."""
+    only_state(path, frame)
+    content = read_content(path)
+    remedy = f"convert it with LAMMPS: `read_restart {path.name}`, then `write_data packing.data`"
+    try:
+        start, _ = _blocks(content)
+        about = _header(content)[0]
+        if about[STYLE] != "sphere":
+            raise PackingError(f"{path} has atoms of style {about[STYLE]}, and only sphere is read: {remedy}")
+        known = read_restart(path)
+        vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
+    except PackingError:
+        raise
+    except (ValueError, KeyError, IndexError, struct.error) as problem:
+        raise PackingError(f"{path} cannot be read ({problem}): {remedy}") from None
+    arrays = {
+        "position": known.position + whole_periods(known.image, vectors), "radius": known.radius, "mass": known.mass,
+        "velocity": known.velocity, "spin": known.spin,
+    }  # fmt: skip
+    flags = about[BOUNDARY].reshape(3, 2)
+    box = Table(int(about[STEP]), vectors, about[LOW], (flags == 0).all(axis=1), {})
+    arrays, words = add_box(box, arrays, None, [])
+    law, said = _law_of_pair_style(content[:start])
+    walls = [style for style in _stores(content[:start]) if style.startswith(WALL)]
+    left_out = [f"{style} acts on the grains: {NO_PLACE}" for style in walls]
+    if about[UNITS] not in SAME_UNITS:
+        left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
+    words = [*([] if walls else words), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
+    return [Packing(str(box.step), arrays, words, box.step, known.ids, known.types, memory=known, law=law)]
+
+
+def time_step(path: Path) -> int:
+    """Time step of a restart file; −1 if it cannot be read."""
+    try:
+        return int(_header(read_content(path, HEAD))[0][STEP])
+    except (KeyError, ValueError, struct.error):
+        return -1
+
+
+def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
+    """(N,) bool, members of each group whose name the file has."""
+    content = read_content(path)
+    _, at = _header(content)
+    masks, names = {}, []
+    try:
+        if struct.unpack_from("<i", content, at - 4)[0] != -1:
+            return {}
+        (count,), at = struct.unpack_from("<i", content, at), at + 4
+        while len(masks) < count <= MOST_GROUPS and len(names) < MOST_GROUPS:
+            size = struct.unpack_from("<i", content, at)[0]
+            name, at = _string(content, at) if size else ("", at + 4)
+            if name:
+                masks[name] = (memory.mask >> len(names) & 1).astype(bool)
+            names.append(name)
+    except struct.error:
+        return {}
+    return masks
+
+
+def _header(content: bytes) -> tuple[dict, int]:
+    """Values of a header by their flags, up to its end or a flag that is not known here, and the position after it."""
+    out, at = {}, len(MAGIC) + 8
+    while True:
+        (flag,) = struct.unpack_from("<i", content, at)
+        kind, at = FLAGS.get(flag), at + 4
+        if kind is None:
+            return out, at
+        if kind == STRING:
+            out[flag], at = _string(content, at)
+            if flag == STYLE:
+                (count,), at = struct.unpack_from("<i", content, at), at + 4
+                for _ in range(min(count, 20)):
+                    _, at = _string(content, at)
+        elif kind in (INTS, DOUBLES):
+            (size,), dtype = struct.unpack_from("<i", content, at), np.dtype("<i4" if kind == INTS else "<f8")
+            out[flag], at = np.frombuffer(content, dtype, max(size, 0), at + 4), at + 4 + size * dtype.itemsize
+        else:
+            mark = {INT: "<i", BIG: "<q", DOUBLE: "<d"}[kind]
+            out[flag], at = struct.unpack_from(mark, content, at)[0], at + struct.calcsize(mark)
+
+
+def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
+    """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
+    match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z/_]+)\0", head, re.DOTALL)
+    style = match[2].decode() if match else "none"
+    if style.removeprefix("gran/") not in HISTORY_LAWS:
+        return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
+    kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, match.end())
+    law, damping = HISTORY_LAWS[style.removeprefix("gran/")]
+    return {
+        "law": law, "coulomb": "sharp", "kn": kn, "kt": kt, "mu": mu, "damping_n": damping_n,
+        "damping_t": damping_t if flag else 0.0, "damping": damping,
+    }, [f"law from the restart file: pair_style {style}"]  # fmt: skip
+
+
+def _stores(head: bytes) -> list[str]:
+    """Styles of the fixes that store something with grains, in the order of their entries in a record."""
+    end = len(head) - len(HEADER_END)
+    for start in range(end - 4, max(end - LONGEST_LIST, 0), -1):
+        at, styles = start + 4, []
+        for _ in range(struct.unpack_from("<i", head, start)[0] if head[start + 1 : start + 4] == bytes(3) else -1):
+            _, at = _string(head, at)
+            style, at = _string(head, at)
+            styles.append(style)
+            at += 4
+        if at == end and styles:
+            return styles
+    return []
+
+
+def _string(head: bytes, at: int) -> tuple[str, int]:
+    """String that follows its length, and the position after it."""
+    size = struct.unpack_from("<i", head, at)[0] if at + 4 <= len(head) else 0
+    if not 0 < size < 200:
+        return "", len(head)
+    return head[at + 4 : at + 3 + size].decode("latin-1"), at + 4 + size
+
+
+def _read_block(block: np.ndarray, stores: list[str], values: int | None):
     """Columns of the grains, of the contacts and of the contacts with walls in the block of a rank."""
     whole, bounds = block.view("<i8"), _record_starts(block)
     start, stop = bounds[:-1], bounds[1:]
     tag, bits = whole[start + TAG], whole[start + IMAGE]
     image = np.stack([bits & 1023, bits >> 10 & 1023, bits >> 20 & 4095], axis=1) - 512
     position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
-    entry = start + EXTRA
-    end, count = _ends(block, entry, stop), block[entry + 1]
-    if not ((count >= 0) & (2 + (values + 1) * count <= end - entry)).all():
+    sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1, whole[start + TYPE + 1]
+    entry, walls = start + EXTRA, 0
+    pairs = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
+    touched = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))]
+    for style in stores:
+        end = _ends(block, entry, stop)
+        if style.startswith(HISTORY):
+            pairs = _read_pairs(block, entry, end, tag, values)
+        elif style.startswith(WALL):
+            on, first = np.arange(len(tag)), 1
+            if style.startswith(REGION):
+                on, first = np.flatnonzero(whole[entry + 1] > 0), 3
+            _ends(block, entry[on], stop[on], first + 3)
+            slip = block[entry[on][:, None] + first + np.arange(3)]
+            touched.append((np.full(len(on), walls), tag[on], slip))
+            walls += 1
+        entry = end
+    at_walls = tuple(np.concatenate(columns) for columns in zip(*touched, strict=True))
+    return (tag, position, image, velocity, spin, *sizes), pairs, at_walls
+
+
+def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.ndarray, values: int | None):
+    """Ids of both grains and the slip of each contact, as each grain lists its own."""
+    whole, count = block.view("<i8"), block[entry + 1]
+    if not ((count >= 0) & (count < len(block))).all():
         raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
     count = count.astype(np.int64)
+    if values is None:
+        some = np.flatnonzero(count)
+        values = int((end - entry - 2)[some[0]] // count[some[0]]) - 1 if len(some) else 3
+    if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
+        raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
     first = np.repeat(entry + 2, count) + (values + 1) * _counters(count)
-    pairs = np.repeat(tag, count) - 1, whole[first] - 1, block[first[:, None] + 1 + np.arange(3)]
-    entry, touched = end, []
-    for wall in range(walls):
-        end = _ends(block, entry, stop)
-        on = np.flatnonzero(whole[entry + 1] > 0)
-        _ends(block, entry[on], stop[on], 6)
-        slip = block[entry[on][:, None] + 3 + np.arange(3)]
-        touched.append((np.full(len(on), wall), tag[on] - 1, slip))
-        entry = end
-    none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
-    at_walls = tuple(np.concatenate(columns) for columns in zip(none, *touched, strict=True))
-    return (tag, position, image, velocity, spin), pairs, at_walls
+    return np.repeat(tag, count), whole[first], block[first[:, None] + 1 + np.arange(3)]
 
 
 def _counters(count: np.ndarray) -> np.ndarray:

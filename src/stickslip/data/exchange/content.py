@@ -1,0 +1,149 @@
+"""Content of files of other programs: bytes, decompressed if need be, and packings as they describe them."""
+
+import bz2
+import gzip
+import lzma
+import re
+import zlib
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.laws.builtin import Law
+from ...core.state import State
+from ...core.text import decode_text
+from ..sample import Absent, PackingError
+
+HEAD = 2**14  # bytes at the beginning of a file that tell what it is
+MOST_EXPANDED = 2000  # times the size of a compressed file
+FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
+ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+LONGEST_LINE = 60  # characters of a line that a message quotes
+COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
+
+
+class Packing(NamedTuple):
+    """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
+
+    name: str  # of the state in its file: a time step, the number of a frame, a path in an archive
+    arrays: dict  # for `from_arrays`
+    words: list[str]  # notes
+    step: int = -1  # time step; −1: unknown
+    ids: np.ndarray | None = None  # (N,) numbers by which contacts name the grains, increasing
+    types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
+    force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
+    state: State | None = None  # complete, with its memory
+    setting: Callable[[State], State] | None = None  # puts the grains between walls and under loads
+    memory: tuple | None = None  # `Restart`, which holds the memory of contacts
+    law: Law | dict | None = None  # or options of `law_by_name`
+
+
+def _opener(path: Path):
+    """Function that opens a compressed file; None for others."""
+    with path.open("rb") as file:
+        start = file.read(6)
+    mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
+    return None if mark is None else COMPRESSED[mark] or _zstandard(path).open
+
+
+def _zstandard(path: Path):
+    """Module that opens Zstandard files: of the standard library from Python 3.14 on, or the package zstandard."""
+    for name in ("compression.zstd", "zstandard"):
+        try:
+            return import_module(name)
+        except ModuleNotFoundError:
+            continue
+    raise PackingError(
+        f"{path} is compressed with Zstandard, which Python reads from version 3.14 on: decompress it with "
+        f"`unzstd {path.name}`, or `pip install zstandard`"
+    )
+
+
+def read_content(path: Path, size: int = -1) -> bytes:
+    """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
+    opener = _opener(path)
+    if opener is None:
+        with path.open("rb") as file:
+            return file.read(size)
+    most = MOST_EXPANDED * path.stat().st_size + 2**20
+    try:
+        with opener(path, "rb") as file:
+            content = file.read(most if size < 0 else size)
+    except (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile) as problem:
+        raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
+    except Exception as problem:
+        if type(problem).__name__ != "ZstdError":
+            raise
+        raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
+    if len(content) == most:
+        raise PackingError(f"{path} expands by a factor above {MOST_EXPANDED}, which no packing does: it is damaged")
+    return content
+
+
+def is_compressed(path: Path) -> bool:
+    """Return True if a file is compressed as a whole."""
+    with path.open("rb") as file:
+        return file.read(6).startswith(tuple(COMPRESSED))
+
+
+def read_lines(
+    path: Path, remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`"
+) -> str:
+    """Text of a file; PackingError if it is none, or ends in the middle of a line."""
+    try:
+        text = decode_text(read_content(path), path, remedy=remedy)
+    except ValueError as problem:
+        raise PackingError(str(problem)) from None
+    if text and not text.endswith("\n"):  # a truncated number is still a number
+        raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
+    return text
+
+
+def head_text(head: bytes) -> str:
+    """Text at the beginning of a file; empty if it is binary."""
+    if b"\0" in head:
+        return ""
+    return head.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def first_lines(path: Path) -> str:
+    """The first lines of a file for a message, or a word on what it is."""
+    try:
+        decode_text(head := read_content(path, HEAD), path, remedy="")
+    except ValueError as problem:
+        if "UTF-16" in str(problem):
+            raise PackingError(str(problem)) from None
+    text = head_text(head)
+    lines = [line.strip()[:LONGEST_LINE] for line in text.splitlines() if line.strip()][:2]
+    return f"it begins with {' | '.join(lines)!r}" if lines else "it is binary" if head else "it is empty"
+
+
+def only_state(path: Path, frame: str | None) -> None:
+    """Raise PackingError if a frame was requested of a file with one state."""
+    if frame not in (None, "all"):
+        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave the frame out")
+
+
+def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
+    """Numbers of the states to read, of those with these names: all, one, or the last by default."""
+    if frame == "all":
+        return list(range(len(names)))
+    if frame is not None and frame not in names:
+        some = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
+        raise PackingError(f"{path} has no frame {frame!r}: it has {some}")
+    return [len(names) - 1 if frame is None else names.index(frame)]
+
+
+def digits_note(words: Sequence[str]) -> list[str]:
+    """Note on positions that are written with few digits; none if they have many."""
+    most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in words[:SAMPLED]), default=FEW_DIGITS + 1)
+    few = f"few digits: positions have at most {most}, and overlaps are small differences of positions; {ALL_DIGITS}"
+    return [Absent(few)] if most <= FEW_DIGITS else []
+
+
+def extent_note(what: str) -> str:
+    """Note on a file without a box."""
+    return f"{what} has no box: the grains are taken as a cluster that nothing confines"

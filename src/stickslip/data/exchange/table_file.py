@@ -1,0 +1,137 @@
+"""Tables of grains as text: CSV, columns with or without names (PFC, YADE exports), and MercuryDPM's .data."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ...core.text import parse_numbers
+from ..sample import Assumption, PackingError
+from .columns import NEEDED, identify_columns, packing_of_columns
+from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines
+
+MERCURY = {  # numbers in the header, and columns of a row
+    8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
+    6: ["x", "y", "vx", "vy", "r", "a", "w", "info"],
+}  # fmt: skip
+
+
+def recognize(head: bytes) -> bool:
+    """Return True for a table whose first line names positions and radii, or has the four numbers of a sphere."""
+    lines = _content_lines(head_text(head)[:4000])
+    if not lines:
+        return False
+    names = _names(lines[0])
+    return len(_split(lines[0])) == 4 if names is None else _known(names) or lines[0].startswith("#format")
+
+
+def _known(names: list[str] | None) -> bool:
+    """Return True if there are names of positions and of radii among these."""
+    known = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
+    return "position" in known and bool({"radius", "diameter"} & set(known))
+
+
+def read(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read the grains of a table."""
+    only_state(path, frame)
+    lines = _content_lines(read_lines(path))
+    names, words = _names(lines[0]) if lines else None, []
+    if names is None:
+        names = ["x", "y", "z", "radius"]
+        words = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed")]
+    else:
+        lines = lines[1:]
+    rows = _numbers(path, [line for line in lines if not line.startswith("#")], len(names))
+    packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, path.stem)
+    return [packing._replace(words=[*words, *packing.words, Assumption(extent_note(path.name))])]
+
+
+def _content_lines(text: str) -> list[str]:
+    """Lines with content; comments before the data are dropped, unless they name its columns."""
+    lines = [line.strip() for line in text.split("\n") if line.strip()]
+    first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    named = next((k for k in range(first - 1, -1, -1) if _known(_names(lines[k]))), None)
+    return lines[first if named is None else named :]
+
+
+def _split(line: str) -> list[str]:
+    """Entries of a line separated by commas, semicolons, tabs or spaces."""
+    mark = next((m for m in ";,\t" if m in line), None)
+    return [word.strip().strip('"') for word in (line.split(mark) if mark else line.split())]
+
+
+def _names(line: str) -> list[str] | None:
+    """Names of columns in a line; None if the line has numbers."""
+    words = _split(line.lstrip("#").strip())
+    if line.startswith("#format"):
+        words = line.split()[1].split("_") if len(line.split()) > 1 else []
+    return (
+        None
+        if not words or all(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf", w.lower()) for w in words)
+        else words
+    )
+
+
+def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
+    """(rows, width) numbers of lines, all of the same length."""
+    words = [_split(line) for line in lines]
+    for number, row in enumerate(words, 1):
+        if len(row) != width:
+            raise PackingError(
+                f"{path} has {len(row)} entries in row {number}, where its columns are {width}: it is damaged"
+            )
+    try:
+        return parse_numbers([word if word else "nan" for row in words for word in row]).reshape(-1, width)
+    except ValueError as problem:
+        raise PackingError(f"{path} contains an entry that is not a number ({problem}): {NEEDED} are needed") from None
+
+
+def recognize_mercury(head: bytes) -> bool:
+    """Return True for a .data file of MercuryDPM: the number of grains, the time and the domain, then the grains."""
+    lines = head_text(head).split("\n")
+    sizes = [len(line.split()) for line in lines[:2]]
+    return (
+        len(lines) > 1 and sizes[0] in MERCURY and sizes[1] in (len(MERCURY[sizes[0]]), 0) and _names(lines[0]) is None
+    )
+
+
+def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read time steps of a .data file of MercuryDPM, named by their number."""
+    lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
+    while at < len(lines):
+        size = _mercury_header(path, lines[at])
+        starts.append((at, size))
+        at += size + 1
+    if at > len(lines):
+        raise PackingError(f"{path} ends within time step {len(starts) - 1}: it is truncated, or still being written")
+    chosen = chosen_frames(path, [str(k) for k in range(len(starts))], frame)
+    return [_mercury_step(path, str(k), lines[starts[k][0] :][: starts[k][1] + 1]) for k in chosen]
+
+
+def _mercury_header(path: Path, line: str) -> int:
+    """Number of grains of a time step."""
+    words = line.split()
+    if len(words) not in MERCURY or not words[0].isdecimal() or len(words[0]) > 12:
+        raise PackingError(
+            f"{path} has {line[:60]!r} where a time step of MercuryDPM begins: N t and the domain are needed"
+        )
+    return int(words[0])
+
+
+def _mercury_step(path: Path, name: str, lines: list[str]) -> Packing:
+    names = MERCURY[len(lines[0].split())]
+    rows = _numbers(path, lines[1:], len(names))
+    packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, name)
+    walls = Assumption(
+        "MercuryDPM's .data has no walls and no periodic boundaries: none were read; they are in its .restart"
+    )
+    return packing._replace(words=[*packing.words, walls, Assumption(extent_note(path.name))])
+
+
+def refuse(path: Path) -> PackingError:
+    """Sentence for a file in no known format: what it begins with, and what helps."""
+    text = first_lines(path)
+    return PackingError(
+        f"{path} is in no format that is read here: {text}; give {NEEDED} as a table with these names, or another "
+        f"format of `stickslip docs exchange`"
+    )

@@ -1,0 +1,441 @@
+"""Files as LAMMPS and other programs leave them, and folders of runs: what is read, and what is said.
+
+`lammps_runs/make.py` makes them with LAMMPS.
+"""
+
+import bz2
+import gzip
+import lzma
+import sys
+import tarfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.cli import main
+from stickslip.data.exchange.frame import frame_of
+from stickslip.data.exchange.lammps_file import read_grain_dump
+from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
+from stickslip.data.sample import Obstacle
+from stickslip.experiments.lammps.leg import Leg
+from stickslip.experiments.lammps.script import write_input
+from tests.peers.lammps_scenes import LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
+
+CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"
+HERTZ = {"law": "hertz_mindlin_reff", "kn": 1.0, "kt": 0.8, "mu": 0.3, "damping_n": 0.0, "damping_t": 0.0}
+HOOKE = {"law": "linear", "kn": 2000.0, "kt": 4000 / 7, "mu": 0.4, "damping_n": 20.0, "damping_t": 10.0}
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cases")
+    with tarfile.open(CASES) as packed:
+        packed.extractall(folder, filter="data")
+    return folder
+
+
+def answer(capsys, *words):
+    """Exit code and output of the command line."""
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as end:
+            main()
+    finally:
+        sys.argv = argv
+    said = capsys.readouterr()
+    return end.value.code or 0, " ".join((said.out + said.err).split())
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("sheared/sheared.restart", "law from the restart file: pair_style gran/hertz/history"),
+        ("sheared/dump.grains", "no contacts were given"),
+        ("sheared/data.packing", "no contacts were given"),  # a dump, whatever its name
+        ("sheared/scaled.dump", "no contacts were given"),
+        ("sheared/grains.dump.gz", "no contacts were given"),
+        ("sheared/bare.lammpstrj", "has no masses: those of grains of density 1 are assumed"),
+        ("sheared/sheared.data", "does not say which directions are periodic"),
+        ("sheared/labels.data", "does not say which directions are periodic"),
+        ("dialects/part.dump", "12 grains are in the file: others may touch them"),
+        ("dialects/crlf.dump", "the box is open along z: the file contains no walls"),
+        ("dialects/liggghts.dump", "has no masses: those of grains of density 1 are assumed"),
+        ("dialects/mercury.data", "MercuryDPM's .data has no walls and no periodic boundaries"),
+        ("dialects/yade.txt", "has no box: the grains are taken as a cluster"),
+        ("dialects/bare.txt", "does not name its columns: x y z radius is assumed"),
+        ("dialects/pfc.csv", "has no masses: those of grains of density 1 are assumed"),
+        ("dialects/packing.xyz", "has no masses: those of grains of density 1 are assumed"),
+        ("dialects/packing.vtk", "has no box: the grains are taken as a cluster"),
+    ],
+)
+def test_what_was_assumed_is_said(name, words, cases):
+    """The grains are the same in every dialect: positions up to whole periods, radii, and masses if there are any."""
+    found = ss.io.read_packing(cases / name)
+    assert any(words in note for note in found.notes)
+    assert set(found.assumed) <= set(found.notes)
+    if "from the restart file" not in words:
+        assert any(words in note for note in found.assumed)
+    run = "sheared" if name.startswith("sheared") else "poured"
+    known = ss.io.read_packing(cases / run / f"{run}.restart").state
+    size, place = known.grains.radius, known.grains.position
+    if name != "dialects/part.dump":
+        assert sorted(found.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
+    cell = np.where(known.cell.periodic[:, None], known.cell.vectors, np.eye(3) * 1e9)
+    away = (found.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
+    nearest = np.abs((away - np.round(away)) @ cell).max(axis=2).min(axis=1)
+    assert nearest.max() < 1e-4  # of files with six digits
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
+        ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
+        ("dialects/packing.vtu", "is VTK as XML, which is not read: save it from ParaView as .csv or as legacy .vtk"),
+        ("dialects/empty.vtk", "has no columns: x y z"),
+        ("dialects/twice.dump", "has grain 4 twice within one time step"),
+        ("dialects/full.data", "could be those of sphere or full: give --atom-style sphere"),
+        ("dialects/ellipsoid.data", "could be those of ellipsoid or body: x y z, diameter and density are needed"),
+        ("dialects/unnamed.data", "could be those of sphere or full: give --atom-style sphere"),
+        ("dialects/hybrid.data", "name the parts of a hybrid style with --atom-style"),
+        ("dialects/mercury.restart", "it begins with 'restart_version 1.0 | name x'"),
+        ("dialects", "has no restart file, dump of atoms or data file of LAMMPS"),
+    ],
+)
+def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
+    path = cases / name
+    (cases / "dialects" / "packing.vtu").write_text('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n')
+    (cases / "dialects" / "empty.vtk").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n")
+    if name == "dialects":
+        path = tmp_path
+        (path / "yade.txt").write_bytes((cases / "dialects" / "yade.txt").read_bytes())
+    with pytest.raises(ss.packings.PackingError) as problem:
+        ss.io.read_packing(path)
+    assert words in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_atom_styles_are_named(cases):
+    known = ss.io.read_packing(cases / "poured" / "poured.restart").state
+    length, known = known.cell.vectors[0, 0], known.grains
+    for name, style in (("unnamed.data", "sphere"), ("hybrid.data", "hybrid sphere bond")):
+        state = ss.io.read_packing(cases / "dialects" / name, atom_style=style, boundary="ppf").state
+        away = state.grains.position - known.position
+        assert np.abs(away - length * np.round(away / length)).max() < 1e-12
+        np.testing.assert_allclose(state.grains.radius, known.radius, rtol=1e-14)
+        np.testing.assert_allclose(state.grains.mass, known.mass, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("grains", "contacts", "law"),
+    [
+        ("sheared/dump.grains", "sheared/contacts.dump", HERTZ),
+        ("sheared/sheared.data", "sheared/shuffled.local", HERTZ),
+        ("dialects/liggghts.dump", "dialects/liggghts.pairs", HOOKE),
+        ("dialects/liggghts.dump", "dialects/liggghts_named.pairs", HOOKE),
+    ],
+)
+def test_columns_of_contacts_are_found_by_their_contents(grains, contacts, law, cases):
+    """Against the memory in the restart file."""
+    state, its, _ = ss.io.read_packing(cases / grains, contacts=cases / contacts, **law)
+    known = ss.io.read_packing((cases / grains.split("/")[0] / "x").parent if "sheared" in grains else cases / "poured")
+    rows, n = ss.measure.touching(state), len(state.grains.radius)
+    theirs = ss.measure.touching(known.state)
+    theirs = theirs[known.state.contacts.j[theirs] < n]
+    assert len(rows) == len(theirs) > 30
+    mine, other = (one.contacts.slip[r] for one, r in ((state, rows), (known.state, theirs)))
+    first, last = (
+        np.lexsort((np.round(one.contacts.slip[r][:, 0], 9), one.contacts.j[r], one.contacts.i[r]))
+        for one, r in ((state, rows), (known.state, theirs))
+    )
+    miss = mine[first] - other[last]
+    assert np.abs(miss).max() < 1e-6 * np.abs(other).max()
+    assert its.table[0, 0].tolist() == pytest.approx(known.law.table[0, 0].tolist())
+
+
+def test_columns_in_another_order_are_refused(cases):
+    names = "i j dist dx dy dz tx ty tz fx fy fz"
+    with pytest.raises(ss.packings.PackingError, match="columns tx ty tz of the contacts are not what their names say"):
+        ss.io.read_packing(
+            cases / "sheared" / "dump.grains", contacts=cases / "sheared" / "contacts.dump", columns=names, **HERTZ
+        )
+
+
+@pytest.mark.parametrize("run", ["sheared", "dragged", "poured", "classic", "materials"])
+def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
+    """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
+    state, law, _ = ss.io.read_packing(cases / run)
+    n, control = len(state.grains.radius), state.control
+    ours = ss.forces(state, law)[0].force[:n] + state.grains.mass[:, None] * control.gravity + control.force[:n]
+    ours[~control.free[:n, 0]] = 0.0
+    dump = cases / ("sheared" if run == "dragged" else run) / "dump.grains"
+    if run == "dragged":
+        theirs = np.zeros((n, 3))  # at rest
+    else:
+        theirs = read_grain_dump(dump)[0].force
+    scale = float(np.abs(frame_of(state, law).contacts["force_n"]).mean())
+    assert np.abs(ours - theirs).max() < (1e-9 if run == "dragged" else 1e-12) * scale
+    if run == "materials":
+        assert len(np.unique(law.table[:2, :2, 0])) == 3
+        assert (~control.free[:n].any(axis=1)).sum() > 0 and control.force.any()
+
+
+@pytest.mark.parametrize(
+    ("run", "code", "words"),
+    [
+        ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
+        ("dragged", 3, ["undecided: fix drag (viscous) was not taken over", "Without it: oscillatory instability"]),
+        ("poured", 0, ["1 wall, gravity", "stable"]),
+        ("classic", 3, ["undecided: the k_t of fix wall/gran hooke/history", "Without it: stable"]),
+        ("materials", 3, ["not in equilibrium", "the lever arms R - delta/2 of pair_style granular"]),
+    ],
+)
+def test_one_command_on_the_folder_of_a_run(run, code, words, cases, capsys, tmp_path):
+    got, said = answer(capsys, "stability", cases / run, "--modes", tmp_path / "m.npz")
+    assert got == code, said
+    assert all(word in said for word in words), said
+
+
+def test_a_run_without_a_restart_file(cases, tmp_path):
+    """Contacts come from the dump, those with the wall from the resultants: the memory is that of the restart file."""
+    for name in ("log.lammps", "dump.grains", "contacts.dump"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    mine, known = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "poured")
+    assert any("contacts with walls" in note for note in mine.assumed)
+    rows = ss.measure.touching(known.state)
+    assert (ss.measure.touching(mine.state) == rows).all()
+    scale = np.abs(known.state.contacts.slip[rows]).max()
+    assert np.abs(mine.state.contacts.slip[rows] - known.state.contacts.slip[rows]).max() < 1e-6 * scale
+    (tmp_path / "log.lammps").unlink()
+    (tmp_path / "in.poured").write_bytes((cases / "poured" / "in.poured").read_bytes())
+    script = ss.io.read_packing(tmp_path)  # `variable kt equal "2/7*2000"` has no value without LAMMPS
+    assert any(isinstance(note, Obstacle) and "have no value without running LAMMPS" in note for note in script.notes)
+
+
+def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
+    """Both directions of the table of laws: inclined walls with their own friction, gravity and dashpots."""
+    for law in (LINEAR_DAMPED, REFF_DAMPED):
+        state, law = between_walls(3), walls_law(law)
+        write_input(Leg(state, law, 0.01, 1, 1), tmp_path)
+        again, its, notes = ss.io.read_packing(tmp_path)
+        assert not [note for note in notes if isinstance(note, Obstacle)]
+        assert (its.kind, its.damping) == (law.kind, law.damping)
+        np.testing.assert_allclose(its.table[0, :3], law.table[0, [0, 0, 1]], rtol=1e-15)
+        np.testing.assert_allclose(again.walls.normal, state.walls.normal, atol=1e-15)
+        heights = [np.einsum("wk,wk->w", one.walls.point, one.walls.normal) for one in (again, state)]
+        np.testing.assert_allclose(*heights, atol=1e-15)
+        np.testing.assert_allclose(again.control.gravity, state.control.gravity, atol=1e-17)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "law", "lacks"),
+    [
+        ("hooke 2 0.5 tangential linear_history 1 0.4 0.3 damping velocity", (2, 1, 0.3, 0.5, 0.2), ""),
+        ("hertz 2 0.5 tangential mindlin_rescale 1 0.4 0.3", (2, 1, 0.3, 0.5, 0.2), ""),
+        ("hertz/material 6 0 0.5 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), ""),
+        ("hertz 2 0.5 tangential mindlin/force 1 1 0.3", (2, 1, 0.3, 0.5, 0.5), "tangential mindlin/force"),
+        (
+            "hertz 2 0.5 tangential mindlin 1 1 0.3 rolling sds 1 1 1 damping tsuji",
+            (2, 1, 0.3, 0.5, 0.5),
+            "rolling sds",
+        ),
+        ("jkr 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model jkr"),
+        ("dmt 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model dmt"),
+    ],
+)
+def test_coefficients_of_the_granular_style(coefficients, law, lacks):
+    contact, rest = contact_of("granular", [*coefficients.split(), "zplane"])
+    assert rest == ["zplane"]
+    assert contact.coefficients == pytest.approx(law)
+    assert LEVER_ARMS in contact.lacks
+    assert any(lacks in lack for lack in contact.lacks)
+    assert (len(contact.lacks) > 1) == bool(lacks)
+
+
+@pytest.mark.parametrize("opener", [gzip.open, lzma.open, bz2.open])
+def test_compressed_text_is_read(opener, cases, tmp_path):
+    plain, packed = cases / "dialects" / "pfc.csv", tmp_path / "p"
+    with opener(packed, "wb") as file:
+        file.write(plain.read_bytes())
+    assert (ss.io.read_packing(packed).state.grains.position == ss.io.read_packing(plain).state.grains.position).all()
+    packed.write_bytes(packed.read_bytes()[:-20])
+    with pytest.raises(ss.packings.PackingError, match="cannot be decompressed"):
+        ss.io.read_packing(packed)
+
+
+def test_what_is_compressed_otherwise_is_told(tmp_path):
+    (tmp_path / "p.zst").write_bytes(b"\x28\xb5\x2f\xfd rest")
+    with pytest.raises(ss.packings.PackingError, match=r"Zstandard|cannot be decompressed"):
+        ss.io.read_packing(tmp_path / "p.zst")
+    with gzip.open(tmp_path / "bomb.gz", "wb", compresslevel=9) as file:
+        file.write(bytes(2**24))
+    with pytest.raises(ss.packings.PackingError, match="it is binary"):
+        ss.io.read_packing(tmp_path / "bomb.gz")
+
+
+def test_what_is_not_taken_over_stays_with_the_packing(cases, capsys, tmp_path):
+    answer(capsys, "convert", cases / "dragged", "--to", tmp_path / "p.h5")
+    code, said = answer(capsys, "stability", tmp_path / "p.h5", "-q")
+    assert code == 3
+    assert said.startswith("undecided: fix drag (viscous) was not taken over")
+
+
+def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
+    for name in ("log.lammps", "dump.grains", "contacts.dump", "poured.restart"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    whole = (tmp_path / "poured.restart").read_bytes()
+    (tmp_path / "poured.restart").write_bytes(whole[:-100])
+    found = ss.io.read_packing(tmp_path)
+    assert any("poured.restart cannot be read" in note and "write_data" in note for note in found.assumed)
+    assert any("contacts in contacts.dump" in note for note in found.notes)
+
+
+def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
+    """As in a run that begins with `read_restart`."""
+    for name in ("log.lammps", "poured.restart"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    log = tmp_path / "log.lammps"
+    log.write_text("\n".join(line for line in log.read_text().split("\n") if not line.startswith("pair_")))
+    mine, known = ss.io.read_packing(tmp_path).law, ss.io.read_packing(cases / "poured").law
+    np.testing.assert_allclose(mine.table, known.table, rtol=1e-14)
+    (tmp_path / "poured.restart").unlink()
+    (tmp_path / "poured.data").write_bytes((cases / "poured" / "poured.data").read_bytes())
+    state, _, notes = ss.io.read_packing(tmp_path)
+    assert len(state.walls.mass) == 1
+    assert any("pair_style none was not taken over" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("neigh_modify exclude type 1 2", "neigh_modify exclude type 1 2 was not taken over"),
+        ("fix s all spring/self 1.0", "fix s (spring/self) was not taken over: it acts on the grains"),
+        (
+            "fix q all wall/gran hooke/history 1 1 0 0 0.5 1 zcylinder 3",
+            "only fixed planes that touch all grains are read",
+        ),
+        ("fix q low addforce 0 0 v_push", "the members of group low are not in the files"),
+        ("fix q all addforce 0 0 v_push", "fix q (addforce) was not taken over"),
+        ("fix q all setforce 0 NULL 0", "only setforce 0 0 0 is read"),
+        ("units real", "units real, in which LAMMPS converts forces"),
+        ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
+        ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
+        ("fix x all print 10 'now'", ""),
+    ],
+)
+def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_path):
+    run = "materials" if line.startswith("pair_coeff") else "poured"
+    for name in ("log.lammps", f"{run}.restart"):
+        (tmp_path / name).write_bytes((cases / run / name).read_bytes())
+    log = tmp_path / "log.lammps"
+    log.write_text(log.read_text().replace("write_restart", f"{line}\nwrite_restart"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ss.packings.PackingWarning)
+        left_out = [note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle)]
+    assert any(words in note for note in left_out) if words else not left_out
+
+
+def test_grains_that_have_crossed_the_box_many_times(cases, tmp_path):
+    """As in long shear: positions are then those in the box."""
+    text = (cases / "sheared" / "dump.grains").read_text().split("\n")
+    names = next(line for line in text if line.startswith("ITEM: ATOMS")).split()[2:]
+    first, at = text.index(next(line for line in text if line.startswith("ITEM: ATOMS"))) + 1, names.index("ix")
+    row = text[first].split()
+    row[at] = "70"
+    (tmp_path / "dump").write_text("\n".join([*text[:first], " ".join(row), *text[first + 1 :]]))
+    given = {"contacts": cases / "sheared" / "contacts.dump"} | HERTZ
+    state, law, _ = ss.io.read_packing(tmp_path / "dump", **given)
+    known, _, _ = ss.io.read_packing(cases / "sheared" / "dump.grains", **given)
+    assert ss.stability(state, law).verdict == ss.stability(known, law).verdict
+
+
+def test_options_take_precedence_over_the_law_of_a_run(cases):
+    """A number alone changes that number between all types and walls; a law replaces it everywhere."""
+    law = ss.io.read_packing(cases / "materials").law
+    other = ss.io.read_packing(cases / "materials", mu=0.05).law
+    assert (other.table[..., :2] == law.table[..., :2]).all() and (other.table[..., 2] == 0.05).all()
+    state, other, _ = ss.io.read_packing(cases / "materials", law="linear", kn=500.0)
+    assert len(state.walls.mass) == 1
+    assert (other.table[..., 0] == 500.0).all() and other.kind == ss.laws.linear().kind
+
+
+def test_a_folder_of_dumps_asks_for_the_law(cases, tmp_path):
+    for name in ("dump.grains", "contacts.dump"):
+        (tmp_path / name).write_bytes((cases / "sheared" / name).read_bytes())
+    found = ss.io.read_packing(tmp_path)
+    assert any(
+        "the memory of contacts in contacts.dump needs the law: give --law, --kn" in note for note in found.assumed
+    )
+    state, law, notes = ss.io.read_packing(tmp_path, **HERTZ)
+    assert any("no log.lammps and no input script" in note for note in notes)
+    assert ss.stability(state, law).stable is False
+
+
+def test_causes_point_to_what_the_file_lacks(cases, capsys, tmp_path):
+    """Gravity and the wall are seen in the forces, the types in the file."""
+    law = [word for name, value in HOOKE.items() for word in (f"--{name.replace('_', '-')}", value)]
+    run = cases / "poured"
+    code, said = answer(capsys, "stability", run / "dump.grains", "--contacts", run / "contacts.dump", *law)
+    assert code == 3
+    assert "would balance under gravity (0, 0, -1)" in said
+    assert "a wall: the 8 grains whose forces do not balance are the lowest along z" in said
+    assert "the grains are of 2 types, and one law is used for all of them" in said
+    code, said = answer(capsys, "stability", cases / "sheared" / "short.dump", "--modes", tmp_path / "m.npz")
+    assert "few digits: positions have at most 6," in said
+
+
+def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path):
+    path, modes = cases / "dialects" / "yade.txt", tmp_path / "m.npz"
+    code, said = answer(capsys, "stability", path, "--modes", modes)
+    assert code == 3
+    assert "no verdict: the file has no contact law and no memory of tangential contacts" in said
+    assert "give the law (--law, --kn, --kt, --mu) and the memory of contacts" in said
+    state = ss.io.read_packing(path).state
+    assert f"coordination {ss.measure.coordination(state):.4g}" in said
+    assert f"geometry: {len(ss.measure.touching(state))} contacts" in said
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z,radius\n0,0,0,0.5\n0.9,0,1,0.5\n",
+        '"Points:0","Points:1","Points:2","Radius"\n0,0,0,0.5\n0.9,0,1,0.5\n',
+        "# made by hand\nid; pos_x [m]; pos_y [m]; pos_z [m]; Diameter (m)\n7; 0; 0; 0; 1\n3; 0.9; 0; 1; 1\n",
+        "# 2 grains\n0 0 0 0.5\n0.9 0 1 0.5\n",
+        "#format x_y_z_r_mask\n0\t0\t0\t0.5\t1\n0.9\t0\t1\t0.5\t1\n",
+        "\ufeffX Y Z R vx vy vz\r\n0 0 0 0.5 0 0 1\r\n0.9 0 1 0.5 0 0 1\r\n",
+        "ball_id,xc,yc,zc,rad,rho\n1,0,0,0,0.5,2\n2,0.9,0,1,0.5,2\n",
+    ],
+)
+def test_tables_under_their_usual_names(text, tmp_path):
+    (tmp_path / "t").write_text(text, encoding="utf-8", newline="")
+    state, _, notes = ss.io.read_packing(tmp_path / "t")
+    assert sorted(map(tuple, state.grains.position.tolist())) == [(0, 0, 0), (0.9, 0, 1)]
+    assert state.grains.radius.tolist() == [0.5, 0.5]
+    assert state.grains.mass[0] == pytest.approx((2 if "rho" in text else 1) * np.pi / 6)
+    assert state.grains.velocity[0, 2] == ("vx" in text)
+    assert any("of density 1" in note for note in notes) != ("rho" in text)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x,y,z\n0,0,0\n", "it begins with 'x,y,z | 0,0,0'"),
+        ("1 2 3\n4 5 6\n", "it begins with '1 2 3 | 4 5 6'"),
+        ("x y z r\n0 0 0\n", "has 3 entries in row 1, where its columns are 4"),
+        ("x y z r\n0 0 0 one\n", "is not a number"),
+        ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
+        ("x y z r\n0 0 0 1", "ends in the middle of a line"),
+        ("x y z r\n", "at least one grain|empty|0 grains"),
+    ],
+)
+def test_tables_that_are_none(text, words, tmp_path):
+    (tmp_path / "t").write_text(text)
+    with pytest.raises(
+        ss.packings.PackingError, match=words.replace("|", r"\|") if "begins" in words else words
+    ) as problem:
+        ss.io.read_packing(tmp_path / "t")
+    assert "\n" not in str(problem.value)
