@@ -1,9 +1,10 @@
-"""Graphs of contacts contain the contacts of a packing, and files of graphs can be read again."""
+"""Graphs and tables of contacts contain the contacts of a packing, and their files can be read again."""
 
 from collections import Counter
 
 import networkx
 import numpy as np
+import pandas as pd
 import pytest
 
 import stickslip as ss
@@ -32,10 +33,28 @@ def test_edges_are_contacts(dim):
     assert [d for _, d in graph.degree()][:n] == ss.measure.contact_numbers(state).tolist()
 
 
+def test_a_table_has_the_grains_and_another_their_contacts_to_the_last_bit(tmp_path):
+    state = stirred(make_packing(3), LAW, np.random.default_rng(1))
+    assert "the cell, 1 wall(s), the contact law" in ss.io.write_packing(tmp_path / "a.csv", state, LAW)[0]
+    grains, contacts = (pd.read_csv(tmp_path / name) for name in ("a.csv", "a-contacts.csv"))
+    assert np.array_equal(grains[["x", "y", "z"]], state.grains.position)
+    rows = ss.measure.touching(state)
+    assert contacts.j.tolist() == state.contacts.j[rows].tolist()
+    parts = [contacts[[f"{name}_{a}" for a in "xyz"]].to_numpy() for name in ("branch", "tangential", "slip")]
+    normal = parts[0] / np.linalg.norm(parts[0], axis=1)[:, None]
+    force = contacts.force_n.to_numpy()[:, None] * normal + parts[1]
+    assert force == pytest.approx(ss.measure.contact_forces(state, LAW)[rows])
+    assert np.array_equal(parts[2], state.contacts.slip[rows])
+    assert ((contacts["mode"] == "slide") == (state.contacts.mode[rows] == ss.SLIDE)).all()
+    again = ss.io.read_packing(tmp_path / "a.csv")
+    assert np.array_equal(again.state.grains.position, state.grains.position)
+    assert np.array_equal(again.state.grains.mass, state.grains.mass)
+
+
 def test_a_graph_is_written_and_read_by_networkx(tmp_path):
     state = stirred(make_packing(3), LAW, np.random.default_rng(1))
     graph = ss.io.contact_graph(state, LAW)
-    networkx.write_graphml(graph, tmp_path / "contacts.graphml")
+    ss.io.write_packing(tmp_path / "contacts.graphml", state, LAW)
     again = networkx.read_graphml(tmp_path / "contacts.graphml", node_type=int)
     assert dict(again.nodes(data=True)) == dict(graph.nodes(data=True))
     assert sorted(e["force_n"] for *_, e in again.edges(data=True)) == sorted(

@@ -215,7 +215,9 @@ def convert(
     file: Annotated[
         Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
     ],
-    to: Annotated[Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .npz or .h5.")],
+    to: Annotated[
+        Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5.")
+    ],
     options: dict,
     modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
     mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,

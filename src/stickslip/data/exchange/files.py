@@ -21,18 +21,20 @@ from .arrays import check_arrays, law_from_options, load_arrays, recognize, reco
 from .content import HEAD, Packing
 from .formats import find_format
 from .frame import Frame, frame_of
+from .graph import write_graph
 from .gsd_file import write_gsd
 from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
 from .lammps_folder import read_folder
 from .lammps_write import contacts_path, write_lammps
 from .motion import mode_frames, read_mode
+from .table_file import contact_table_path, write_csv
 from .vtk_file import vtk_paths, write_vtk
 from .xyz_file import write_xyz
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
-SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
-WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
+SINGLE = {".npz": write_npz, ".csv": write_csv, ".graphml": write_graph} | dict.fromkeys(LAMMPS_DATA, write_lammps)
+WRITTEN = (*SINGLE, *ARCHIVE, *SERIES)
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 NUMBERS = {"kn", "kt", "mu", "damping_n", "damping_t"}
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
@@ -245,7 +247,8 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
 
     Parameters
     ----------
-    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS). Files are replaced atomically
+    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS), .csv (grains, and their contacts in a
+        second file), .graphml (network of contacts). Files are replaced atomically
     states : State with `law`, or a list of Frame from `frame_of` or `mode_frames`
 
     Returns
@@ -334,6 +337,8 @@ def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
     if to.suffix.lower() == ".vtu":
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
         return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
+    if to.suffix.lower() == ".csv":
+        return [to, contact_table_path(to)]
     holds = to.suffix.lower() in LAMMPS_DATA and frames[0].law.coulomb == SHARP
     return [to, *([contacts_path(to)] if holds else [])]
 

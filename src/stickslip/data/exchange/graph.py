@@ -1,12 +1,14 @@
 """Networks of contacts as graphs of networkx, for centrality, communities, cycles or files such as GraphML."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.arguments import checked
 from ...core.laws.builtin import Law
 from ...core.state import SLIDE, State
 from ...extras import require
-from .frame import frame_of
+from ..atomic import replace_atomically
+from .frame import Frame, frame_of, list_losses
 
 if TYPE_CHECKING:
     import networkx
@@ -35,7 +37,20 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     >>> list(contact_graph(pair, law).edges())
     [(0, 1)]
     """
-    graph, columns = require("networkx", "exchange").MultiGraph(), frame_of(state, law).contacts
+    return _graph_of(frame_of(state, law))
+
+
+def write_graph(path: str | Path, frame: Frame) -> list[str]:
+    """Write the network of contacts as GraphML; return notes on what it does not store."""
+    graph = _graph_of(frame)
+    with replace_atomically(path) as part:
+        require("networkx", "exchange").write_graphml(graph, part)
+    return [f"GraphML stores positions and forces, and not {', '.join(['the cell', *list_losses(frame)])}"]
+
+
+def _graph_of(frame: Frame) -> "networkx.MultiGraph":
+    """Graph of the columns of a frame."""
+    graph, columns, state = require("networkx", "exchange").MultiGraph(), frame.contacts, frame.state
     n = len(state.grains.radius)
     places = [*state.grains.position.tolist(), *state.walls.point.tolist()]
     sizes = [*state.grains.radius.tolist(), *[0.0] * len(state.walls.mass)]

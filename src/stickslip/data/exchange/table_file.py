@@ -1,14 +1,18 @@
-"""Tables of grains as text: CSV, columns with or without names (PFC, YADE exports), and MercuryDPM's .data."""
+"""Tables of grains and contacts as text: CSV, columns with or without names (PFC, YADE), and MercuryDPM's .data."""
 
 import re
 from pathlib import Path
 
 import numpy as np
 
+from ...core.state import SLIDE
+from ...core.tables import write_table
 from ...core.text import parse_numbers
+from ..atomic import replace_atomically
 from ..sample import Assumption, PackingError
 from .columns import NEEDED, identify_columns, packing_of_columns
 from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines
+from .frame import Frame, list_losses
 
 MERCURY = {  # numbers in the header, and columns of a row
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
@@ -135,3 +139,28 @@ def refuse(path: Path) -> PackingError:
         f"{path} is in no format that is read here: {text}; give {NEEDED} as a table with these names, or another "
         f"format of `stickslip docs exchange`"
     )
+
+
+def contact_table_path(path: Path) -> Path:
+    """Path of the table of contacts: packing-contacts.csv for packing.csv."""
+    return path.with_name(f"{path.stem}-contacts{path.suffix}")
+
+
+def write_csv(path: str | Path, frame: Frame) -> list[str]:
+    """Write a table of grains and one of contacts, both or none; return notes on what they do not store."""
+    path, grains = Path(path), frame.state.grains
+    columns = {"": grains.position, "radius": grains.radius, "mass": grains.mass, "velocity": grains.velocity}
+    columns |= {"spin": grains.spin, "material": grains.material, **frame.grains}
+    with replace_atomically(path) as part, replace_atomically(contact_table_path(path)) as other:
+        _write_columns(part, columns)
+        _write_columns(other, frame.contacts | {"mode": np.where(frame.contacts["mode"] == SLIDE, "slide", "stick")})
+    return [f"CSV does not store {', '.join(['the cell', *list_losses(frame)])}"]
+
+
+def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
+    """Write columns; vectors as three, such as velocity_x, to the last bit."""
+    flat = {}
+    for name, values in columns.items():
+        parts = dict(zip("xyz", values.T, strict=True)) if values.ndim == 2 else {"": values}
+        flat |= {"_".join(filter(None, (name, axis))): part.tolist() for axis, part in parts.items()}
+    write_table(path, flat, zip(*flat.values(), strict=True), digits=None)
