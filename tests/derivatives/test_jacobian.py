@@ -1,5 +1,7 @@
 """The analytic Jacobian against fourth-order central differences of trial evaluations."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,7 @@ def differences(state, law, free, memory, h):
     return out / (12 * h)
 
 
+@cache
 def sample(law_name, coulomb, dim, seed):
     """A stirred packing with sticking and sliding at grains and at the wall.
 

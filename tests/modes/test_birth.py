@@ -264,7 +264,7 @@ def mixed_row():
     Which rows have one differs among processors.
     """
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=5.0, coulomb="smooth"), 0, 1)
-    for seed in range(20, 120):
+    for seed in (81, *range(20, 120)):  # the first one has on many processors
         rng = np.random.default_rng(seed)
         n = int(rng.integers(5, 12))
         radius = rng.uniform(0.4, 0.6, n)

@@ -79,11 +79,13 @@ CONTROLS = (
     (bounded, 30, 0.01), (bounded, 150, 0.0), (shaken, 150, 0.01), (plate, 150, 0.0), (plate, 30, 0.01),
     (sheared, 150, 0.0), (breathing, 150, 0.01), (breathing, 30, 0.0),
 )  # fmt: skip
-SHARP, VISCOUS = "hertz_mindlin sharp", "reff sharp viscoelastic"  # whose kernels other tests compile, too
+SHARP, VISCOUS = "hertz_mindlin sharp", "reff sharp viscoelastic"
 # law, dimension, grains (30: the plain loop, 150: blocks), control, memory, drag
 FAST = [
     *((VISCOUS, 3, n, c, "difference", drag) for c, n, drag in CONTROLS if (c, n) in ((bounded, 30), (bounded, 150))),
-    *((SHARP, 3, 150, free, memory, 0.0) for memory in ("difference", "rate")),
+    (SHARP, 3, 150, free, "rate", 0.0),
+    *((law, dim, 150, free, "difference", 0.0) for law in LAWS for dim in (2, 3)),
+    *((law, 3, n, control, "difference", drag) for law, (control, n, drag) in zip(LAWS, CONTROLS, strict=False)),
 ]
 SLOW = [
     *((law, dim, n, free, "difference", 0.0) for law in LAWS for dim, n in ((3, 150), (2, 150), (3, 30), (2, 30))),

@@ -20,7 +20,6 @@ class Finder(doctest.DocTestFinder):
         return super()._from_module(module, inspect.unwrap(object) if inspect.isfunction(object) else object)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", MODULES)
 def test_examples(name):
     runner = doctest.DocTestRunner()

@@ -95,7 +95,8 @@ def posterior(
     ... )
     >>> noisy = h.friction + np.random.default_rng(0).normal(0, 1e-4, len(h.time))
     >>> known = {"stiffness": 1e4, "a": 0.010, "dc": 1e-5}
-    >>> found = friction.posterior(friction.Data(h.time, noisy, legs), fixed=known)
+    >>> data = friction.Data(h.time, noisy, legs)
+    >>> found = friction.posterior(data, walkers=8, fixed=known)
     >>> found.names, bool(abs(found.percentiles["b"][2] - 0.006) < 1e-4)
     (('b', 'mu0'), True)
     """
