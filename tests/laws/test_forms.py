@@ -127,3 +127,13 @@ def test_a_run_with_the_python_form_is_a_run_with_the_built_in_law(name, options
         values = [getattr(end.grains, field) for end in ends]
         np.testing.assert_allclose(values[1], values[0], atol=1e-12 * np.abs(values[0]).max())
     np.testing.assert_array_equal(ends[1].contacts.mode, ends[0].contacts.mode)
+
+
+def test_a_power_that_loses_its_slope_when_compiled_is_refused_where_slopes_are_needed():
+    """It is the power of a number that is negative at small overlaps; Python alone gives the right slope."""
+    law = ss.laws.custom(
+        normal_force=lambda overlap, kn: kn * (overlap + 100 * ((overlap - 0.02) ** 3 + 8e-6)), size=0.5
+    )
+    pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law, dim=2)
+    with pytest.raises(ValueError, match=r"normal_force at overlap = .* when compiled: write x \* x \* x"):
+        ss.jacobian(pair, law)

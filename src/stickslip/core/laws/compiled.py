@@ -4,6 +4,7 @@ Each role of a law, such as force or cap, becomes one C function that evaluates 
 is compiled by Numba when it is first needed.
 """
 
+import ctypes
 import linecache
 import os
 import re
@@ -30,8 +31,9 @@ from .builtin import (
     dashpot_coefficients,
     parameter_names,
 )
-from .kinds import HELP, USER_LAWS, Kind, UserLaw, check_kind, find_user_law
+from .kinds import HELP, USER_LAWS, Kind, UserLaw, bound, check_kind, find_user_law, update_memory
 from .properties import angular_columns
+from .validation import sample_points
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"
 TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
@@ -63,6 +65,8 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
     """
     if isinstance(law.kind, Kind):
         find_user_law(law.kind)
+        if "slopes" in members:
+            _check_slopes(law.kind, tuple(law.table[0, 0].tolist()))
     return _fixed_members(law.kind, members) | {
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
         "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
@@ -70,6 +74,30 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
         "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2],
         "table": _table(law),
     }  # fmt: skip
+
+
+@lru_cache
+def _check_slopes(kind: Kind, values: tuple[float, ...]) -> None:
+    """Raise ValueError if slopes of the compiled functions are not those in Python: powers may lose them."""
+    own, call = find_user_law(kind), block_function(kind, "slopes").ctypes
+    known = dict(zip(own.names, values, strict=False))  # properties have parameters of their own
+    for r_eff, overlap in sample_points(own, known, own.size):
+        given = [np.array(x, float) for x in (values, [r_eff], [overlap], [0.0], [*own.memory.values()], [0.0], [0.0])]
+        pointers = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in given]
+        call(pointers[0], 1, *pointers[1:])
+        at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
+        now = known | update_memory(own, known, **at) | at
+        for role, compiled in zip(("normal_force", "tangential_stiffness"), given[-2:], strict=True):
+            if role in own.functions:
+                slope = own.functions[role](
+                    *bound(own, role, now | {"overlap": complex(overlap, STEP), "r_eff": r_eff})
+                )
+                exact = np.imag(slope) / STEP
+                if not np.isclose(compiled[0], exact, rtol=1e-6, atol=1e-9 * abs(exact) + 1e-300):
+                    raise ValueError(
+                        f"{role} at overlap = {overlap:.4g} has the slope {exact:.4g}, but {compiled[0]:.4g} when "
+                        f"compiled: write x * x * x for powers of numbers that may be negative; {HELP}"
+                    )
 
 
 def _column(law: Law, part: int) -> int:

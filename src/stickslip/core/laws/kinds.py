@@ -29,6 +29,7 @@ class UserLaw(NamedTuple):
     arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
     memory: dict[str, float]  # own memory of a contact, as it closes
     bonds: bool  # gaps are bridged only after the grains have touched
+    size: float  # a grain radius for which the law is validated
 
 
 USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process

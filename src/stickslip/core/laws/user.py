@@ -233,7 +233,9 @@ def custom(
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
-    return validate_law(law, size)
+    validate_law(law, size)
+    USER_LAWS[kind] = USER_LAWS[kind]._replace(size=float(size))
+    return law
 
 
 def _parameter_values(parameters: dict, given: dict) -> dict:
@@ -276,7 +278,7 @@ def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str, m
     if kind not in USER_LAWS:
         made: dict = {}
         plain = {role: _copy_function(function, made) for role, function in given.items()}
-        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments, memory, bonds)
+        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments, memory, bonds, 1.0)
     USER_LAWS[kind] = USER_LAWS[kind]._replace(name=name)
     return kind
 

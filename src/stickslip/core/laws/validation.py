@@ -29,7 +29,7 @@ def validate_law(law: Law, size: float) -> Law:
     own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ranges = [float(_evaluate(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
+        ranges = _ranges(own, values, size)
         if ranges[0] > ranges[1]:
             raise ValueError(
                 f"contact_range decreases with r_eff, from {ranges[0]:g} to {ranges[1]:g}: neighbour lists "
@@ -40,7 +40,7 @@ def validate_law(law: Law, size: float) -> Law:
                 f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {MAX_RANGE:g} radii are "
                 f"allowed, because the neighbour list holds all pairs within it"
             )
-        points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
+        points = sample_points(own, values, size)
         for memory in _memories(own, values, size):
             for role in own.functions.keys() - {"update"}:
                 _check_function(own, role, values | memory, points)
@@ -48,6 +48,17 @@ def validate_law(law: Law, size: float) -> Law:
     if jump:
         warnings.warn(jump, LawWarning, stacklevel=4)
     return law
+
+
+def _ranges(own: UserLaw, values: dict, size: float) -> list[float]:
+    """Ranges for two values of R_eff."""
+    return [float(_evaluate(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
+
+
+def sample_points(own: UserLaw, values: dict, size: float) -> list[tuple[float, float]]:
+    """R_eff and overlap of the points at which functions are compared with each other, across gaps as well."""
+    ranges = _ranges(own, values, size)
+    return [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
 
 
 def _test_overlaps(size: float, end: float) -> list[float]:
