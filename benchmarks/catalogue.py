@@ -23,11 +23,11 @@ from stickslip.experiments.catalogue.measures import class_counts
 from stickslip.experiments.catalogue.predictors import PREDICTORS, Skill, skills
 from stickslip.experiments.catalogue.report import law_label
 from stickslip.experiments.catalogue.tables import Table, joined_tables, read_table, rows_of, write_table
-from stickslip.experiments.writer import write_result
 from stickslip.figures import catalogue as figures
 from stickslip.figures.style import save
 from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
+from stickslip.runs.writer import write_result
 
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
 PAGE = Path(__file__).parents[1] / "docs/catalogue.md"

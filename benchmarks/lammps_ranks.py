@@ -52,9 +52,9 @@ def rows() -> list[dict]:
     """One row per number of ranks above one, with the speed of one rank as the peer."""
     import os
 
-    from stickslip.experiments.lammps.leg import Leg
-    from stickslip.experiments.lammps.process import LOG, require_lammps
-    from stickslip.experiments.lammps.run import run_leg
+    from stickslip.lammps.leg import Leg
+    from stickslip.lammps.process import LOG, require_lammps
+    from stickslip.lammps.run import run_leg
 
     require_lammps(2)
     state, law = dense()

@@ -10,9 +10,9 @@ from pathlib import Path
 from stickslip.core.sizes import LIMITS
 from stickslip.data.schema import ScenarioBase
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.experiments.sweep.axes import DRAWN, KINDS, MOST, SPACED
-from stickslip.experiments.sweep.definition import MODES, OPTIONS
-from stickslip.experiments.sweep.points import DRAWS
+from stickslip.runs.sweep.axes import DRAWN, KINDS, MOST, SPACED
+from stickslip.runs.sweep.definition import MODES, OPTIONS
+from stickslip.runs.sweep.points import DRAWS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TITLES = {

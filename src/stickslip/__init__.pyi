@@ -41,8 +41,8 @@ from .core.state import spheres as spheres
 from .experiments.registry import read_scenario as read_scenario
 from .experiments.registry import scenario as scenario
 from .experiments.registry import simulate as simulate
-from .experiments.sweep.definition import sweep as sweep
-from .experiments.sweep.run import run_sweep as run_sweep
+from .runs.sweep.definition import sweep as sweep
+from .runs.sweep.run import run_sweep as run_sweep
 from .solve.equilibrate import equilibrate as equilibrate
 from .solve.freedom import freedom as freedom
 from .solve.freedom import jacobian as jacobian

@@ -1,5 +1,5 @@
-from .experiments.bundled import copy as copy
-from .experiments.bundled import names as names
-from .experiments.bundled import packing as packing
-from .experiments.bundled import path as path
-from .experiments.bundled import scenario as scenario
+from .runs.bundled import copy as copy
+from .runs.bundled import names as names
+from .runs.bundled import packing as packing
+from .runs.bundled import path as path
+from .runs.bundled import scenario as scenario

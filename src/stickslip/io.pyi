@@ -8,7 +8,7 @@ from .data.exchange.frame import frame_of as frame_of
 from .data.exchange.graph import contact_graph as contact_graph
 from .data.exchange.motion import mode_frames as mode_frames
 from .data.exchange.motion import read_mode as read_mode
-from .experiments.dataset import contact_table as contact_table
-from .experiments.dataset import open_dataset as open_dataset
-from .experiments.sweep.dataset import open_sweep as open_sweep
-from .experiments.sweep.definition import read_sweep as read_sweep
+from .runs.dataset import contact_table as contact_table
+from .runs.dataset import open_dataset as open_dataset
+from .runs.sweep.dataset import open_sweep as open_sweep
+from .runs.sweep.definition import read_sweep as read_sweep

@@ -1,4 +1,4 @@
-from .experiments.lammps.run import run_in_lammps as run_in_lammps
+from .lammps.run import run_in_lammps as run_in_lammps
 from .loading.events import find_events as find_events
 from .loading.protocols import Protocol as Protocol
 from .loading.protocols import fit_growth as fit_growth

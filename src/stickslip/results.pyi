@@ -15,8 +15,6 @@ from .experiments.quasi_rigid.simulate import QuasiResult as QuasiResult
 from .experiments.rate_state.simulate import SliderResult as SliderResult
 from .experiments.sphere_shear.simulate import ShearPath as ShearPath
 from .experiments.sphere_shear.simulate import ShearResult as ShearResult
-from .experiments.sweep.definition import Sweep as Sweep
-from .experiments.sweep.run import SweepResult as SweepResult
 from .experiments.threshold.simulate import ThresholdResult as ThresholdResult
 from .friction.fault_cycles import FaultHistory as FaultHistory
 from .friction.fault_record import FaultEvents as FaultEvents
@@ -48,6 +46,8 @@ from .quasirigid.path import LoadPath as LoadPath
 from .quasirigid.status import ContactStatus as ContactStatus
 from .quasirigid.status import Verdict as Verdict
 from .quasirigid.uniqueness import Uniqueness as Uniqueness
+from .runs.sweep.definition import Sweep as Sweep
+from .runs.sweep.run import SweepResult as SweepResult
 from .solve.birth import BirthForm as BirthForm
 from .solve.collision import Collision as Collision
 from .solve.density import DensityOfStates as DensityOfStates

@@ -5,8 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.experiments.sweep.dataset import open_sweep
-from stickslip.experiments.sweep.run import run_sweep
+from stickslip.runs.sweep.dataset import open_sweep
+from stickslip.runs.sweep.run import run_sweep
 from tests.unit.test_measures import UNITS
 
 SWEPT = {  # the swept key and a measure with its unit

@@ -10,12 +10,12 @@ import xarray as xr
 
 from stickslip.data import archive
 from stickslip.data.checkpoint import SWEEP
+from stickslip.data.run_files import OPTIONS as REMEMBERED
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
-from stickslip.experiments.resume import find_unfinished
-from stickslip.experiments.run_folder import OPTIONS as REMEMBERED
-from stickslip.experiments.sweep.dataset import DATASET, is_sweep, open_sweep
-from stickslip.experiments.sweep.definition import OPTIONS, members, read_sweep, sweep
-from stickslip.experiments.sweep.run import MEASURES, MEMBERS, run_sweep
+from stickslip.runs.resume import find_unfinished
+from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep
+from stickslip.runs.sweep.definition import OPTIONS, members, read_sweep, sweep
+from stickslip.runs.sweep.run import MEASURES, MEMBERS, run_sweep
 from tests.conftest import stickslip_here
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"
@@ -174,7 +174,7 @@ def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
 
 
 def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.sweep.run._is_same_sweep", lambda path, text: False)
+    monkeypatch.setattr("stickslip.runs.sweep.run._is_same_sweep", lambda path, text: False)
     swept = run_sweep(small(), tmp_path, workers=1)
     for name in swept.names:
         here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}

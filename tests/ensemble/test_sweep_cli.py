@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.experiments.sweep.dataset import open_sweep
+from stickslip.runs.sweep.dataset import open_sweep
 from tests.ensemble.test_ensemble import until
 from tests.published.test_disk_array import stickslip
 

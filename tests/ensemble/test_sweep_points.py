@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import qmc
 
 from stickslip.experiments.registry import ScenarioError
-from stickslip.experiments.sweep.condition import DEEPEST, LONGEST, parse_conditions
-from stickslip.experiments.sweep.dataset import open_sweep
-from stickslip.experiments.sweep.definition import members, read_sweep, sweep
-from stickslip.experiments.sweep.run import run_sweep
+from stickslip.runs.sweep.condition import DEEPEST, LONGEST, parse_conditions
+from stickslip.runs.sweep.dataset import open_sweep
+from stickslip.runs.sweep.definition import members, read_sweep, sweep
+from stickslip.runs.sweep.run import run_sweep
 from tests.conftest import stickslip_here
 
 SLIDER = {"experiment": "rate-state", "samples": {"number": 12}, "legs": [{"velocity": 0.02, "distance": 1e-3}]}

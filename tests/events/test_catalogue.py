@@ -11,6 +11,7 @@ from stickslip.experiments.catalogue import read_table, report, simulate
 from stickslip.experiments.catalogue.measures import measures
 from stickslip.experiments.catalogue.tables import event_table, joined_tables, rows_of, step_table, write_table
 from stickslip.figures import catalogue as figures
+from stickslip.runs.writer import write_result
 from tests.events.made import events_of, samples
 
 SMALL = {"packing": {"grains": 12, "packing_fraction": 0.9}, "shear": {"drag": 0.1}}
@@ -143,7 +144,7 @@ def test_a_run_that_was_stopped_goes_on_and_equals_one_that_was_not(made, monkey
 
 def test_the_dataset_has_the_tables_with_units(made, monkeypatch, tmp_path):
     found = ss.simulate(scenario(events=5), workers=1)
-    ss.experiments.writer.write_result(tmp_path, ss.experiments.EXPERIMENTS["catalogue"], found)
+    write_result(tmp_path, ss.experiments.EXPERIMENTS["catalogue"], found)
     data = ss.io.open_dataset(tmp_path)
     events = event_table(found.samples)
     np.testing.assert_array_equal(data["events"].strain, events["strain"])

@@ -20,8 +20,8 @@ from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
 from stickslip.data.sample import Obstacle
-from stickslip.experiments.lammps.leg import Leg
-from stickslip.experiments.lammps.script import write_input
+from stickslip.lammps.leg import Leg
+from stickslip.lammps.script import write_input
 from tests.peers.lammps_scenes import LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 
 CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"

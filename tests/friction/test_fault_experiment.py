@@ -11,9 +11,9 @@ from stickslip.experiments.fault import simulate as room
 from stickslip.experiments.fault.claims import evaluate_claims
 from stickslip.experiments.fault.paper import paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
-from stickslip.experiments.writer import write_result
 from stickslip.friction import fault_dataset
 from stickslip.friction.fault_record import YEAR
+from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here as stickslip
 
 SMALL = """

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binom
 from scipy.stats import t as student
 
-from stickslip.experiments.sweep.definition import members, sweep
 from stickslip.friction.model import Data, model_friction, prepare
 from stickslip.friction.ratestate import RateState, prescribed
 from stickslip.friction.sampling import PERCENTS, posterior
+from stickslip.runs.sweep.definition import members, sweep
 from tests.conftest import stickslip_here
 
 pytest.importorskip("emcee")

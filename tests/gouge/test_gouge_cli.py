@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from stickslip.data import archive
-from stickslip.experiments import run_folder as report
 from stickslip.experiments.gouge import EXPERIMENT, paper
 from stickslip.experiments.gouge import claims as gouge_claims
 from stickslip.experiments.gouge import report as gouge_report
 from stickslip.experiments.gouge.simulate import simulate_gouge
 from stickslip.experiments.registry import read_scenario, scenario
-from stickslip.experiments.writer import write_reproduction
+from stickslip.runs import folder as report
+from stickslip.runs.writer import write_reproduction
 from tests.conftest import stickslip_here as stickslip
 from tests.gouge.test_gouge import small
 

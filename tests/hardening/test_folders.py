@@ -12,12 +12,13 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.data import manifest
 from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
-from stickslip.experiments import run_folder as report
-from stickslip.experiments import writer
+from stickslip.data.run_files import is_run_file, list_files
 from stickslip.experiments.rate_state import simulate as slider
-from stickslip.experiments.resume import find_unfinished
-from stickslip.experiments.sweep import report as sweep_report
-from stickslip.experiments.sweep.run import SweepResult
+from stickslip.runs import folder as report
+from stickslip.runs import writer
+from stickslip.runs.resume import find_unfinished
+from stickslip.runs.sweep import report as sweep_report
+from stickslip.runs.sweep.run import SweepResult
 
 SLIDER = """
 experiment = "rate-state"
@@ -203,7 +204,7 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
         for path in (tmp_path / "unfinished").glob("part-*.json"):
             path.rename(path.with_name(path.name.replace("part-", "scenario-")))
     assert unfinished_scenario(tmp_path).read_text() == ones[0].text
-    assert manifest.find_foreign(tmp_path, report.is_run_file) == []
+    assert manifest.find_foreign(tmp_path, is_run_file) == []
     report.prepare_folder(tmp_path, ones[0])
     with report.staged_results(tmp_path) as room:
         report.save(room, ones[0], {})
@@ -390,7 +391,7 @@ def test_results_that_wait_for_their_place_replace_nothing_of_others(call, tmp_p
     assert call("run", "0.toml", "--out", "out").code == 0
     waiting = tmp_path / "out" / ".writing"
     waiting.mkdir()
-    for path in report.list_files(tmp_path / "out"):
+    for path in list_files(tmp_path / "out"):
         (waiting / path.name).write_bytes(path.read_bytes())
     (waiting / "manifest.json").write_bytes((tmp_path / "out" / "manifest.json").read_bytes())
     (tmp_path / "out" / "series.csv").write_text("mine")

@@ -14,9 +14,9 @@ from stickslip.data import archive
 from stickslip.data.exchange.motion import read_mode
 from stickslip.data.law_file import check_law_files
 from stickslip.ensemble.worker import WorkerProcess
-from stickslip.experiments.bibliography import bibtex, read_scenarios
 from stickslip.experiments.catalogue import read_table
 from stickslip.experiments.registry import ScenarioError, read_tables
+from stickslip.runs.bibliography import bibtex, read_scenarios
 
 
 def test_a_worker_does_not_import_from_the_working_directory(tmp_path):

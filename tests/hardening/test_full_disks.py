@@ -85,7 +85,7 @@ def test_the_same_call_goes_on_wherever_a_disk_was_full_at_the_start(tmp_path, s
     words += ["--workers", "1", "--out", "out"]
     with monkeypatch.context() as now:
         now.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", stopped)
-        now.setattr("stickslip.experiments.sweep.run.run_members", stopped)
+        now.setattr("stickslip.runs.sweep.run.run_members", stopped)
         now.setattr("stickslip.experiments.flow.simulate._run_stage", stopped)
         with at_most(size):
             run = stickslip_here(*words, cwd=tmp_path)

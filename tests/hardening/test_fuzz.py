@@ -19,8 +19,8 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.exchange.motion import read_mode
-from stickslip.experiments.packing.report import check_modes
 from stickslip.loading.packing import jammed
+from stickslip.reports.packing import check_modes
 from tests.exchange.test_lammps_runs import CASES
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stickslip.experiments.packing.report import check_modes
+from stickslip.reports.packing import check_modes
 from tests.conftest import stickslip_here
 
 PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"

@@ -16,7 +16,7 @@ from stickslip.core.laws.builtin import parameter_names
 from stickslip.data import archive, law_file
 from stickslip.data.sample import PackingError
 from stickslip.experiments.registry import read_tables, scenario
-from stickslip.experiments.sweep.definition import members as sweep_members
+from stickslip.runs.sweep.definition import members as sweep_members
 from tests.conftest import make_packing, stickslip_here, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

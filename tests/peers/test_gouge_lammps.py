@@ -17,9 +17,9 @@ from stickslip.experiments.gouge.dimensionless import stiffness
 from stickslip.experiments.gouge.protocol import STICKSLIP, _series, load_point_lead
 from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
 from stickslip.experiments.gouge.simulate import find_engine
-from stickslip.experiments.lammps import process
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
+from stickslip.lammps import process
 
 SOFT = {"young": 5e9, "damping_n": 6e7}
 FEW = {"grains": {"number": 100}, "law": SOFT, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}

@@ -17,14 +17,14 @@ from stickslip.data.schema import ScenarioError
 from stickslip.experiments.flow import SETTLING, SHEARED
 from stickslip.experiments.flow import lammps as flow_lammps
 from stickslip.experiments.flow.pouring import poured
-from stickslip.experiments.lammps import process, script
-from stickslip.experiments.lammps.job import leg_folder
-from stickslip.experiments.lammps.leg import Leg, Wave
-from stickslip.experiments.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
-from stickslip.experiments.lammps.supported import check_leg
 from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
+from stickslip.lammps import process, script
+from stickslip.lammps.job import leg_folder
+from stickslip.lammps.leg import Leg, Wave
+from stickslip.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
+from stickslip.lammps.supported import check_leg
 from tests.conftest import stickslip_here
 from tests.peers.lammps_scenes import (
     DT,

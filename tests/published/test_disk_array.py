@@ -14,10 +14,10 @@ from PIL import Image
 
 from stickslip.core.state import State
 from stickslip.data import archive
-from stickslip.experiments import claims as table
 from stickslip.experiments.disk_array import claims as disk_claims
 from stickslip.experiments.disk_array import measures as disk_measures
 from stickslip.experiments.disk_array import paper as disk_array
+from stickslip.reports import claims as table
 from tests.conftest import stickslip_here
 
 pytestmark = pytest.mark.timeout(300)  # another process compiles

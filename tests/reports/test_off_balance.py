@@ -54,7 +54,7 @@ def test_a_report_without_a_verdict_says_so_and_still_checks_the_balance(without
 
 
 def test_a_report_on_a_large_packing_says_how_to_get_a_verdict(tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.packing.page.SEARCHED", 100)
+    monkeypatch.setattr("stickslip.runs.page.SEARCHED", 100)
     found = json.loads(run("report", EXAMPLE, "--out", tmp_path / "r.html", "--json").stdout)
     assert found["verdict"] is None
     assert found["notes"] == ["no verdict was sought, which takes minutes for 50 grains: add --verdict."]

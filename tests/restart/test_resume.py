@@ -82,7 +82,7 @@ duration = 300.0
 
 def begun(path, words):
     """A process of the command line, in a group of its own with all of its workers."""
-    code = "from stickslip.experiments import terminal; terminal.LINES = 0.0; from stickslip.cli import main; main()"
+    code = "from stickslip.reports import terminal; terminal.LINES = 0.0; from stickslip.cli import main; main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, words)], cwd=path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,

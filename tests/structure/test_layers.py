@@ -36,7 +36,7 @@ def test_no_import_cycles_between_modules():
         ("import stickslip", ("matplotlib", "h5py", "dask", "scipy", "numba")),
         ("from stickslip.cli import app", ("matplotlib", "h5py", "scipy", "numba", "numpy")),
         # what `stickslip stability` imports
-        ("import stickslip.experiments.packing.report, stickslip.data.exchange.files, stickslip.experiments.terminal",
+        ("import stickslip.reports.packing, stickslip.data.exchange.files, stickslip.reports.terminal",
          ("matplotlib", "xarray", "pandas", "scipy.stats", "scipy.optimize", "scipy.spatial")),
     ],
     ids=["package", "help", "stability"],

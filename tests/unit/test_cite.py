@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 import stickslip as ss
-from stickslip.experiments import bibliography as sources
 from stickslip.experiments.experiment import Experiment
 from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.runs import bibliography as sources
 from tests.conftest import stickslip_here as stickslip
 
 ROOT = Path(__file__).parents[2]
-BIB = (ROOT / "src/stickslip/experiments/references.bib").read_text(encoding="utf-8")
+BIB = (ROOT / "src/stickslip/runs/references.bib").read_text(encoding="utf-8")
 REQUIRED = {
     "article": {"author", "title", "journal", "year"},
     "inproceedings": {"author", "title", "booktitle", "year"},
@@ -59,7 +59,7 @@ def test_all_references_have_what_bibtex_needs():
         for name in fields["author"].split(" and "):
             assert name == "others" or re.fullmatch(r"\{.+\}|(\{?[^,{}]+\}?|[^,]+), .+", name), (key, name)
     source = ROOT / "src/stickslip"
-    paths = [source / "builtin_laws.py", *(source / "experiments").rglob("*.py")]
+    paths = [source / "builtin_laws.py", source / "runs/bibliography.py", *(source / "experiments").rglob("*.py")]
     used = {word for path in paths for word in re.findall(r'"([A-Za-z0-9]+)"', path.read_text())}
     assert entries.keys() <= used, "a reference that nothing cites"
 

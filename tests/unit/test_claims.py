@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from stickslip.experiments import claims_report, terminal
-from stickslip.experiments import run_folder as report
-from stickslip.experiments.claims import (
+from stickslip.data import run_files
+from stickslip.reports import claims_report, terminal
+from stickslip.reports.claims import (
     ALWAYS,
     CAN,
     DECISIVE,
@@ -253,7 +253,7 @@ def room(tmp_path):
 
 
 def test_claims_json_holds_every_field_and_is_read_back(room):
-    told = json.loads((room / report.CLAIMS).read_text())
+    told = json.loads((room / run_files.CLAIMS).read_text())
     assert [list(row) for row in told] == [[
         "id", "source", "paper", "measured", "unit", "tolerance", "verdict", "note", "error", "reference",
         "reference_source", "quantifier",
@@ -266,7 +266,7 @@ def test_claims_json_holds_every_field_and_is_read_back(room):
 
 
 def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
-    text = (room / report.NOTES).read_text()
+    text = (room / run_files.NOTES).read_text()
     assert text.startswith(
         "# Paper 9\n\n1 of the paper's 9 claims is reproduced, 2 in part, 2 not, 1 refuted, 1 not refuted, 2 undec"
     )
@@ -283,18 +283,18 @@ def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
 def test_what_failed_is_told_in_claims_md_and_on_the_terminal(tmp_path, capsys):
     claims_report.write_claims(tmp_path, ROWS[:1], SHOWS, "Paper 9", ["sample 4: no rest [after 9 s]"])
     assert "sample 4: no rest [after 9 s]" in capsys.readouterr().out
-    text = (tmp_path / report.NOTES).read_text()
+    text = (tmp_path / run_files.NOTES).read_text()
     assert text.index("Missing, because they failed:\n\n- sample 4: no rest [after 9 s]\n") < text.index(
         "- **reproduced**"
     )
 
 
 def test_claims_png_has_a_row_for_each_claim(room):
-    with Image.open(room / report.CHART) as picture:
+    with Image.open(room / run_files.CHART) as picture:
         assert len(picture.convert("L").getcolors()) > 20
         lower = picture.size[1]
     claims_report.write_claims(room, ROWS[:5], SHOWS, "Paper 9")
-    with Image.open(room / report.CHART) as picture:
+    with Image.open(room / run_files.CHART) as picture:
         assert picture.size[1] < lower
 
 

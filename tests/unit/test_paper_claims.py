@@ -6,15 +6,6 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.experiments.claims import (
-    NO_REFERENCE,
-    NOT_REFUTED,
-    NOT_REPRODUCED,
-    REFUTED,
-    REPRODUCED,
-    UNDECIDED,
-    note_quick_run,
-)
 from stickslip.experiments.disk_array import claims as disk_claims
 from stickslip.experiments.disk_array import measures as disk_measures
 from stickslip.experiments.disk_array.arrest import Arrest, find_arrest
@@ -24,6 +15,15 @@ from stickslip.experiments.sphere_shear import claims as shear_claims
 from stickslip.loading.protocols import Growth
 from stickslip.quasirigid.path import LoadPath
 from stickslip.quasirigid.status import Verdict
+from stickslip.reports.claims import (
+    NO_REFERENCE,
+    NOT_REFUTED,
+    NOT_REPRODUCED,
+    REFUTED,
+    REPRODUCED,
+    UNDECIDED,
+    note_quick_run,
+)
 
 RATE, FREQUENCY = 1e-3, 0.5
 

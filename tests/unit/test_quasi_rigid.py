@@ -17,8 +17,8 @@ from stickslip.experiments.quasi_rigid.simulate import (
     strain_difference,
     table_one,
 )
-from stickslip.experiments.writer import write_result
 from stickslip.loading.biaxial import LEFT, RIGHT, TOP
+from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here as stickslip
 
 SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynamics": {"times": (3e3, 1e4)}}

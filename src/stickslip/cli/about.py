@@ -10,13 +10,13 @@ from .app import AsJson, Quiet, app, complete_from, examples
 
 
 def _example_names() -> dict[str, str]:
-    from ..experiments.bundled import names
+    from ..runs.bundled import names
 
     return names()
 
 
 def _pages() -> dict[str, str]:
-    from ..experiments.bundled import pages
+    from ..runs.bundled import pages
 
     return pages()
 
@@ -47,7 +47,8 @@ def example(
     as_json: AsJson = False,
 ) -> None:
     """List the examples that come with the package, or copy them: scenarios, packings, laws, input of LAMMPS."""
-    from ..experiments import bundled, json_output, terminal
+    from ..reports import terminal
+    from ..runs import bundled, json_output
 
     if names and every:
         raise ValueError("--all was given with names: give one of them")
@@ -73,7 +74,8 @@ def docs(
     as_json: AsJson = False,
 ) -> None:
     """Show a page of the documentation: the keys of every scenario, contact laws, files of other programs."""
-    from ..experiments import bundled, json_output, terminal
+    from ..reports import terminal
+    from ..runs import bundled, json_output
 
     text = bundled.page(page) if page else "\n".join(bundled.pages())
     if as_json:
@@ -93,11 +95,11 @@ def cite(
     as_json: AsJson = False,
 ) -> None:
     """Print BibTeX entries to cite for a run: this package, papers, contact laws, libraries."""
-    from ..experiments.bibliography import bibtex, read_scenarios
+    from ..runs.bibliography import bibtex, read_scenarios
 
     text = bibtex(*read_scenarios(scenario))
     if as_json:
-        from ..experiments import json_output
+        from ..runs import json_output
 
         print(json_output.to_json(json_output.common_fields("cite") | {"bibtex": text}))
     else:
@@ -111,7 +113,8 @@ def doctor(
 ) -> None:
     """Check this installation: versions, threads, core, optional parts and a self-check; exit code 1 if it fails."""
     from ..doctor import report as doctor_report
-    from ..experiments import json_output, terminal
+    from ..reports import terminal
+    from ..runs import json_output
 
     with terminal.console_output(quiet=quiet, as_json=as_json):
         ok, text = doctor_report.examine(as_json=as_json)

@@ -124,13 +124,13 @@ def finish(
 ) -> None:
     """Print the result of a command that writes files: a JSON object, only paths, or a summary and paths."""
     if as_json:
-        from ..experiments import json_output
+        from ..runs import json_output
 
         print(json_output.to_json(answer()))
     elif quiet:
         print("\n".join(map(str, paths)))
     else:
-        from ..experiments import terminal
+        from ..reports import terminal
 
         show()
         terminal.show_paths(paths)

@@ -156,8 +156,8 @@ def stability(
     or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
     """
     from ..data.exchange.files import capture_warnings, read_packing
-    from ..experiments import terminal
-    from ..experiments.packing import report as stability_report
+    from ..reports import packing as stability_report
+    from ..reports import terminal
     from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
 
@@ -178,7 +178,7 @@ def stability(
             found = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
             if beyond or (file.is_dir() and found.grows and found.balanced and len(found.free) <= DENSE_UP_TO):
-                from ..experiments.packing.details import compute_details
+                from ..reports.details import compute_details
 
                 more = compute_details(state, its_law, found, report=tell)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
@@ -187,7 +187,7 @@ def stability(
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]
     if as_json:
-        from ..experiments import json_output
+        from ..runs import json_output
 
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
@@ -230,7 +230,7 @@ def convert(
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings, convert
-    from ..experiments import terminal
+    from ..reports import terminal
 
     (paths, words), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
@@ -243,7 +243,7 @@ def convert(
             terminal.console.print(line, style="yellow")
 
     def answer() -> dict:
-        from ..experiments import json_output
+        from ..runs import json_output
 
         return json_output.common_fields("convert", files=paths) | {"notes": words}
 

@@ -62,8 +62,9 @@ def fit(
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
     check_choice("law", law, LAWS)
     check_choice("form", form, FORMS)
-    from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
+    from ..reports import terminal
+    from ..runs import json_output
 
     if out is not None:
         fit_report.check_folder(out, overwrite)

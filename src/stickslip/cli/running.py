@@ -86,9 +86,9 @@ def reproduce(
             else f"{experiment} has no --full: leave it out"
         )
     spread = _choose_workers(workers, scheduler)
-    from ..experiments import run_folder
     from ..experiments.registry import papers
-    from ..experiments.resume import mark_reproduction
+    from ..runs import folder as run_folder
+    from ..runs.resume import mark_reproduction
 
     chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
@@ -105,7 +105,7 @@ def _working_in(folder: Path, how: dict):
     """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.lock import lock_folder
-    from ..experiments import terminal
+    from ..reports import terminal
 
     with terminal.console_output(**how), lock_folder(folder):
         try:
@@ -118,10 +118,11 @@ def _working_in(folder: Path, how: dict):
 
 def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
     """Run or continue a paper's experiment in a folder."""
-    from ..experiments import json_output, terminal
-    from ..experiments.claims_report import show_claims
     from ..experiments.registry import papers
-    from ..experiments.writer import write_reproduction
+    from ..reports import terminal
+    from ..reports.claims_report import show_claims
+    from ..runs import json_output
+    from ..runs.writer import write_reproduction
 
     chosen = papers()[experiment]
     if quick:
@@ -159,9 +160,9 @@ def run(
 ) -> None:
     """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
     from ..data.law_file import check_law_files, trust_law_files
-    from ..experiments import run_folder
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
+    from ..runs import folder as run_folder
 
     if out is not None and export is not None:
         raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
@@ -188,8 +189,10 @@ def run(
 def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
     """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
-    from ..experiments import json_output, run_folder, terminal
     from ..experiments.registry import experiment_of
+    from ..reports import terminal
+    from ..runs import folder as run_folder
+    from ..runs import json_output
 
     write = experiment_of(chosen).export
     if write is None or chosen.engine != "lammps":
@@ -210,9 +213,10 @@ def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
 def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
     """Run or continue a scenario in a folder."""
     from ..core.units import units_in_use
-    from ..experiments import json_output, terminal
     from ..experiments.registry import experiment_of
-    from ..experiments.writer import write_result
+    from ..reports import terminal
+    from ..runs import json_output
+    from ..runs.writer import write_result
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
@@ -238,8 +242,8 @@ def resume(
 ) -> None:
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
     from ..data.law_file import check_law_files, trust_law_files
-    from ..experiments import terminal
-    from ..experiments.resume import find_unfinished
+    from ..reports import terminal
+    from ..runs.resume import find_unfinished
 
     how = {"quiet": quiet, "as_json": as_json}
     with terminal.console_output(**how):
@@ -264,10 +268,12 @@ def resume(
 def _report_finished(folder: Path, how: dict) -> None:
     """Report that a run has finished, and list its files."""
     from ..data.checkpoint import SCENARIO
-    from ..experiments import json_output, run_folder, terminal
+    from ..data.run_files import list_files
     from ..experiments.registry import read_scenario
+    from ..reports import terminal
+    from ..runs import json_output
 
-    words, paths = f"{folder} is finished: there is nothing to resume.", run_folder.list_files(folder)
+    words, paths = f"{folder} is finished: there is nothing to resume.", list_files(folder)
     finish(
         lambda: json_output.describe_finished_run("resume", folder, read_scenario(folder / SCENARIO)), paths,
         lambda: terminal.console.print(words), **how,
@@ -278,9 +284,9 @@ def _run_sweep_in(
     command: str, tables: dict, out: Path, spread, how: dict, *, yes: bool, figures: bool, overwrite: bool = False
 ) -> None:
     """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
-    from ..experiments import json_output
-    from ..experiments.sweep import report as sweep_report
-    from ..experiments.sweep.definition import sweep
+    from ..runs import json_output
+    from ..runs.sweep import report as sweep_report
+    from ..runs.sweep.definition import sweep
 
     chosen = sweep(**tables)
 

@@ -47,11 +47,13 @@ def report(
     as_json: AsJson = False,
 ) -> None:
     """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
-    from ..experiments import json_output, run_folder, terminal
-    from ..experiments.packing import page as look
-    from ..experiments.packing import page_output as look_out
+    from ..data.run_files import PAGE
+    from ..reports import output_file as look_out
+    from ..reports import terminal
+    from ..runs import json_output
+    from ..runs import page as look
 
-    path = out or look_out.default_path(place, run_folder.PAGE)
+    path = out or look_out.default_path(place, PAGE)
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
@@ -111,11 +113,13 @@ def movie(
     as_json: AsJson = False,
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
-    from ..experiments import json_output, run_folder, terminal
-    from ..experiments.packing import page as look
-    from ..experiments.packing import page_output as look_out
+    from ..data.run_files import FILM
+    from ..reports import output_file as look_out
+    from ..reports import terminal
+    from ..runs import json_output
+    from ..runs import page as look
 
-    path = out or look_out.default_path(place, run_folder.FILM)
+    path = out or look_out.default_path(place, FILM)
     look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
     look.film.check_movie(path, fps)
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:

@@ -59,8 +59,8 @@ def watch(
     if once and until_idle is not None:
         raise ValueError("--once was given with --until-idle: give one of them")
     from ..data.exchange.follow import open_source
-    from ..experiments import terminal
-    from ..experiments.watch.record import watch_and_record
+    from ..lammps.watch.record import watch_and_record
+    from ..reports import terminal
 
     source = open_source(place, memory=not no_contacts, **options)
     table = out or source.folder / NAME
@@ -74,7 +74,7 @@ def watch(
     paths = [table, table.with_suffix(".html")]
 
     def answer() -> dict:
-        from ..experiments import json_output
+        from ..runs import json_output
 
         last = done.rows[max(done.rows)]
         more = {"frames": len(done.rows), "newest": last._asdict(), "notes": done.notes}

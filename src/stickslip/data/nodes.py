@@ -163,3 +163,16 @@ def from_bytes(data: bytes) -> Node:
         return Node(attrs, array.copy())
 
     return rebuilt(*json.loads(data[_LENGTH.size : place]))
+
+
+def archive_fields(record) -> Fields:
+    """Return the fields of a NamedTuple for an archive: None is omitted, and tuples of strings become lines."""
+    out = {}
+    for name, value in record._asdict().items():
+        if value is None:
+            continue
+        if hasattr(value, "_asdict") and not isinstance(value, State):
+            value = Fields(value._asdict(), type(value))
+        words = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
+        out[name] = "\n".join(value) if words else value
+    return Fields(out, type(record))

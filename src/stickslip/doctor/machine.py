@@ -16,7 +16,7 @@ from .. import __version__, extras
 from .._core import build
 from ..core.dynamics.driver import available_threads
 from ..ensemble import default_workers
-from ..experiments.lammps.process import load_error
+from ..lammps.process import load_error
 from ..solve.linear import factorised
 
 CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from ..experiments.terminal import STYLE, console, progress, show_pairs, show_table
+from ..reports.terminal import STYLE, console, progress, show_pairs, show_table
 from . import machine
 from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck

@@ -5,10 +5,11 @@ from functools import partial
 import numpy as np
 
 from ...core.readable import pluralize
+from ...data.nodes import archive_fields
+from ...data.run_files import EVENTS, STEPS
 from ...figures import catalogue as figures_of
 from ...loading.event_types import EventKind
-from ..run_folder import EVENTS, STEPS, archive_fields
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from .measures import class_counts, measures, predictor_skills
 from .simulate import CatalogueResult
 from .tables import event_table, step_table, write_table

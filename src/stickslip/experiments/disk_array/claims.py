@@ -6,7 +6,7 @@ from ...core.readable import pluralize
 from ...ensemble import Workers
 from ...loading.protocols import stable_window
 from ...loading.threshold import KineticThreshold
-from ..claims import Claim, claim, format_value
+from ...reports.claims import Claim, claim, format_value
 from ..realizations import Report, Task, run_realizations, silent
 from .arrest import ARREST_LOADS, Arrest
 from .fronts import Front

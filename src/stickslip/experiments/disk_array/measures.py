@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...loading.protocols import Equilibrium, Protocol, dominant_family, fit_growth
+from ...reports.claims import standard_error
 from ...solve.spectrum import Spectrum
-from ..claims import standard_error
 from . import fronts
 from .free_runs import FreeRun
 from .simulate import DiskArrayResult, Ensemble

@@ -14,7 +14,7 @@ from ...data.checkpoint import UNFINISHED, Checkpoint
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...loading.threshold import KineticThreshold
-from ..claims import Claim, note_quick_run
+from ...reports.claims import Claim, note_quick_run
 from ..realizations import Report, Task, run_realizations, silent
 from .arrest import Arrest, find_arrests, kick_array
 from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims

@@ -6,12 +6,13 @@ import numpy as np
 
 from ...core.outcome import Outcome
 from ...core.units import Fields
+from ...data.nodes import archive_fields
+from ...data.run_files import MOVIE
 from ...figures import disk_array as figures_of
 from ...figures.instability import static_and_kinetic
 from ...loading.protocols import Family
+from ...reports.terminal import console, new_table
 from ...solve.spectrum import Spectrum
-from ..run_folder import MOVIE, archive_fields
-from ..terminal import console, new_table
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .paper import Reproduction

@@ -9,7 +9,7 @@ method) 78.28 years, BICyclE (J. Jiang, 2018, spectral boundary elements of 25 m
 import numpy as np
 
 from ...friction.fault_record import YEAR
-from ..claims import Claim, claim
+from ...reports.claims import Claim, claim
 from .simulate import SETTLING, FaultResult
 
 SHOWS = {

@@ -9,7 +9,7 @@ from ...figures import fault as figures_of
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
 from ...friction.fault_record import YEAR
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from . import seas_files
 from .simulate import FaultResult
 

@@ -8,11 +8,11 @@ from tempfile import TemporaryDirectory
 from ...core.contacts.neighbors import without_walls
 from ...core.state import State
 from ...data.schema import ScenarioError
-from ..lammps.job import leg_folder, write_job
-from ..lammps.leg import Leg, Wave
-from ..lammps.process import require_lammps
-from ..lammps.run import read_leg, run_leg, walls_at
-from ..lammps.supported import check_leg
+from ...lammps.job import leg_folder, write_job
+from ...lammps.leg import Leg, Wave
+from ...lammps.process import require_lammps
+from ...lammps.run import read_leg, run_leg, walls_at
+from ...lammps.supported import check_leg
 from .pouring import Poured, poured, sample_count
 from .scenario import AXES, FlowScenario, Shaking
 from .stages import FlowEngine, StageConditions, StagePart, stage_conditions, with_controls

@@ -7,9 +7,10 @@ import numpy as np
 
 from ...core.tables import write_table
 from ...core.units import Fields, heading, units_of, with_unit
+from ...data.nodes import archive_fields
+from ...data.run_files import SERIES
 from ...figures import flow as figures_of
-from ..run_folder import SERIES, archive_fields
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
 from .pouring import Poured
 from .simulate import FlowResult, FlowSeries, StageEnd

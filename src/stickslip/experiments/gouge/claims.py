@@ -8,7 +8,7 @@ import numpy as np
 
 from ...friction.fitting import fit
 from ...friction.model_comparison import compare_laws
-from ..claims import Claim, claim
+from ...reports.claims import Claim, claim
 from . import measures
 from .curves import healing_peaks, predict_hold, predict_per_efold, reslides_after_longest
 from .dimensionless import INERTIAL, inertial_numbers, stiffness

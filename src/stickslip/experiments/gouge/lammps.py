@@ -18,12 +18,12 @@ from ...core.contacts.forces import accept, forces
 from ...core.laws.builtin import MU
 from ...core.measure import coordination, elastic_energy, fabric, least_supports
 from ...core.state import State, empty_contacts
-from ..lammps.leg import Leg
-from ..lammps.process import error_line, require_lammps, run_lammps
-from ..lammps.run import read_state, sample_path, write_start, written_boxes
-from ..lammps.script import BEFORE, contact_commands, motion_commands
-from ..lammps.script import write_input as write_leg
-from ..lammps.supported import check_leg
+from ...lammps.leg import Leg
+from ...lammps.process import error_line, require_lammps, run_lammps
+from ...lammps.run import read_state, sample_path, write_start, written_boxes
+from ...lammps.script import BEFORE, contact_commands, motion_commands
+from ...lammps.script import write_input as write_leg
+from ...lammps.supported import check_leg
 from .dimensionless import stiffness
 from .protocol import Engine, Series, load_point_lead
 from .sample import TOP, Gouge, attach_spring

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
-from ..claims import Claim, note_quick_run
+from ...reports.claims import Claim, note_quick_run
 from .claims import evaluate_claims
 from .report import announce
 from .scenario import GougeScenario

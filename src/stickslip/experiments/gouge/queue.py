@@ -13,10 +13,10 @@ import numpy as np
 from ...data.checkpoint import LEGS, checkpoint_in
 from ...data.exchange.lammps_restart import is_complete
 from ...data.schema import ScenarioError
-from ..lammps.job import clear_legs, leg_folder, write_scripts
-from ..lammps.process import require_lammps
-from ..lammps.run import sample_path, write_start
-from ..lammps.script import write_input
+from ...lammps.job import clear_legs, leg_folder, write_scripts
+from ...lammps.process import require_lammps
+from ...lammps.run import sample_path, write_start
+from ...lammps.script import write_input
 from ..realizations import silent
 from .lammps import Place, engine_of, make_leg, read_output
 from .protocol import TRUNK, Engine, Series, run_branch, settled_sample, slide_trunk

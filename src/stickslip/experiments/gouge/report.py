@@ -9,11 +9,12 @@ import numpy as np
 from ...core.readable import pluralize
 from ...core.tables import labelled, write_table
 from ...core.units import units_of
+from ...data.nodes import archive_fields
+from ...data.run_files import CURVES, SERIES, SLIPS
 from ...figures import gouge as figures_of
 from ...figures.style import power_of_ten
 from ...friction.laboratory import LabRecord, write_csv
-from ..run_folder import CURVES, SERIES, SLIPS, archive_fields
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from . import measures as measured
 from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness

@@ -11,8 +11,8 @@ from ...core.state import State
 from ...loading.biaxial import TOP
 from ...quasirigid.matrices import linear_system
 from ...quasirigid.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
+from ...reports.claims import ALWAYS, Claim, claim, median_error
 from ...solve.spectrum import damped_growth, spectrum
-from ..claims import ALWAYS, Claim, claim, median_error
 from .cases import ApexCases, StatusCases, apex_cases, status_cases
 from .simulate import QuasiResult, SampleResult, table_one
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
-from ..claims import Claim, note_quick_run
+from ...reports.claims import Claim, note_quick_run
 from .claims import CASES, evaluate_claims
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, Report, silent, simulate_quasi

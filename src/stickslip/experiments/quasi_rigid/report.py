@@ -7,10 +7,11 @@ import numpy as np
 
 from ...core.tables import write_table
 from ...core.units import Fields, units_of
+from ...data.nodes import archive_fields
+from ...data.run_files import SERIES
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
-from ..run_folder import SERIES, archive_fields
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
 
 

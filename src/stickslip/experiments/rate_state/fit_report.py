@@ -9,6 +9,7 @@ import numpy as np
 from ...core.tables import format_table, labelled
 from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
+from ...data.run_files import foreign_files_message
 from ...extras import require
 from ...figures import rate_state as figures
 from ...figures.style import png
@@ -18,8 +19,7 @@ from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
 from ...friction.remedies import stiffness_doubt, trend_gain
 from ...friction.sampling import PERCENTS, Posterior, posterior
-from ..run_folder import foreign_files_message
-from ..terminal import console, new_table, progress, show_table
+from ...reports.terminal import console, new_table, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 DRAWS, CORNER = "posterior.csv", "posterior.png"

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...data.nodes import archive_fields
+from ...data.run_files import SERIES
 from ...figures import rate_state as figures_of
 from ...friction.closed_forms import steady_friction
 from ...friction.cycles import passing_velocity, recurrence
 from ...friction.laboratory import LabRecord, write_csv
-from ..run_folder import SERIES, archive_fields
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from .simulate import SliderResult
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.readable import pluralize
 from ...loading.release import Released
-from ..claims import CAN, Claim, claim, median_error
+from ...reports.claims import CAN, Claim, claim, median_error
 from .simulate import ShearResult
 
 DECADES = 10.0  # decades of M over which the paper sees exponential growth

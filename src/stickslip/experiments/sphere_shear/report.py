@@ -3,9 +3,9 @@
 import numpy as np
 
 from ...core.readable import pluralize
+from ...data.nodes import archive_fields
 from ...figures import sphere_shear as figures_of
-from ..run_folder import archive_fields
-from ..terminal import console, new_table, show_table
+from ...reports.terminal import console, new_table, show_table
 from .simulate import ShearResult
 
 

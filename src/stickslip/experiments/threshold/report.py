@@ -7,10 +7,11 @@ import numpy as np
 
 from ...core.tables import write_table
 from ...core.units import Fields, heading
+from ...data.nodes import archive_fields
+from ...data.run_files import THRESHOLD
 from ...figures.instability import static_and_kinetic
+from ...reports.terminal import console, new_table, show_table
 from ...solve.fastest import FastestPair
-from ..run_folder import THRESHOLD, archive_fields
-from ..terminal import console, new_table, show_table
 from .simulate import ThresholdResult
 
 LABEL = {

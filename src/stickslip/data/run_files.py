@@ -1,0 +1,42 @@
+"""Names of the files that runs write into their folders."""
+
+import re
+from pathlib import Path
+
+from .checkpoint import SCENARIO
+
+NUMBERS, MOVIE = "results.h5", "transition.gif"
+CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
+REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
+PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
+SERIES, CURVES, THRESHOLD = "series.csv", "curves.csv", "threshold.csv"
+EVENTS, STEPS, SLIPS = "events.csv", "steps.csv", "slips.csv"
+TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS)
+RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, *TABLES, PAGE, FILM)
+_RUN_FILE = re.compile(
+    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|fltst_dp\d+\.txt|devol\.dat|" + "|".join(map(re.escape, RUN_FILES))
+)
+SHOWN = 8  # file names listed in a message
+
+
+def foreign_files_message(folder: Path, names: list[str]) -> str:
+    """Return the message about files that no run wrote."""
+    return (
+        f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): "
+        f"choose another --out, or add --overwrite"
+    )
+
+
+def join_names(names: list[str]) -> str:
+    """Join names for a message; if there are many, only the first few are listed."""
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+
+
+def is_run_file(name: str) -> bool:
+    """Return True if runs write files with this name."""
+    return _RUN_FILE.fullmatch(name) is not None
+
+
+def list_files(folder: Path) -> list[Path]:
+    """Return the sorted paths of the run files in a folder."""
+    return sorted(path for path in folder.iterdir() if is_run_file(path.name) and path.is_file())

@@ -1,1 +1,0 @@
-"""Reports on one packing: stability, details, and the page written by `stickslip report`."""

@@ -1,0 +1,157 @@
+"""Details of `stickslip stability --more`: participation ratios, moduli, transient growth, decisive contacts."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.laws.builtin import Law
+from ..core.state import State
+from ..core.units import unit_name, with_unit
+from ..solve.density import participation_ratio
+from ..solve.moduli import ElasticModuli, elastic_moduli, voigt
+from ..solve.sensitivity import ContactSensitivity, contact_sensitivity
+from ..solve.stability import Stability
+from ..solve.transient import NoElasticEnergyError, TransientGrowth, transient_growth
+from .terminal import console, new_table, show_table
+
+CONTACTS = 5  # rows of the table of contacts
+SHOWN = 12  # participation ratios that are printed
+UNBALANCED = "since the packing is not in equilibrium"
+
+
+class Details(NamedTuple):
+    """Computed quantities, or the reason why they could not be computed."""
+
+    participation: np.ndarray  # (K,) ratios of the growing modes, in their order
+    moduli: ElasticModuli | str
+    transient: TransientGrowth | str
+    contacts: ContactSensitivity | str
+
+
+def compute_details(state: State, law: Law, found: Stability, *, report=None) -> Details:
+    """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
+    participation = participation_ratio(found.modes, found.free)
+    if not found.balanced:
+        return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
+    return Details(
+        participation,
+        _try(elastic_moduli, state, law),
+        _compute_transient(state, law, found, report),
+        _try(contact_sensitivity, state, law, report=report),
+    )
+
+
+def _try(function, *arguments, **options):
+    """Return the result of a function, or the message of its ValueError."""
+    try:
+        return function(*arguments, **options)
+    except ValueError as problem:
+        return str(problem)
+
+
+def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth | str:
+    if found.grows:
+        return "since exponential growth exceeds any transient"
+    try:
+        return transient_growth(state, law, report=report)
+    except NoElasticEnergyError:
+        return _try(transient_growth, state, law, norm="displacement", report=report)
+    except ValueError as problem:
+        return str(problem)
+
+
+def to_dict(more: Details) -> dict:
+    """Return the details for JSON: null for quantities with an entry in `reasons`."""
+    m, t, s = more.moduli, more.transient, more.contacts
+    parts = {"moduli": m, "transient": t, "contacts": s}
+    return {
+        "participation_ratio": [float(p) for p in more.participation],
+        "moduli": None if isinstance(m, str) else _moduli_dict(m),
+        "transient": None if isinstance(t, str) else _transient_dict(t),
+        "contacts": None if isinstance(s, str) else [_contact_dict(s, k) for k in range(min(CONTACTS, len(s.contact)))],
+        "contacts_scope": "" if isinstance(s, str) else s.scope,
+        "reasons": {name: part for name, part in parts.items() if isinstance(part, str)},
+    }
+
+
+def _moduli_dict(m: ElasticModuli) -> dict:
+    names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
+    tensors = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
+    numbers = {name: float(getattr(m, name)) for name in names}
+    return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | tensors
+
+
+def _transient_dict(t: TransientGrowth) -> dict:
+    names = ("amplitude", "time", "bound", "of_pair")
+    rest = {"norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair]}
+    return {name: float(getattr(t, name)) for name in names} | rest
+
+
+def _contact_dict(s: ContactSensitivity, k: int) -> dict:
+    slope = s.growth_derivative[np.searchsorted(s.contacts, s.contact[k])] if len(s.derivative) else None
+    after = float(s.after[k]) if s.verified[k] else None
+    return {
+        "contact": int(s.contact[k]), "i": int(s.i[k]), "j": int(s.j[k]), "what": str(s.what[k]),
+        "mobilised": float(s.mobilised[k]) if np.isfinite(s.mobilised[k]) else None,
+        "growth_rate_before": s.growth_rate, "growth_rate_after": after, "predicted": float(s.predicted[k]),
+        "verdict_after": str(s.verdict_after[k]) or None, "turns": bool(s.turns[k]), "verified": bool(s.verified[k]),
+        "derivative": None if slope is None else float(slope),
+    }  # fmt: skip
+
+
+def show(more: Details, found: Stability) -> None:
+    """Print the details."""
+    if len(more.participation):
+        ratios = ", ".join(f"{p:.3g}" for p in more.participation[:SHOWN])
+        rest = " …" if len(more.participation) > SHOWN else ""
+        console.print(f"\nparticipation ratios of the growing modes, in this order: {ratios}{rest}")
+    for name, part, shown in (
+        ("elastic moduli", more.moduli, _show_moduli),
+        ("transient growth", more.transient, _show_transient),
+        ("decisive contacts", more.contacts, lambda s: _show_contacts(s, found.n)),
+    ):
+        if isinstance(part, str):
+            console.print(f"\n{name}: none, {part}")
+        else:
+            shown(part)
+
+
+def _show_moduli(m: ElasticModuli) -> None:
+    unit = unit_name("force/length^(dim-1)").replace("-", "−")
+    console.print(f"\nelastic moduli in {unit}, with fixed contact modes")
+    table = new_table("", "total", "affine", "non-affine")
+    for name, total, affine in (("bulk K", m.bulk, m.bulk_affine), ("shear G", m.shear, m.shear_affine)):
+        table.add_row(name, f"{total:.5g}", f"{affine:.5g}", f"{total - affine:.5g}")
+    show_table(table)
+    console.print(
+        f"Young's modulus {m.young:.5g}, Poisson's ratio {m.poisson:.4g}; {100 * m.anisotropy:.2g} % of C is "
+        f"anisotropic, {100 * m.asymmetry:.2g} % antisymmetric"
+    )
+
+
+def _show_transient(t: TransientGrowth) -> None:
+    what = "√energy" if t.norm == "energy" else "displacements"
+    at, until = (with_unit(f"{time:.4g}", "time") for time in (t.time, t.times[-1]))
+    pair = f"; frequencies {t.pair[0]:.6g} and {t.pair[1]:.6g} nearly coincide" if len(t.pair) else ""
+    console.print(
+        f"\ntransient growth: {what} ×{t.amplitude:.4g} at time {at}, the largest value found up to "
+        f"time {until}; upper bound ×{t.bound:.4g}{pair}"
+    )
+
+
+def _show_contacts(s: ContactSensitivity, n: int) -> None:
+    count, verified = int(s.turns.sum()), int(s.verified.sum())
+    turned = "unstable" if s.verdict == "stable" else "stable"
+    console.print(
+        f"\ndecisive contacts: {count} of {verified} changes whose spectrum was computed make the packing "
+        f"{turned}" + (f"; {s.scope}" if s.scope else "")
+    )
+    slope = dict(zip(s.contacts, s.growth_derivative, strict=True)) if len(s.derivative) else {}
+    names = ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then")
+    table = new_table(*names, *["∂/∂ln s"] * bool(slope))
+    for k in range(len(s.contact))[:CONTACTS]:
+        after, words = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
+        other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"
+        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, words]
+        table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
+    show_table(table)

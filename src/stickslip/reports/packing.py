@@ -1,0 +1,390 @@
+"""Stability of a packing: terminal output, JSON, and a file of modes."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+from rich.table import Table
+
+from ..builtin_laws import NAMES
+from ..core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names, with_values
+from ..core.laws.kinds import Kind, find_user_law
+from ..core.measure import coordination, grain_volumes, mean_normal_force, overlaps, rattlers, touching, volume
+from ..core.readable import pluralize
+from ..core.state import State
+from ..core.units import with_unit
+from ..data.atomic import replace_atomically
+from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle
+from ..solve.balance import BALANCED_BELOW, imbalance
+from ..solve.birth import BirthForm, birth_form
+from ..solve.equilibrate import equilibrate
+from ..solve.freedom import backbone
+from ..solve.stability import Stability
+from . import details as stability_more
+from .terminal import console, new_table, show_table
+
+UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
+UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
+SHOWN = 12  # pairs listed in the table
+_MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
+SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
+LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
+
+
+class Settling(NamedTuple):
+    """Change in a packing caused by settling it; the verdict is for the settled packing."""
+
+    moved: float  # largest displacement of a grain, in its radii
+    moved_rms: float  # root mean square over grains, in their radii
+    lost: int  # contacts
+    gained: int
+    before: float  # residual of the packing as it was given
+    how: str  # description of what the solver did
+
+    def __str__(self) -> str:
+        return (
+            f"the verdict is for the SETTLED packing, not for the one in the file: grains moved by up to "
+            f"{self.moved:.2g} of their radius (rms {self.moved_rms:.2g}), {pluralize(self.lost, 'contact')} lost and "
+            f"{self.gained} gained"
+        )
+
+
+def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthForm | str:
+    """Return the normal form of the fastest pair, or the reason why there is none."""
+    try:
+        return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
+    except ValueError as problem:
+        return str(problem)
+
+
+def settled(state: State, law: Law) -> tuple[State, Settling]:
+    """Return the packing in equilibrium under a law, and how much it changed.
+
+    Raises
+    ------
+    RuntimeError
+        If no equilibrium was found; the message is one sentence.
+    """
+    force, before = mean_normal_force(state, law), imbalance(state, law)
+    end, outcome = equilibrate(state, law, tolerance=SETTLE_TOLERANCE * force or SETTLE_TOLERANCE, check="nothing")
+    if not outcome.ok:
+        raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
+    moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
+    if not len(backbone(end, law)):
+        raise RuntimeError("the packing fell apart as it settled: only rattlers are left")
+    old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
+    rms = float(np.sqrt((moved**2).mean()))
+    return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
+
+
+def verdict(found: Stability, calm: Settling | None = None, words=()) -> str:
+    """Return the verdict in one sentence, which says so if the packing was settled.
+
+    Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
+    """
+    sentence = f"{found.verdict}; {calm}" if calm else found.verdict
+    if not found.balanced:
+        return f"no verdict: {missing}; {sentence}" if (missing := missing_parts(words)) else sentence
+    left_out = [note.removeprefix(UNDECIDED) for note in words if isinstance(note, Obstacle)]
+    return (
+        f"{UNDECIDED}{'; '.join(left_out)}. Without {'it' if len(left_out) == 1 else 'these'}: {sentence}"
+        if left_out
+        else sentence
+    )
+
+
+def decided(found: Stability, words) -> bool | None:
+    """Return whether the packing is stable; None if that is undecided."""
+    return None if any(isinstance(note, Obstacle) for note in words) else found.stable
+
+
+def missing_parts(words) -> str:
+    """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
+    if NO_CONTACTS in words and any(getattr(note, "of_law", False) for note in words):
+        return "the file has no contact law and no memory of tangential contacts"
+    return ""
+
+
+class Geometry(NamedTuple):
+    """What positions and radii alone say of a packing."""
+
+    contacts: int
+    coordination: float  # mean number of contacts of grains that are not rattlers
+    rattlers: int  # grains with fewer than two contacts, after recursive removal of rattlers
+    overlap: float  # largest overlap, over the smaller radius of the two grains
+    mean_overlap: float  # the same, mean over contacts
+    packing_fraction: float
+    volume: str  # what it was divided by
+
+    def __str__(self) -> str:
+        return (
+            f"geometry: {pluralize(self.contacts, 'contact')}, coordination {self.coordination:.4g} without "
+            f"{pluralize(self.rattlers, 'rattler')}, overlaps up to {100 * self.overlap:.3g} % of a radius (mean "
+            f"{100 * self.mean_overlap:.3g} %), packing fraction {self.packing_fraction:.4g} of {self.volume}"
+        )
+
+
+def geometry(state: State) -> Geometry:
+    """Return what positions and radii alone say: coordination, rattlers, overlaps, packing fraction."""
+    rows, grains, dim = touching(state), state.grains, state.cell.dim
+    radius = np.append(grains.radius, np.full(len(state.walls.mass), np.inf))
+    small = np.minimum(radius[state.contacts.i[rows]], radius[state.contacts.j[rows]])
+    share = overlaps(state)[rows] / small if len(rows) else np.zeros(1)
+    if state.cell.periodic[:dim].all():
+        whole, name = volume(state), "the cell"
+    else:
+        low, high = (
+            op(grains.position + side * grains.radius[:, None], axis=0) for op, side in ((np.min, -1), (np.max, 1))
+        )
+        lengths = np.where(state.cell.periodic, np.diag(state.cell.vectors), high - low)[:dim]
+        whole, name = float(np.prod(lengths)), "the box around the grains"
+    fraction = float(grain_volumes(state).sum() / whole)
+    loose = rattlers(state)
+    return Geometry(
+        len(rows), coordination(state), int(loose.sum()), float(share.max()), float(share.mean()), fraction, name
+    )
+
+
+def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
+    """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
+    known, law = list(found.causes[:-1]), "another law than that of the packing"  # the last cause says no more of it
+    known += [note.removeprefix(UNDECIDED) for note in words if isinstance(note, Absent | Obstacle)]
+    given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
+    assumed = any(getattr(note, "of_law", False) for note in words)
+    if given:
+        known.append(f"{law}: {', '.join(given)} came from the command line")
+    elif assumed:
+        known.append(f"{law}: none was given, so the defaults were used")
+    return known or list(found.causes)
+
+
+def to_dict(
+    found: Stability, more: stability_more.Details | None = None,
+    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), words=(),
+    shape: Geometry | None = None,
+) -> dict:  # fmt: skip
+    """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
+    damped = found.undamped is not None
+    pairs = [
+        ({"re_s": g, "im_s": w} if damped else {"re_lambda": p.real, "im_lambda": p.imag})
+        | {"omega": w, "growth_rate": g}
+        for p, w, g in zip(*(x.tolist() for x in (found.pairs, found.frequency, found.growth_rate)), strict=True)
+    ]
+    out = {
+        "n": found.n,
+        "contacts": found.contacts,
+        "rattlers": len(found.rattlers),
+        "residual": found.residual if np.isfinite(found.residual) else None,
+        "tolerance": BALANCED_BELOW,
+        "balanced": found.balanced,
+        "causes": list(why),
+        "settled": None if calm is None else _settling_dict(calm),
+        "stable": decided(found, words),
+        "assumed": [note for note in words if isinstance(note, Assumption)],
+        "geometry": shape and shape._asdict(),
+        "at_limit": found.at_limit,
+        "if_stuck": found.if_stuck.motion if found.if_stuck else None,
+        "pairs": pairs,
+        "growing" if damped else "negative": (np.sqrt(-found.negative) if damped else found.negative).tolist(),
+        "zero_modes": found.zero_modes,
+        "spectrum": "damped" if damped else "undamped",
+        "method": found.method,
+        "scope": found.scope,
+    }
+    if more:
+        out["more"] = stability_more.to_dict(more)
+    if form:
+        out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
+    return out
+
+
+def _form_dict(form: BirthForm) -> dict:
+    """Numbers of the normal form; what is infinite is null."""
+    out = {"fate": form.fate, "verdict": form.verdict, "limit_contact": list(form.limit_contact)}
+    out |= {"opening_contact": list(form.opening_contact), "closing_contact": list(form.closing_contact)}
+    for name in (
+        "frequency", "growth_rate", "nearness", "beta", "bare", "peak", "cubic_peak", "limit", "opening", "closing",
+        "resonance", "detuned",
+    ):  # fmt: skip
+        value = getattr(form, name)
+        out[name] = value if np.isfinite(value) else None
+    return out
+
+
+def _settling_dict(calm: Settling) -> dict:
+    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
+
+
+def show(
+    found: Stability, law: Law, words: list[str], more: stability_more.Details | None = None,
+    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
+    shape: Geometry | None = None,
+) -> None:  # fmt: skip
+    """Print the verdict, a table of pairs and the details.
+
+    Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
+    """
+    _show_notes(words)
+    console.print(f"law: {describe_law(law)}")
+    console.print(
+        f"{found.n} grains, {found.contacts} contacts, {len(found.rattlers)} rattlers, residual "
+        f"{found.residual:.2g} of the mean contact force"
+    )
+    if calm:
+        console.print(str(calm), style="bold yellow")
+    if shape:
+        console.print(str(shape))
+    color = {True: "green", False: "red", None: "yellow"}[decided(found, words)]
+    console.print(verdict(found, None, words), style=f"bold {color}")
+    if not found.balanced:
+        _show_imbalance(found, why, remedy)
+    if found.undamped:
+        console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
+        console.print(f"without the dashpots it would be: {found.undamped.motion}")
+    console.print(f"method: {found.way}")
+    if found.scope:
+        console.print(f"scope: {found.scope}")
+    if len(found.rattlers):
+        some = ", ".join(map(str, found.rattlers[:20])) + (" …" if len(found.rattlers) > 20 else "")
+        console.print(f"rattlers (excluded): {some}")
+    _show_exponents(found) if found.undamped else _show_pairs(found)
+    if more:
+        stability_more.show(more, found)
+    if form:
+        _show_form(form)
+
+
+def _show_notes(words) -> None:
+    """Print what was read, then what was assumed; what is left out stands in the verdict."""
+    for note in words:
+        if not isinstance(note, Assumption):
+            console.print(note, style="yellow")
+    assumed = [note for note in words if isinstance(note, Assumption) and not isinstance(note, Obstacle)]
+    if assumed:
+        console.print("assumed:", style="yellow")
+    for note in assumed:
+        console.print(f"  - {note}", style="yellow")
+
+
+def _show_form(form: BirthForm | str) -> None:
+    if isinstance(form, str):
+        console.print(f"what follows the instability is not known: {form}")
+        return
+    console.print(f"what follows the instability: {form.verdict}", style="bold")
+    rate = with_unit(f"{form.growth_rate:.4g}", "1/time")
+    console.print(
+        f"normal form of the fastest pair: σ = {rate}, β = {form.beta:.4g} ({form.bare:.4g} without "
+        f"slaved modes), |q|/|p| = {form.nearness:.2g}; the mode nearest to 2ω is {100 * form.resonance:.2g} % away, "
+        f"which leaves β uncertain by {100 * form.detuned:.2g} %"
+    )
+    if len(form.rates):
+        table = new_table("amplitude", "growth rate", "over σ", units=UNITS)
+        for k in range(len(form.rates) // 4 - 1, len(form.rates), len(form.rates) // 4):
+            if np.isfinite(form.rates[k]):
+                ratio = form.rates[k] / form.growth_rate
+                table.add_row(f"{form.amplitudes[k]:.4g}", f"{form.rates[k]:.4g}", f"{ratio:.3g}")
+        show_table(table)
+
+
+def _show_imbalance(found: Stability, why, remedy: str) -> None:
+    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
+    for cause in why:
+        console.print(f"  - {cause}")
+    if remedy:
+        console.print(remedy)
+    if found.grows:
+        console.print(f"spectrum of the initial motion, no verdict: {found.motion}")
+
+
+def describe_law(law: Law) -> str:
+    """Describe a law: kind, Coulomb limit, parameters, damping."""
+    coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
+    values = ", ".join(
+        f"{name} = {value:.4g}" for name, value in zip(parameter_names(law), law.table[0, 0], strict=True) if value
+    )
+    damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
+    name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else NAMES[law.kind]
+    return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
+
+
+def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
+    title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
+    return new_table(*columns, title=title, units=UNITS)
+
+
+def _show_exponents(found: Stability) -> None:
+    if found.grows:
+        table = _make_table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
+        for s in sorted(found.exponents, key=lambda s: -s.real)[:SHOWN]:
+            frequency = abs(s.imag)
+            period = f"{2 * np.pi / frequency:.4g}" if frequency > 0 else "–"
+            table.add_row(f"{s.real:.5g}", f"{frequency:.5g}", period, f"{1 / s.real:.4g}")
+        show_table(table)
+    elif found.slowest is not None:
+        s = found.slowest
+        console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i")
+
+
+def _show_pairs(found: Stability) -> None:
+    if len(found.pairs):
+        names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
+        table = _make_table("Complex pairs", len(found.pairs), names)
+        rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
+        for pair, w, g in rows:
+            period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
+            table.add_row(f"{pair.real:.5g}", f"{pair.imag:.4g}", f"{w:.5g}", f"{g:.4g}", period, f"{1 / g:.4g}")
+        show_table(table)
+    if len(found.negative):
+        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]))
+
+
+def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
+    """Raise ValueError if the file of modes would replace the packing or a file that contains no modes."""
+    if path.exists() and packing.exists() and path.samefile(packing):
+        raise ValueError(f"--modes {path} would replace the packing: give another name")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path.parent} is not a folder: create it first, or give another --modes")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder: give the name of a file")
+    if not os.path.lexists(path):
+        return
+    if path.is_file():
+        # numpy leaves a damaged archive open if it opens the file itself
+        damaged = suppress(OSError, EOFError, ValueError, AttributeError, BadZipFile)
+        with damaged, path.open("rb") as raw, np.load(raw) as file:
+            if set(_MODES) <= set(file.files):
+                return
+    if asked:
+        raise ValueError(f"--modes {path} exists and does not contain modes: give another name, or move it away")
+    raise ValueError(f"modes would replace {path}, which does not contain modes: give --modes, or move it away")
+
+
+def write_modes(path: Path, found: Stability) -> Path:
+    """Write the growing modes: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
+
+    The motion is Re(mode exp(st)), with s = −i√λ of the damped or the undamped spectrum. A rotation is R·angle; modes
+    have unit norm in the mass-weighted metric. Rattlers and constrained coordinates are zero.
+    """
+    full = _expand_modes(found)
+    with replace_atomically(path) as part, part.open("wb") as file:
+        np.savez(
+            file, eigenvalue=-(found.exponents**2), exponent=found.exponents, translation=full[..., :3],
+            rotation=full[..., 3:], rattlers=found.rattlers,
+        )  # fmt: skip
+    return path
+
+
+def growing_modes(found: Stability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+    """Return translation, rotation (N, 3) complex and exponent s of each growing mode, fastest first."""
+    full, exponents = _expand_modes(found), found.exponents
+    order = np.argsort(-exponents.real, kind="stable")
+    return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
+
+
+def _expand_modes(found: Stability) -> np.ndarray:
+    """(K, N, 6) growing modes, with zeros for constrained coordinates."""
+    count = found.modes.shape[1]
+    return np.array([found.free.spread(mode)[: found.n] for mode in found.modes.T]).reshape(count, found.n, 6)

@@ -1,0 +1,133 @@
+"""Files that come with the package: examples, and pages of documentation."""
+
+import shutil
+from difflib import get_close_matches
+from pathlib import Path
+
+from ..core.arguments import checked
+from ..core.laws.builtin import Law
+from ..core.state import State
+from ..data.atomic import check_free
+from ..data.exchange.files import read_packing
+from ..data.schema import ScenarioBase
+from ..experiments.registry import read_scenario
+
+
+def _bundled(name: str) -> Path:
+    """Folder of a wheel, or else of a clone."""
+    installed = Path(__file__).parents[1] / f"_{name}"
+    return installed if installed.is_dir() else Path(__file__).parents[3] / name
+
+
+FOLDER, PAGES = _bundled("examples"), _bundled("docs")
+_WITHOUT_TEXT = {
+    "sheared": "What LAMMPS wrote for shear.lammps: 27 grains, three frames, for `stickslip watch`",
+    "sheared_spheres.npz": "Fifty spheres, sheared until a complex pair exists, with the slip of every contact",
+}
+
+
+def names() -> dict[str, str]:
+    """Return the names of all examples, each with a description.
+
+    Examples
+    --------
+    >>> names()["column_collapse.toml"]
+    'Collapse of a column of disks when a gate is removed'
+    """
+    found = sorted(one.name for one in FOLDER.iterdir() if not one.name.startswith(("_", ".")))
+    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in found}
+
+
+def _first_sentence(file: Path) -> str:
+    """First sentence of the comment or docstring with which a file begins."""
+    words = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        line = line.strip('#" ')
+        if not line:
+            break
+        words.append(line)
+    return " ".join(words).split("  ")[0].split(". ")[0].rstrip(".:")
+
+
+@checked
+def path(name: str) -> Path:
+    """Return the path of an example; the extension may be left out if there is only one example of this name.
+
+    Raises
+    ------
+    ValueError
+        If there is no such example; the message lists them.
+    """
+    known = names()
+    found = [one for one in known if name in (one, one.partition(".")[0])]
+    if name in known or len(found) == 1:
+        return FOLDER / (name if name in known else found[0])
+    raise ValueError(f"there is no example {name!r}: use {', '.join(found or known)}")
+
+
+@checked
+def packing(name: str = "sheared_spheres.npz") -> tuple[State, Law]:
+    """Return a packing and its law.
+
+    Examples
+    --------
+    >>> state, law = packing()
+    >>> state.grains.radius.shape
+    (50,)
+    """
+    state, law, _ = read_packing(path(name))
+    return state, law
+
+
+@checked
+def scenario(name: str) -> ScenarioBase:
+    """Return a scenario, for `ss.simulate`.
+
+    Examples
+    --------
+    >>> scenario("rate_state").experiment
+    'rate-state'
+    """
+    return read_scenario(path(name if "." in name else f"{name}.toml"))
+
+
+@checked
+def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> list[Path]:
+    """Copy examples, by default all of them, into a folder, which is created; return the paths of the copies.
+
+    Raises
+    ------
+    ValueError
+        If there is no such example, or a file of its name exists there and `overwrite` is False; nothing is copied.
+    """
+    sources = [path(name) for name in chosen or names()]
+    files = [one for source in sources for one in (sorted(source.iterdir()) if source.is_dir() else [source])]
+    targets = [Path(to) / one.relative_to(FOLDER) for one in files]
+    check_free(targets, overwrite=overwrite, made_from=files)
+    for source, target in zip(files, targets, strict=True):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, target)
+    return targets
+
+
+def pages() -> dict[str, str]:
+    """Return the names of all pages of documentation that are here, each with its title."""
+    found = [one.relative_to(PAGES) for one in sorted(PAGES.rglob("*.md")) if one.name != "README.md"]
+    names = [one.with_suffix("").as_posix() for one in found if not one.parts[0].startswith("_")]
+    return {name: (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].strip("# ") for name in names}
+
+
+@checked
+def page(name: str) -> str:
+    """Return a page of documentation as Markdown.
+
+    Raises
+    ------
+    ValueError
+        If there is no such page; the message lists pages with similar names.
+    """
+    known = pages()
+    if name not in known:
+        near = [one for one in known if name.rpartition("/")[2] in one] or get_close_matches(name, known, 3) or known
+        raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
+    return (PAGES / f"{name}.md").read_text(encoding="utf-8")

@@ -1,0 +1,88 @@
+"""JSON output of the commands: one object per command, described in docs/command_line.md."""
+
+import json
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import __version__
+from ..data.checkpoint import MEMBERS, UNFINISHED
+from ..data.run_files import list_files
+from ..experiments.experiment import named_measures
+from ..experiments.registry import experiment_of
+
+if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
+    from .sweep.run import SweepResult
+
+LIBRARIES = ("numpy", "scipy", "h5py")
+
+
+def to_json(answer: dict) -> str:
+    """Return an object as ASCII JSON; non-finite numbers are null."""
+    return json.dumps(to_jsonable(answer), allow_nan=False)
+
+
+def to_jsonable(thing):
+    """Replace non-finite numbers with None, and NumPy types with built-in types."""
+    if isinstance(thing, dict):
+        return {str(k): to_jsonable(v) for k, v in thing.items()}
+    if isinstance(thing, list | tuple):
+        return [to_jsonable(v) for v in thing]
+    if isinstance(thing, np.ndarray | np.generic):
+        return to_jsonable(thing.tolist())
+    if isinstance(thing, float):
+        return thing if np.isfinite(thing) else None
+    return str(thing) if isinstance(thing, Path) else thing
+
+
+def common_fields(
+    command: str, *, files: Sequence[Path] = (), folder: Path | None = None, status: str = "finished"
+) -> dict:
+    """Return the fields common to all commands."""
+    versions = {"stickslip": __version__} | {name: version(name) for name in LIBRARIES}
+    return {"command": command, "status": status, "folder": folder, "files": list(files), "versions": versions}
+
+
+def describe_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
+    """Describe a run with its measures, and the claims if it reproduces a paper."""
+    scenario = result.scenario
+    found = named_measures(experiment_of(scenario), result)
+    measures = {name: {"value": value, "unit": unit} for name, (value, unit) in found.items()}
+    # the checkpoint remains if results were written although some realizations failed
+    status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
+    out = common_fields(command, files=paths, folder=folder, status=status)
+    out |= {"scenario": _scenario_entry(scenario), "measures": measures}
+    if failures := getattr(result, "failures", ()):
+        out["failures"] = list(failures)
+    if claims is not None:
+        out["claims"] = [claim._asdict() for claim in claims]
+    return out
+
+
+def describe_finished_run(command: str, folder: Path, scenario) -> dict:
+    """Describe a run that was already finished, so that nothing had to be done."""
+    return common_fields(command, files=list_files(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
+
+
+def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dict) -> dict:
+    """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
+    from .sweep.cycles import FIGURE
+    from .sweep.dataset import DATASET
+
+    failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
+    total = len(swept.names)
+    members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
+    status = "failed" if failures else "finished"
+    files = [folder / DATASET, *(path for path in [folder / FIGURE] if path.is_file()), folder / MEMBERS]
+    out = common_fields(command, files=files, folder=folder, status=status)
+    experiment = swept.sweep.base.get("experiment", "disk-array")
+    about = {"experiment": experiment, "digest": swept.sweep.digest}
+    more = {"members": members | {"failed": len(failures)}, "refused": dict(swept.sweep.refused), "ranges": ranges}
+    return out | {"scenario": about} | more | {"failures": failures}
+
+
+def _scenario_entry(scenario) -> dict:
+    return {"experiment": scenario.experiment, "digest": scenario.digest}

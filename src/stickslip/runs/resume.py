@@ -1,0 +1,82 @@
+"""Interrupted runs, for `stickslip resume`."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+from ..data.atomic import write_atomically
+from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, checkpoint_in, unfinished_scenario
+from ..data.manifest import check_hidden, find_foreign
+from ..data.run_files import NUMBERS, OPTIONS, REPRODUCTION, is_run_file, join_names
+from ..data.schema import ScenarioBase
+from ..experiments.registry import papers, read_tables
+from ..experiments.registry import read_scenario as read_scenario
+from .folder import install_results
+
+
+class UnfinishedRun(NamedTuple):
+    """A run that was started in a folder and is not finished."""
+
+    scenario: ScenarioBase | None
+    reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
+    sweep: dict | None = None  # tables, if it is a sweep
+    figures: bool = False  # whether the members of the sweep draw figures
+
+
+def mark_reproduction(folder: Path, scenario, **arguments) -> None:
+    """Save the arguments of a reproduction in its folder when it starts, for `find_unfinished`."""
+    checkpoint_in(folder, scenario).announce()
+    write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
+
+
+def find_unfinished(folder: Path) -> UnfinishedRun | None:
+    """Return the unfinished run in a folder, or None if the run is finished.
+
+    Raises
+    ------
+    ValueError
+        If there is no run; the message is one sentence.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is not a folder: give the folder of an interrupted run")
+    check_hidden(folder, is_run_file)
+    if (folder / SWEEP).is_file():
+        options = folder / OPTIONS
+        figures = read_json(options).get("figures", False) if options.is_file() else False
+        return UnfinishedRun(None, sweep=read_tables(folder / SWEEP), figures=figures)
+    install_results(folder)
+    known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
+    if known is None and not (folder / SCENARIO).is_file():
+        raise ValueError(f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {folder}")
+    if known is None and (folder / NUMBERS).is_file():
+        return None
+    if known and (others := find_foreign(folder, is_run_file)):
+        raise ValueError(
+            f"{folder} contains files that stickslip did not write or that have changed since ({join_names(others)}): "
+            f"move them away, then resume again"
+        )
+    reproduction = _read_arguments(arguments) if arguments.is_file() else None
+    return UnfinishedRun(read_scenario(known or folder / SCENARIO), reproduction)
+
+
+def _read_arguments(path: Path) -> dict:
+    """Read the arguments of `reproduce` that `mark_reproduction` saved; ValueError if they are others."""
+    found = read_json(path)
+    kinds = {"experiment": str, "quick": bool, "seed": int} | ({"full": bool} if "full" in found else {})
+    if {name: type(value) for name, value in found.items()} != kinds or found["experiment"] not in papers():
+        raise ValueError(_damaged(path))
+    return found
+
+
+def _damaged(path: Path) -> str:
+    return f"{path} is damaged: start again with --overwrite"
+
+
+def read_json(path: Path) -> dict:
+    """Read an object from a JSON file; raise ValueError with a one-sentence message if the file is damaged."""
+    try:
+        if isinstance(found := json.loads(path.read_text(encoding="utf-8")), dict):
+            return found
+    except (ValueError, RecursionError):
+        pass
+    raise ValueError(_damaged(path))

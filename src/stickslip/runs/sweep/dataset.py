@@ -1,0 +1,119 @@
+"""Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
+
+The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from ... import __version__
+from ...core.arguments import checked
+from ...core.text import check_regular_file
+from ...data.dotted_keys import field_at
+from ...data.manifest import write_file
+from ...data.schema import split_unit
+from ...experiments.registry import scenario_class
+from .axes import Axis
+from .definition import Sweep
+
+DATASET = "sweep.nc"
+POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
+WORDS = 300  # characters of a failure message that are saved
+
+
+def is_sweep(folder: str | Path) -> bool:
+    """Return True if a folder contains the results of a sweep."""
+    return (Path(folder) / DATASET).is_file()
+
+
+@checked
+def open_sweep(folder: str | Path) -> xr.Dataset:
+    """Load the results of a sweep from its folder or file.
+
+    In a grid without conditions, variables have a dimension for every swept key, and `draw` for a table of draws;
+    otherwise their dimensions are `point`, and `seed` if it is given as a count. Values of unfinished members are NaN.
+    `member` is the folder of each member, and `failure` its error message.
+
+    Raises
+    ------
+    ValueError
+        If there is no sweep.
+
+    Examples
+    --------
+    >>> open_sweep("results/sweep").final_friction.mean("seed")  # doctest: +SKIP
+    """
+    path = Path(folder)
+    path = path / DATASET if path.is_dir() else path
+    try:
+        check_regular_file(path, "give the folder of a finished sweep")
+        with xr.open_dataset(path, engine="scipy") as found:
+            return found.load()
+    except (OSError, TypeError, ValueError):
+        raise ValueError(f"{path} does not contain a sweep: give the folder of a finished sweep") from None
+
+
+def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> None:
+    """Write the dataset atomically.
+
+    Parameters
+    ----------
+    names : folder of each member, in order
+    found : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
+    failures : error message of each member, or an empty string
+    """
+    write_file(folder, DATASET, bytes(build_dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+
+
+def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
+    """Build the dataset of a sweep; arguments are those of `write_sweep`."""
+    kind, dims, coordinates = scenario_class(chosen.base), [], {}
+    for group in chosen.groups:
+        dims.append(_dimension(group, chosen.mode))
+        for axis in group:
+            coordinates[axis.key] = (dims[-1], _labels(axis), _attributes(field_at(kind, axis.key).description))
+
+    def shaped(values, **attributes):
+        return dims, np.reshape(values, chosen.shape), attributes
+
+    units = {name: unit for one in found if one for name, (_, unit) in one["measures"].items()}
+    variables = {name: shaped([_value(one, name) for one in found], units=unit) for name, unit in units.items()}
+    spent = [one["seconds"] if one else np.nan for one in found]
+    variables["seconds"] = shaped(spent, units="s", long_name="run time of the member")
+    variables["finished"] = shaped(np.array([one is not None for one in found], np.int8))
+    variables["member"] = shaped(np.array(names), long_name="folder in members/")
+    if any(failures):
+        variables["failure"] = shaped(np.array([words[:WORDS] for words in failures]))
+    about = {
+        "title": f"sweep of {kind.model_fields['experiment'].default}",
+        "source": f"stickslip {__version__}",
+        "sweep": chosen.text,
+    } | ({"refusals": chosen.refusals} if chosen.refusals else {})
+    return xr.Dataset(variables, coordinates, about)
+
+
+def _dimension(group: tuple[Axis, ...], mode: str) -> str:
+    if mode == "grid" and group[0].kind == "column":
+        return DRAW
+    return group[0].key if mode == "grid" or group[0].kind == "count" else POINT
+
+
+def _labels(axis: Axis) -> np.ndarray:
+    """Return the values of an axis as numbers if possible, otherwise as strings."""
+    if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
+        return np.array(axis.values, np.int32)
+    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):
+        return np.array(axis.values, float)
+    return np.array([str(v) for v in axis.values])
+
+
+def _attributes(description: str | None) -> dict:
+    """Return the attributes of a scenario key: its description, and the unit in the description's last brackets."""
+    words, unit = split_unit(description)
+    return ({"units": unit} if unit else {}) | ({"long_name": words} if words else {})
+
+
+def _value(one: dict | None, name: str) -> float:
+    return one["measures"][name][0] if one and name in one["measures"] else np.nan

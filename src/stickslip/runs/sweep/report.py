@@ -1,0 +1,196 @@
+"""A complete sweep with its messages on the terminal."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.text import Text
+
+from ...core.units import for_people
+from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
+from ...data.law_file import check_law_files
+from ...data.manifest import find_foreign, read_manifest, write_manifest
+from ...data.run_files import OPTIONS, foreign_files_message
+from ...ensemble import Workers, reach
+from ...reports.terminal import console, new_table, progress, show_table
+from ..folder import check_writable
+from ..resume import read_json
+from .cycles import FIGURE, write_cycles
+from .dataset import DATASET
+from .definition import Sweep, describe_differences, member
+from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
+
+OURS = (SWEEP, OPTIONS, DATASET, FIGURE, MEMBERS)
+LISTED = 10  # failures that are listed
+READY = "ready"  # file that marks a sweep that replaces another one as complete
+
+
+def run_with_progress(
+    chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
+) -> SweepResult | None:
+    """Print the number of members, ask for confirmation if there are many, validate them and run the unfinished ones.
+
+    Parameters
+    ----------
+    confirm : called after the number and the estimated time have been printed, if there are more than MANY members;
+        if it returns False, nothing is run
+    """
+    where = reach(workers)
+    check_writable(out)
+    _install_results(out)
+    others = _check_folder(out, overwrite)
+    target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
+    if target != out:
+        going = ", ".join(name for name in OURS if (out / name).exists())
+        console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep is complete.", markup=False)
+    check_law_files(member(chosen, 0).scenario.model_dump())
+    console.print(_describe_size(chosen))
+    if chosen.count > MANY:
+        console.print(f"On {where.words}: {estimate(chosen, target, where.slots)}.")
+        if not confirm():
+            return None
+    with progress() as report:
+        report_checks = (
+            (lambda share, words: report("checking scenarios", share, words)) if chosen.count > MANY else None
+        )
+        names = validate_members(chosen, report_checks)
+        if target != out:
+            _discard_other_sweep(target, chosen)
+        done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names)) if target.exists() else 0
+        stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
+
+        def line(share: float, words: str, left: float | None) -> None:
+            report(stage, share, words, left)
+
+        line(0.0, f"on {where.words}", None)
+        try:
+            swept = run_sweep(chosen, target, names=names, workers=workers, figures=figures, report=line)
+        except KeyboardInterrupt:
+            done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names))
+            console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
+            raise
+        write_cycles(target, chosen, swept.names, swept.found)
+    if target != out:
+        if not any(swept.found):
+            raise RuntimeError(f"every member failed ({swept.failures[0]}): {out} was left unchanged")
+        (target / READY).touch()
+        _install_results(out, overwrite=True)
+    return swept
+
+
+def _describe_size(chosen: Sweep) -> str:
+    dims = " × ".join(
+        f"{' with '.join(axis.key for axis in group)} ({n})"
+        for group, n in zip(chosen.groups, chosen.shape, strict=True)
+    )
+    size = f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
+    return f"{size} {chosen.refusals}".rstrip()
+
+
+def _check_folder(out: Path, overwrite: bool) -> bool:
+    """Return True if a folder contains files that no sweep wrote and that may be replaced.
+
+    Raises
+    ------
+    ValueError
+        If they may not be replaced.
+    """
+    if (out / SCENARIO).exists() and not (out / SWEEP).exists():
+        raise ValueError(f"{out} contains the results of a run: choose another --out")
+    others = find_foreign(out, lambda name: name in OURS)
+    if others and not overwrite:
+        raise ValueError(foreign_files_message(out, others))
+    return bool(others)
+
+
+def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
+    """Return True if a folder contains another sweep (not just other values of the same keys) that may be replaced."""
+    if not (out / SWEEP).is_file():
+        return False
+    try:
+        differ = describe_differences(read_json(out / SWEEP), json.loads(chosen.text))
+    except ValueError:
+        if overwrite:
+            return True
+        raise
+    if differ and not overwrite:
+        raise ValueError(f"{out} contains another sweep ({differ}): choose another --out, or add --overwrite")
+    return bool(differ)
+
+
+def _discard_other_sweep(target: Path, chosen: Sweep) -> None:
+    """Remove a folder unless an earlier call wrote it for the same sweep."""
+    try:
+        same = (target / SWEEP).read_text(encoding="utf-8") == chosen.text
+    except (OSError, ValueError):
+        same = False
+    if not same:
+        shutil.rmtree(target, ignore_errors=True)
+
+
+def _install_results(out: Path, overwrite: bool = False) -> None:
+    """Move a complete sweep into place; if the process is killed during the move, the next call finishes it.
+
+    Files that no sweep wrote stay, and so does the new sweep, unless they may be overwritten.
+    """
+    target = out / ANEW
+    if not (target / READY).exists():
+        return
+    old, new = read_manifest(out), read_manifest(target)
+    if SWEEP not in new or (not overwrite and find_foreign(out, lambda name: name in OURS)):
+        return
+    write_manifest(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
+    for name in OURS:
+        if (target / name).exists():
+            if (out / name).is_dir():
+                shutil.rmtree(out / name)
+            (target / name).replace(out / name)
+    write_manifest(out, new)
+    shutil.rmtree(target)
+
+
+def show(swept: SweepResult) -> None:
+    """Print the ranges of the measures, and the failures."""
+    rows = [one for one in swept.found if one]
+    names = ("measure", "unit", "members", "least", "median", "greatest")
+    title = f"Measures of {len(rows)} of {len(swept.names)} members"
+    table = new_table(*names, title=title, left=("measure", "unit"))
+    for name, known in ranges(swept).items():
+        cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
+        cells, unit = for_people(cells, known["unit"])
+        table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
+    if rows:
+        show_table(table)
+    failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
+    for name, words in failed[:LISTED]:
+        console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
+    if len(failed) > LISTED:
+        console.print(f"… and {len(failed) - LISTED} more: see the variable `failure` of the dataset")
+    if swept.reused:
+        rest = " The sweep is finished: there was nothing to run." if swept.reused == len(set(swept.names)) else ""
+        console.print(f"{swept.reused} members were already finished and not run again.{rest}")
+
+
+def ranges(swept: SweepResult) -> dict[str, dict]:
+    """Return {measure: unit, number of members that have it, minimum, median and maximum}."""
+    rows, out = [one for one in swept.found if one], {}
+    for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
+        values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
+        values = values[np.isfinite(values)]
+        found = (values.min(), np.median(values), values.max()) if len(values) else (None, None, None)
+        out[name] = {"unit": unit, "members": len(values)} | dict(
+            zip(("least", "median", "greatest"), found, strict=True)
+        )
+    return out
+
+
+def failure_summary(swept: SweepResult) -> str | None:
+    """Return one sentence if any members failed, otherwise None."""
+    failed = sum(map(bool, swept.failures))
+    if not failed:
+        return None
+    return (
+        f"{failed} of {len(swept.names)} members failed: the others are saved; repeat the call to rerun the failed ones"
+    )

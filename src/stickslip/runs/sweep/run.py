@@ -1,0 +1,252 @@
+"""Run all members of a sweep: each writes the folder of an ordinary run, and together they form one dataset."""
+
+import json
+import math
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ... import __version__
+from ...core.arguments import checked
+from ...core.readable import readable
+from ...data.archive import ArchiveError
+from ...data.atomic import write_atomically
+from ...data.checkpoint import MEMBERS, SWEEP
+from ...data.checkpoint import remove_checkpoint as drop_pieces
+from ...data.manifest import add_to_manifest, write_file
+from ...data.run_files import NUMBERS, OPTIONS, list_files
+from ...ensemble import Workers, reach, run_members, trial
+from ...experiments.experiment import named_measures
+from ...experiments.realizations import silent
+from ...experiments.registry import experiment_of
+from ...reports.terminal import format_duration
+from ..folder import staged_results
+from ..writer import write_numbers, write_result
+from .dataset import write_sweep
+from .definition import Sweep, member, sweep
+
+MEASURES = "measures.json"
+MANY = 1000  # number of members above which the user is asked to confirm
+FIRST = "first"  # folder of a timed first member
+SOME = 50  # members whose run times are used for the estimate
+PROBE = 20.0  # longest trial run of the first member [s]
+
+
+class MemberOutput(NamedTuple):
+    """Output of a member: its measures, and its files unless they were written in place."""
+
+    seconds: float
+    measures: dict  # {name: [value, unit]}
+    files: dict[str, bytes]
+
+
+@readable
+class SweepResult(NamedTuple):
+    """Outcome of all members, in order."""
+
+    sweep: Sweep
+    names: list[str]
+    found: list[dict | None]  # measures and seconds
+    failures: list[str]  # error messages, or empty strings
+    reused: int  # number of members that were already finished
+
+
+def validate_members(chosen: Sweep, report=None) -> list[str]:
+    """Validate the scenarios of all members and return their names.
+
+    Raises
+    ------
+    ScenarioError
+        If a member is invalid; the message names the first such member and the key.
+    """
+    names = []
+    for k in range(chosen.count):
+        names.append(member(chosen, k).name)
+        if report and (k + 1) % 500 == 0:
+            report((k + 1) / chosen.count, f"{k + 1} of {chosen.count}")
+    return names
+
+
+def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
+    """Return the estimated time for all members and its basis, as a phrase.
+
+    The estimate uses the median time of finished members, or else a trial run of the first member, limited to
+    PROBE seconds in a local process.
+    """
+    some = (read_finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
+    known = [one["seconds"] for one in some if one]
+    if known:
+        one, words = statistics.median(known), "finished members took {:.2g} s"
+    else:
+        tried = trial(_time_first_member, (chosen.text,), PROBE)
+        if tried is None:
+            least = PROBE * chosen.count / max(1, slots)
+            return f"more than {format_duration(least)}, since the first member takes longer than {PROBE:g} s"
+        if tried.failure:
+            return f"unknown time, since the first member fails ({tried.failure})"
+        one, words = tried.result, "a trial run of the first member took {:.2g} s"
+    return f"about {format_duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
+
+
+def _time_first_member(text: str) -> float:
+    """Return the run time of the first member in seconds, without one-time costs such as loading kernels."""
+    seconds = PROBE
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as scratch:  # outside of the sweep's folder, which may be inaccessible
+            seconds = min(seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), False, silent).seconds)
+        if seconds > 0.3 * PROBE:  # a second run might exceed the limit
+            break
+    return seconds
+
+
+def read_finished(folder: Path) -> dict | None:
+    """Return the measures and the run time in seconds of a member finished by this version, or None.
+
+    The name of the folder identifies the run.
+    """
+    try:
+        if not ((folder / MEASURES).is_file() and (folder / NUMBERS).is_file()):
+            return None
+        known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
+        whole = known["stickslip"] == __version__ and 0 <= known["seconds"] < math.inf
+        plain = all(
+            isinstance(value, (int, float)) and isinstance(unit, str) for value, unit in known["measures"].values()
+        )
+        return known if whole and plain else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+@checked
+def run_sweep(
+    chosen: Sweep,
+    folder: str | Path,
+    *,
+    names: list[str] | None = None,
+    workers: Workers = None,
+    figures: bool = False,
+    report: Callable = lambda share, words, left: None,
+) -> SweepResult:
+    """Run all members that are not in the folder yet, and write the dataset of all finished ones.
+
+    Parameters
+    ----------
+    names : names of all members, if already validated
+    workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
+    figures : whether each member also draws its figures
+    report : called as report(fraction of the pending work done, text, seconds left or None)
+    """
+    folder, names = Path(folder).resolve(), names or validate_members(chosen)
+    (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
+    write_file(folder, OPTIONS, json.dumps({"figures": figures}).encode())
+    write_file(folder, SWEEP, chosen.text.encode())
+    add_to_manifest(folder, MEMBERS)
+    found = [read_finished(folder / MEMBERS / name) for name in names]
+    first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may contain a scenario twice
+    failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
+    watch = _Progress(len(missing), reach(workers).slots, report)
+
+    def keep(place: int, left: MemberOutput) -> None:
+        found[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], left)
+        watch.seconds += left.seconds
+
+    tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), figures) for k in missing]
+    try:
+        done = run_members(_run_member, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
+        for k, one in zip(missing, done, strict=True):
+            failures[k] = one.failure or ""
+    finally:
+        found = [found[first[name]] for name in names]
+        write_sweep(folder, chosen, names, found, failures)
+    return SweepResult(chosen, names, found, failures, len(first) - len(missing))
+
+
+class _Progress:
+    """Progress of a sweep and its estimated remaining time."""
+
+    def __init__(self, total: int, slots: int, report):
+        self.total, self.slots, self.callback = total, max(1, min(slots, total)), report
+        self.start, self.done, self.failed, self.seconds, self.last = time.monotonic(), 0, 0, 0.0, ""
+
+    def live(self, share: float, words: str) -> None:
+        self.last = words
+        failed = f", {self.failed} failed" if self.failed else ""
+        self.callback(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
+
+    def report(self, done: int, total: int, one) -> None:
+        self.done, self.failed = self.done + 1, self.failed + bool(one.failure)
+        self.live(0.0, one.failure or self.last)
+
+    def left(self) -> float | None:
+        """Return the estimated remaining seconds, or None if unknown.
+
+        The estimate uses the run times of finished members, and their rate once many have finished.
+        """
+        good, missing = self.done - self.failed, self.total - self.done
+        if self.done >= 3 * self.slots:
+            return missing * (time.monotonic() - self.start) / self.done
+        return missing * self.seconds / good / min(self.slots, missing) if good and missing else None
+
+
+def _store_output(folder: Path, left: MemberOutput) -> dict:
+    """Write the files of a member to its folder, and finally its measures, which mark it as finished."""
+    if left.files:
+        with staged_results(folder) as staging:
+            for name, data in left.files.items():
+                (staging / name).write_bytes(data)
+    known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
+    write_atomically(folder / MEASURES, json.dumps(known, indent=1).encode())
+    return known
+
+
+@lru_cache(1)
+def _parse_sweep(text: str) -> Sweep:
+    return sweep(**json.loads(text))
+
+
+def _run_member(text: str, k: int, folder: str, figures: bool, report) -> MemberOutput:
+    """Run one member in any process, in its folder if the process can access it; otherwise return its files."""
+    one, place = member(_parse_sweep(text), k), Path(folder)
+    assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
+    words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
+    report(0.0, words)
+    if _is_same_sweep(place.parent.parent / SWEEP, text):
+        seconds, measures = _run_in_folder(one.scenario, place, figures, words, report)
+        return MemberOutput(seconds, measures, {})
+    with tempfile.TemporaryDirectory() as scratch:
+        seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, report)
+        files = list_files(Path(scratch) / place.name)
+        return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
+
+
+def _is_same_sweep(path: Path, text: str) -> bool:
+    try:
+        return path.read_text(encoding="utf-8") == text
+    except OSError:
+        return False
+
+
+def _run_in_folder(one, folder: Path, figures: bool, words: str, report) -> tuple[float, dict]:
+    """Run a scenario, write its files, and return the seconds taken and the measures."""
+    start, experiment = time.perf_counter(), experiment_of(one)
+
+    def simulate():
+        return experiment.simulate(
+            one, folder=folder, workers=1, report=lambda *now: report(now[1], f"{words}: {now[0]}, {now[2]}")
+        )
+
+    try:
+        result = simulate()
+    except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
+        drop_pieces(folder)
+        result = simulate()
+    if figures:
+        write_result(folder, experiment, result)
+    else:
+        write_numbers(folder, experiment, result)
+    measures = {name: [value, unit] for name, (value, unit) in named_measures(experiment, result).items()}
+    return time.perf_counter() - start, measures
