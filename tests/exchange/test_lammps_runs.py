@@ -6,6 +6,7 @@
 import bz2
 import gzip
 import lzma
+import re
 import sys
 import tarfile
 import warnings
@@ -439,3 +440,43 @@ def test_tables_that_are_none(text, words, tmp_path):
     ) as problem:
         ss.io.read_packing(tmp_path / "t")
     assert "\n" not in str(problem.value)
+
+@pytest.mark.parametrize(
+    ("end", "normal"), [("", [0, 0, 1]), (" side in", [0, 0, 1]), (" side out", [0, 0, -1]), (" move v_a NULL NULL", None)]
+)
+def test_walls_of_regions(end, normal, cases, tmp_path):
+    """Also with the words for the default side; what a region does otherwise is quoted."""
+    (tmp_path / "poured.restart").write_bytes((cases / "poured" / "poured.restart").read_bytes())
+    log = (cases / "poured" / "log.lammps").read_text()
+    style = re.search(r"(?m)^fix w all wall/gran (granular hooke 2000 20 [^$]* mass_velocity) zplane 0 NULL$", log)[1]
+    wall = f"region low plane 0 0 0 0 0 2{end}\nfix w all wall/gran/region {style} region low\n"
+    (tmp_path / "log.lammps").write_text(log.replace("write_restart", f"unfix w\n{wall}write_restart"))
+    read, known = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "poured").state
+    if normal is None:
+        assert any("not `plane 0 0 0 0 0 2 move v_a NULL NULL`" in note for note in read.notes)
+        return
+    np.testing.assert_array_equal(read.state.walls.normal, [normal])
+    if normal == [0, 0, 1]:
+        np.testing.assert_array_equal(read.state.contacts.slip, known.contacts.slip)
+
+
+def test_gravity_on_a_group(cases, tmp_path):
+    """As is usual where other grains are frozen: each grain of the group has its weight as a load."""
+    (tmp_path / "materials.restart").write_bytes((cases / "materials" / "materials.restart").read_bytes())
+    log = (cases / "materials" / "log.lammps").read_text()
+    log = log.replace("fix g all gravity", "group low subtract all top\nfix g low gravity")
+    (tmp_path / "log.lammps").write_text(log)
+    mine, whole = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "materials").state
+    assert not any("gravity" in note for note in mine.notes if isinstance(note, Obstacle))
+    free, state = whole.control.free[:, 0], mine.state
+    weight = np.append(whole.grains.mass, whole.walls.mass)[:, None] * whole.control.gravity
+    np.testing.assert_allclose(state.control.force[free], (whole.control.force + weight)[free], atol=1e-15)
+
+
+def test_a_dump_without_radii_beside_one_with_them(cases, tmp_path):
+    """Such as a dump of forces, whatever its name and time."""
+    for name in ("log.lammps", "dump.grains", "contacts.dump"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    text = (cases / "poured" / "dump.grains").read_text()
+    (tmp_path / "forces.dump").write_text(text.replace(" radius", " c_radius"))
+    assert any("grains from dump.grains" in note for note in ss.io.read_packing(tmp_path).notes)
