@@ -408,6 +408,7 @@ def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path
         "# 2 grains\n0 0 0 0.5\n0.9 0 1 0.5\n",
         "#format x_y_z_r_mask\n0\t0\t0\t0.5\t1\n0.9\t0\t1\t0.5\t1\n",
         "\ufeffX Y Z R vx vy vz\r\n0 0 0 0.5 0 0 1\r\n0.9 0 1 0.5 0 0 1\r\n",
+        "% x y z radius\n% of a script\n0 0 0 0.5\n0.9 0 1 0.5\n",
         "ball_id,xc,yc,zc,rad,rho\n1,0,0,0,0.5,2\n2,0.9,0,1,0.5,2\n",
     ],
 )
@@ -430,6 +431,10 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),
+        ("x;y;z;r\n0;0,9;0;0,5\n", "has decimal commas, as in '0;0,9;0;0,5': write decimal points"),
+        ("x\ty\tz\tr\n0\t0\t0\t0,5\n", "has decimal commas"),
+        ("x [mm],y [mm],z [mm],r [m]\n0,0,0,1\n", "has lengths in mm and m"),
+        ("\n\n", "it is empty"),
         ("x y z r\n", "at least one grain|empty|0 grains"),
     ],
 )
