@@ -213,7 +213,7 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
     (tmp_path / "log.lammps").unlink()
     (tmp_path / "in.poured").write_bytes((cases / "poured" / "in.poured").read_bytes())
     script = ss.io.read_packing(tmp_path)  # `variable kt equal "2/7*2000"` has no value without LAMMPS
-    assert any(isinstance(note, Obstacle) and "have no value without running LAMMPS" in note for note in script.notes)
+    assert any(isinstance(note, Obstacle) and "is not known without running LAMMPS" in note for note in script.notes)
 
 
 def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
@@ -325,6 +325,8 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
         ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
         ("fix x all print 10 'now'", ""),
+        ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "the restart file another: it is of another run"),
+        ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
 )
 def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_path):
@@ -446,8 +448,10 @@ def test_tables_that_are_none(text, words, tmp_path):
         ss.io.read_packing(tmp_path / "t")
     assert "\n" not in str(problem.value)
 
+
 @pytest.mark.parametrize(
-    ("end", "normal"), [("", [0, 0, 1]), (" side in", [0, 0, 1]), (" side out", [0, 0, -1]), (" move v_a NULL NULL", None)]
+    ("end", "normal"),
+    [("", [0, 0, 1]), (" side in", [0, 0, 1]), (" side out", [0, 0, -1]), (" move v_a NULL NULL", None)],
 )
 def test_walls_of_regions(end, normal, cases, tmp_path):
     """Also with the words for the default side; what a region does otherwise is quoted."""
@@ -485,3 +489,13 @@ def test_a_dump_without_radii_beside_one_with_them(cases, tmp_path):
     text = (cases / "poured" / "dump.grains").read_text()
     (tmp_path / "forces.dump").write_text(text.replace(" radius", " c_radius"))
     assert any("grains from dump.grains" in note for note in ss.io.read_packing(tmp_path).notes)
+
+
+@pytest.mark.parametrize("line", ["include more.in", 'if "1 == 1" then "unfix g"'])
+def test_what_a_script_leaves_open(line, cases, tmp_path):
+    """Commands in other files and branches are in the log only."""
+    (tmp_path / "poured.restart").write_bytes((cases / "poured" / "poured.restart").read_bytes())
+    script = (cases / "poured" / "in.poured").read_text()
+    (tmp_path / "in.poured").write_text(f"{line}\njump SELF loop\n{script}")
+    notes = [note for note in ss.io.read_packing(tmp_path).notes if "what follows from" in note]
+    assert [line.replace('"', "") in note.replace('"', "") for note in notes] == [True]

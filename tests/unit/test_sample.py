@@ -295,7 +295,7 @@ def test_cells_of_disks_span_an_area():
     "law", [ss.laws.jkr(work=0.03), ss.laws.liquid_bridge(surface_tension=1e-3, volume=1e-2)], ids=["jkr", "wet"]
 )
 def test_a_bond_across_a_gap_exists_if_it_is_listed(law):
-    arrays = dict(position=[[0, 0, 0], [1.05, 0, 0]], radius=[0.5, 0.5], law=law)
+    arrays = {"position": [[0, 0, 0], [1.05, 0, 0]], "radius": [0.5, 0.5], "law": law}
     apart = ss.packings.from_arrays(**arrays)
     bonded = ss.packings.from_arrays(**arrays, pair_i=[0], pair_j=[1])
     assert not ss.measure.contact_forces(apart, law).any()

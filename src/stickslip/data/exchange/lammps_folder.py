@@ -259,7 +259,8 @@ def _take_over(course: Course) -> None:
     """Take over the commands of a run, in the order in which they matter."""
     run = course.run
     for command in run.unknown:
-        course.obstacle(f"the variables in `{command}` have no value without running LAMMPS; its log.lammps has them")
+        what = "the variables in " if command.startswith(("fix", "pair")) else "what follows from "
+        course.obstacle(f"{what}`{command}` is not known without running LAMMPS; its log.lammps has it")
     for part in run.settings.get("exclude", []):
         course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it leaves out are there here")
     units = run.settings.get("units", ["lj"])[0]
@@ -277,7 +278,9 @@ def _take_over(course: Course) -> None:
                 course.moved |= course.members(group)
             if course.packing.arrays.get("dim") == 2 and style == "nve/sphere":
                 course.packing.arrays["i0"] = 0.5 if "disc" in words else 0.4
-        except (ValueError, IndexError, KeyError, TypeError, RecursionError) as problem:
+        except RecursionError:
+            course.obstacle(f"fix {name} ({style}) was not taken over: group {group} is defined by itself")
+        except (ValueError, IndexError, KeyError, TypeError) as problem:
             course.obstacle(f"fix {name} ({style}) was not taken over: {problem}")
     if course.moved.any() and not course.moved.all():
         course.frozen |= ~course.moved
@@ -285,9 +288,20 @@ def _take_over(course: Course) -> None:
     _finish_law(course)
 
 
+def _check_stored(course: Course, style: str) -> None:
+    """Note that a restart file has another style than the commands, which are then not those of its run."""
+    stored = course.packing.law if isinstance(course.packing.law, dict) else {}
+    same = HISTORY.get(style.removeprefix("gran/"), ("",))[0] == stored.get("law")
+    if stored and style != "none" and not same:
+        course.obstacle(
+            f"{course.run.source} has pair_style {style}, and the restart file another: it is of another run"
+        )
+
+
 def _take_pairs(course: Course) -> None:
     """Laws of pairs of types."""
     style, *words = course.run.pair_style or ["none"]
+    _check_stored(course, style)
     stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
         if style == "none" and isinstance(stored, dict):  # restored from a restart file
