@@ -11,15 +11,19 @@ import sys
 import tarfile
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
+from stickslip.data.exchange.lammps_folder import TAKEN, Plane, _with_wall_numbers
 from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
+from stickslip.data.exchange.lammps_restart import Restart
 from stickslip.data.sample import Obstacle
 from stickslip.experiments.lammps.leg import Leg
 from stickslip.experiments.lammps.script import write_input
@@ -325,6 +329,10 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
         ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
         ("fix x all print 10 'now'", ""),
+        (
+            "fix q all wall/gran hertz/history 1 1 0 0 0.5 1 zplane NULL 9",
+            "the model of type 1 and wall 2, which differs",
+        ),
         ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "the restart file another: it is of another run"),
         ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
@@ -499,3 +507,50 @@ def test_what_a_script_leaves_open(line, cases, tmp_path):
     (tmp_path / "in.poured").write_text(f"{line}\njump SELF loop\n{script}")
     notes = [note for note in ss.io.read_packing(tmp_path).notes if "what follows from" in note]
     assert [line.replace('"', "") in note.replace('"', "") for note in notes] == [True]
+
+
+@pytest.mark.parametrize(
+    ("dim", "words", "direction"),
+    [
+        (3, "chute 20", [0.34202, 0, -0.93969]),
+        (2, "chute 20", [0.34202, -0.93969, 0]),
+        (3, "spherical 30 200", [-0.29620, -0.17101, -0.93969]),
+        (2, "spherical 30 200", [-0.34202, -0.93969, 0]),
+        (2, "vector 3 -4 0", [0.6, -0.8, 0]),
+    ],
+)
+def test_directions_of_gravity(dim, words, direction):
+    """Those of LAMMPS, whose forces of runs in two dimensions balance with them."""
+    packing, everybody = SimpleNamespace(arrays={"dim": dim}), np.ones(3, bool)
+    course = SimpleNamespace(packing=packing, members=lambda group: everybody, gravity=np.zeros(3))
+    TAKEN["gravity"](course, "g", "all", ["2.0", *words.split()])
+    np.testing.assert_allclose(course.gravity, 2 * np.array(direction), atol=2e-5)
+
+
+def test_defaults_of_the_gran_style():
+    contact, _ = contact_of("hooke/history", ["7", "NULL", "2", "NULL", "0.3", "1"])
+    assert contact.coefficients == pytest.approx((7, 2, 0.3, 2, 1))
+
+
+def test_memory_of_a_fix_with_two_walls_goes_to_the_nearer():
+    planes = [Plane(0.0, np.array([0, 0, 1.0]), 0), Plane(-3.0, np.array([0, 0, -1.0]), 0)]
+    arrays = {"position": np.array([[0, 0, 0.49], [0, 0, 2.51]]), "radius": np.full(2, 0.5)}
+    memory = Restart(*[None] * len(Restart._fields))
+    memory = memory._replace(wall=np.array([0, 0]), grain=np.array([1, 0]), wall_slip=np.eye(3)[:2])
+    placed = _with_wall_numbers(memory, SimpleNamespace(packing=SimpleNamespace(arrays=arrays), walls=planes))
+    assert placed.wall.tolist() == [1, 0] and placed.grain.tolist() == [1, 0]
+
+
+def test_grains_are_sorted_by_their_numbers():
+    columns = {
+        name: np.array(rows) for name, rows in {"id": [7.0, 3], "x": [1.0, 0], "y": [0.0, 0], "r": [2.0, 1]}.items()
+    }
+    packing = packing_of_columns(columns, "t")
+    assert packing.ids.tolist() == [3, 7] and packing.arrays["radius"].tolist() == [1, 2]
+
+
+def test_commands_after_the_data_file_do_not_count(cases, tmp_path):
+    (tmp_path / "end.data").write_bytes((cases / "poured" / "poured.data").read_bytes())
+    log = (cases / "poured" / "log.lammps").read_text()
+    (tmp_path / "log.lammps").write_text(f"{log}\nwrite_data end.data\nfix later all spring/self 1.0\n")
+    assert not any("fix later" in note for note in ss.io.read_packing(tmp_path).notes)

@@ -390,6 +390,8 @@ def _take_gravity(course: Course, name: str, group: str, words: list[str]) -> No
     else:
         phi, theta = np.deg2rad(values if kind == "spherical" else [0.0, 180.0 - values[0]])
         direction = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+        if course.packing.arrays.get("dim") == 2:  # in the plane, whatever phi
+            direction = np.array([np.sin(theta), np.cos(theta), 0.0])
     if members.all():
         course.gravity += parse_number(size) * direction
     else:
@@ -428,7 +430,7 @@ def _finish_law(course: Course) -> None:
     """The law of all pairs of types and walls."""
     if not any(max(pair) < course.kinds for pair in course.contacts):
         return
-    course.law, lacks = law_of_contacts(course.contacts, course.kinds + len(course.walls))
+    course.law, lacks = law_of_contacts(course.contacts, course.kinds, len(course.walls))
     for lack in lacks:
         course.obstacle(f"{lack}: the law here differs")
 
