@@ -6,19 +6,24 @@
 import bz2
 import gzip
 import lzma
+import re
 import sys
 import tarfile
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
+from stickslip.data.exchange.lammps_folder import TAKEN, Plane, _with_wall_numbers
 from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
+from stickslip.data.exchange.lammps_restart import Restart
 from stickslip.data.sample import Obstacle
 from stickslip.lammps.leg import Leg
 from stickslip.lammps.script import write_input
@@ -212,7 +217,7 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
     (tmp_path / "log.lammps").unlink()
     (tmp_path / "in.poured").write_bytes((cases / "poured" / "in.poured").read_bytes())
     script = ss.io.read_packing(tmp_path)  # `variable kt equal "2/7*2000"` has no value without LAMMPS
-    assert any(isinstance(note, Obstacle) and "have no value without running LAMMPS" in note for note in script.notes)
+    assert any(isinstance(note, Obstacle) and "is not known without running LAMMPS" in note for note in script.notes)
 
 
 def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
@@ -324,6 +329,12 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
         ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
         ("fix x all print 10 'now'", ""),
+        (
+            "fix q all wall/gran hertz/history 1 1 0 0 0.5 1 zplane NULL 9",
+            "the model of type 1 and wall 2, which differs",
+        ),
+        ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "the restart file another: it is of another run"),
+        ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
 )
 def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_path):
@@ -407,6 +418,7 @@ def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path
         "# 2 grains\n0 0 0 0.5\n0.9 0 1 0.5\n",
         "#format x_y_z_r_mask\n0\t0\t0\t0.5\t1\n0.9\t0\t1\t0.5\t1\n",
         "\ufeffX Y Z R vx vy vz\r\n0 0 0 0.5 0 0 1\r\n0.9 0 1 0.5 0 0 1\r\n",
+        "% x y z radius\n% of a script\n0 0 0 0.5\n0.9 0 1 0.5\n",
         "ball_id,xc,yc,zc,rad,rho\n1,0,0,0,0.5,2\n2,0.9,0,1,0.5,2\n",
     ],
 )
@@ -429,6 +441,10 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),
+        ("x;y;z;r\n0;0,9;0;0,5\n", "has decimal commas, as in '0;0,9;0;0,5': write decimal points"),
+        ("x\ty\tz\tr\n0\t0\t0\t0,5\n", "has decimal commas"),
+        ("x [mm],y [mm],z [mm],r [m]\n0,0,0,1\n", "has lengths in mm and m"),
+        ("\n\n", "it is empty"),
         ("x y z r\n", "at least one grain|empty|0 grains"),
     ],
 )
@@ -439,3 +455,102 @@ def test_tables_that_are_none(text, words, tmp_path):
     ) as problem:
         ss.io.read_packing(tmp_path / "t")
     assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("end", "normal"),
+    [("", [0, 0, 1]), (" side in", [0, 0, 1]), (" side out", [0, 0, -1]), (" move v_a NULL NULL", None)],
+)
+def test_walls_of_regions(end, normal, cases, tmp_path):
+    """Also with the words for the default side; what a region does otherwise is quoted."""
+    (tmp_path / "poured.restart").write_bytes((cases / "poured" / "poured.restart").read_bytes())
+    log = (cases / "poured" / "log.lammps").read_text()
+    style = re.search(r"(?m)^fix w all wall/gran (granular hooke 2000 20 [^$]* mass_velocity) zplane 0 NULL$", log)[1]
+    wall = f"region low plane 0 0 0 0 0 2{end}\nfix w all wall/gran/region {style} region low\n"
+    (tmp_path / "log.lammps").write_text(log.replace("write_restart", f"unfix w\n{wall}write_restart"))
+    read, known = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "poured").state
+    if normal is None:
+        assert any("not `plane 0 0 0 0 0 2 move v_a NULL NULL`" in note for note in read.notes)
+        return
+    np.testing.assert_array_equal(read.state.walls.normal, [normal])
+    if normal == [0, 0, 1]:
+        np.testing.assert_array_equal(read.state.contacts.slip, known.contacts.slip)
+
+
+def test_gravity_on_a_group(cases, tmp_path):
+    """As is usual where other grains are frozen: each grain of the group has its weight as a load."""
+    (tmp_path / "materials.restart").write_bytes((cases / "materials" / "materials.restart").read_bytes())
+    log = (cases / "materials" / "log.lammps").read_text()
+    log = log.replace("fix g all gravity", "group low subtract all top\nfix g low gravity")
+    (tmp_path / "log.lammps").write_text(log)
+    mine, whole = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "materials").state
+    assert not any("gravity" in note for note in mine.notes if isinstance(note, Obstacle))
+    free, state = whole.control.free[:, 0], mine.state
+    weight = np.append(whole.grains.mass, whole.walls.mass)[:, None] * whole.control.gravity
+    np.testing.assert_allclose(state.control.force[free], (whole.control.force + weight)[free], atol=1e-15)
+
+
+def test_a_dump_without_radii_beside_one_with_them(cases, tmp_path):
+    """Such as a dump of forces, whatever its name and time."""
+    for name in ("log.lammps", "dump.grains", "contacts.dump"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    text = (cases / "poured" / "dump.grains").read_text()
+    (tmp_path / "forces.dump").write_text(text.replace(" radius", " c_radius"))
+    assert any("grains from dump.grains" in note for note in ss.io.read_packing(tmp_path).notes)
+
+
+@pytest.mark.parametrize("line", ["include more.in", 'if "1 == 1" then "unfix g"'])
+def test_what_a_script_leaves_open(line, cases, tmp_path):
+    """Commands in other files and branches are in the log only."""
+    (tmp_path / "poured.restart").write_bytes((cases / "poured" / "poured.restart").read_bytes())
+    script = (cases / "poured" / "in.poured").read_text()
+    (tmp_path / "in.poured").write_text(f"{line}\njump SELF loop\n{script}")
+    notes = [note for note in ss.io.read_packing(tmp_path).notes if "what follows from" in note]
+    assert [line.replace('"', "") in note.replace('"', "") for note in notes] == [True]
+
+
+@pytest.mark.parametrize(
+    ("dim", "words", "direction"),
+    [
+        (3, "chute 20", [0.34202, 0, -0.93969]),
+        (2, "chute 20", [0.34202, -0.93969, 0]),
+        (3, "spherical 30 200", [-0.29620, -0.17101, -0.93969]),
+        (2, "spherical 30 200", [-0.34202, -0.93969, 0]),
+        (2, "vector 3 -4 0", [0.6, -0.8, 0]),
+    ],
+)
+def test_directions_of_gravity(dim, words, direction):
+    """Those of LAMMPS, whose forces of runs in two dimensions balance with them."""
+    packing, everybody = SimpleNamespace(arrays={"dim": dim}), np.ones(3, bool)
+    course = SimpleNamespace(packing=packing, members=lambda group: everybody, gravity=np.zeros(3))
+    TAKEN["gravity"](course, "g", "all", ["2.0", *words.split()])
+    np.testing.assert_allclose(course.gravity, 2 * np.array(direction), atol=2e-5)
+
+
+def test_defaults_of_the_gran_style():
+    contact, _ = contact_of("hooke/history", ["7", "NULL", "2", "NULL", "0.3", "1"])
+    assert contact.coefficients == pytest.approx((7, 2, 0.3, 2, 1))
+
+
+def test_memory_of_a_fix_with_two_walls_goes_to_the_nearer():
+    planes = [Plane(0.0, np.array([0, 0, 1.0]), 0), Plane(-3.0, np.array([0, 0, -1.0]), 0)]
+    arrays = {"position": np.array([[0, 0, 0.49], [0, 0, 2.51]]), "radius": np.full(2, 0.5)}
+    memory = Restart(*[None] * len(Restart._fields))
+    memory = memory._replace(wall=np.array([0, 0]), grain=np.array([1, 0]), wall_slip=np.eye(3)[:2])
+    placed = _with_wall_numbers(memory, SimpleNamespace(packing=SimpleNamespace(arrays=arrays), walls=planes))
+    assert placed.wall.tolist() == [1, 0] and placed.grain.tolist() == [1, 0]
+
+
+def test_grains_are_sorted_by_their_numbers():
+    columns = {
+        name: np.array(rows) for name, rows in {"id": [7.0, 3], "x": [1.0, 0], "y": [0.0, 0], "r": [2.0, 1]}.items()
+    }
+    packing = packing_of_columns(columns, "t")
+    assert packing.ids.tolist() == [3, 7] and packing.arrays["radius"].tolist() == [1, 2]
+
+
+def test_commands_after_the_data_file_do_not_count(cases, tmp_path):
+    (tmp_path / "end.data").write_bytes((cases / "poured" / "poured.data").read_bytes())
+    log = (cases / "poured" / "log.lammps").read_text()
+    (tmp_path / "log.lammps").write_text(f"{log}\nwrite_data end.data\nfix later all spring/self 1.0\n")
+    assert not any("fix later" in note for note in ss.io.read_packing(tmp_path).notes)

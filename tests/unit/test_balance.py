@@ -100,6 +100,8 @@ def test_causes_are_those_that_the_state_shows(sheared):
     some[rows[:5]] = 0.0
     few = sheared._replace(contacts=sheared.contacts._replace(slip=some))
     assert ss.measure.likely_causes(few, SHARP)[0].startswith(f"no slips: 5 of {len(rows)} contacts")
+    control = ss.control.fixed(few.control, np.unique([few.contacts.i[rows[:5]], few.contacts.j[rows[:5]]]))
+    assert not any("no slips" in cause for cause in ss.measure.likely_causes(few._replace(control=control), SHARP))
     single = (1000 + sheared.grains.position).astype(np.float32).astype(float)
     coarse = with_neighbor_list(sheared._replace(grains=sheared.grains._replace(position=single)))
     assert "in single precision" in ss.measure.likely_causes(coarse, SHARP)[0]

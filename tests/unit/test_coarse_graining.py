@@ -102,8 +102,9 @@ def test_in_equilibrium_the_divergence_of_the_stress_is_the_weight():
         ({"width": 0.0}, r"width = 0.0 was given: .*positive"),
         ({"width": 0.1, "spacing": -1.0}, r"spacing = -1.0 was given: .*positive"),
         ({"width": 0.1, "spacing": 1e-4}, r"spacing = 0.0001 was given: the grid has .* points, at most 1e\+07"),
+        ({"width": 1e9}, r"width = 1e\+09 was given, wider than the cell"),
     ],
 )
 def test_wrong_widths_are_refused(options, words):
     with pytest.raises(ValueError, match=words):
-        ss.measure.coarse_grained(make_packing(2), LAW, **options)
+        ss.measure.coarse_grained(moving(2), LAW, **options)

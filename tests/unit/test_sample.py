@@ -289,3 +289,18 @@ def test_cells_of_disks_span_an_area():
     flat = state._replace(cell=state.cell._replace(vectors=state.cell.vectors[::-1].copy()))
     with pytest.raises(ValueError, match="span no area"):
         ss.packings.check(flat)
+
+
+@pytest.mark.parametrize(
+    "law", [ss.laws.jkr(work=0.03), ss.laws.liquid_bridge(surface_tension=1e-3, volume=1e-2)], ids=["jkr", "wet"]
+)
+def test_a_bond_across_a_gap_exists_if_it_is_listed(law):
+    arrays = {"position": [[0, 0, 0], [1.05, 0, 0]], "radius": [0.5, 0.5], "law": law}
+    apart = ss.packings.from_arrays(**arrays)
+    bonded = ss.packings.from_arrays(**arrays, pair_i=[0], pair_j=[1])
+    assert not ss.measure.contact_forces(apart, law).any()
+    drawn = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    drawn = drawn._replace(grains=drawn.grains._replace(position=bonded.grains.position))
+    known = ss.forces(drawn, law)[0].force
+    assert known[0, 0] > 0
+    np.testing.assert_array_equal(ss.forces(bonded, law)[0].force, known)

@@ -6,6 +6,8 @@
 
 namespace {
 
+constexpr double ROUND_OFF = 1e-15;  // relative, of sums of a few terms
+
 inline Vec<double> at(Vectors rows, int64_t body) {
   const double *v = rows.data + rows.stride * body;
   return {v[0], v[1], v[2]};
@@ -20,6 +22,16 @@ template <int DIM>
 inline Vec<double> rolled(Vectors rows, const double *radius, int64_t i, int64_t j) {
   Vec<double> sum = radius[i] * at(rows, i) + radius[j] * at(rows, j);
   return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
+}
+
+// Whether changes of a pair vector and of the rolled length are round-off: the sums that were committed may have been
+// formed in another order, or with contracted products.
+template <int DIM>
+inline bool rests(const Sweep &sweep, const Bodies &bodies, int64_t i, int64_t j, Vec<double> moved, Vec<double> turned) {
+  const auto size = [](Vec<double> v) { return magnitude(v.x) + magnitude(v.y) + magnitude(v.z); };
+  const double far = size(at(sweep.position, i)) + size(at(sweep.position, j)) + size(moved);
+  const double around = bodies.radius[i] * size(at(sweep.angle, i)) + bodies.radius[j] * size(at(sweep.angle, j));
+  return size(moved) <= ROUND_OFF * far && size(turned) <= ROUND_OFF * around;
 }
 
 inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
@@ -107,7 +119,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     angle = rolled<DIM>(sweep.angle, bodies.radius, i, j);
     Vec<double> was = flat<DIM>(read(contacts.pair + 3 * c)), rolled = read(contacts.roll + 3 * c);
     if (DIM == 2) rolled = {0.0, 0.0, rolled.z};
-    hold = sweep.memory == FROZEN && before != OPEN && equal(r, was) && equal(angle, rolled);
+    hold = sweep.memory == FROZEN && before != OPEN && rests<DIM>(sweep, bodies, i, j, r - was, angle - rolled);
     if (before != OPEN) d = r - was, roll = angle - rolled;
     if (shorter && !law.rate)
       roll = roll - mid_shortening(n, inverse, overlap, d) * turned_together(bodies.radius, i, j, roll, turned);

@@ -338,7 +338,9 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
     touches = np.linalg.norm(branch, axis=1) < reach
     if bridges_gaps(law.kind):
-        touches = forces(state, law)[1].mode[:count] != OPEN
+        listed = contacts._replace(mode=contacts.mode.copy())  # bonds across gaps exist if they are in the list
+        listed.mode[row[there]] = mode[there]
+        touches = forces(state._replace(contacts=listed), law)[1].mode[:count] != OPEN
     there[there] = touches[row[there]]
     lost = ~there & slip.any(axis=1)
     if lost.any():

@@ -128,7 +128,8 @@ def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
 def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     """Possible reasons why forces do not balance; see `likely_causes`."""
     found, state, rows = [], here.state, here.rows
-    bears = here.line.limit[rows] > 0  # not across a gap without friction
+    i, j, moves = state.contacts.i[rows], state.contacts.j[rows], state.control.free.any(axis=1)
+    bears = (here.line.limit[rows] > 0) & (moves[i] | moves[j])  # not across a gap without friction
     bare = int((~state.contacts.slip[rows[bears]].any(axis=1)).sum())
     if bare:
         which = f"all {bare}" if bare == bears.sum() else f"{bare} of {bears.sum()}"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CUT = 6.0  # radius of the Gaussian, in widths
-MOST_POINTS = 10**7
+MOST_POINTS, MOST_IMAGES = 10**7, 10**4
 CHUNK = 20_000  # sources whose weights are held at once
 _FIELDS = {  # names, numbers of entries and units
     "density": (1, "mass/length^{dim}"), "packing_fraction": (1, "1"), "momentum": (3, "mass/(length^{less} time)"),
@@ -137,6 +137,8 @@ def _images(cell, origin, vectors, reach: float, position) -> tuple[np.ndarray, 
     share = (position - origin) @ inverse
     share -= np.where(cell.periodic, np.floor(share), 0.0)
     most = [int(np.ceil(m)) if periodic else 0 for m, periodic in zip(margin, cell.periodic, strict=True)]
+    if np.prod([2.0 * m + 1 for m in most]) > MOST_IMAGES:
+        raise ValueError(f"width = {reach / CUT:g} was given, wider than the cell: give a part of its size")
     shifts = np.stack(np.meshgrid(*(np.arange(-m, m + 1) for m in most), indexing="ij"), axis=-1).reshape(-1, 3)
     moved = share[:, None] + shifts
     kept = ((moved > -margin) & (moved < 1 + margin)).all(axis=2)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, require_not_negative
 from ..contacts.forces import Bodies, check_materials
 from ..contacts.forces import bodies as bodies_of
 from ..contacts.geometry import shifts
@@ -143,6 +143,7 @@ def dissipation(before: State, after: State, law: Law, *, dt: float = 0.0) -> Di
     >>> dissipation(pair, moved, law).sliding  # the contact sticks
     array([0.])
     """
+    require_not_negative(dt=dt)
     if before.n_bodies != after.n_bodies:
         raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
     check_materials(after, law)

@@ -193,7 +193,7 @@ def dashpot_coefficients(law: Law) -> np.ndarray:
     """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
 
     With coeff_restitution these are α = −√5 ln e/√(π² + ln² e), exact for Hertzian contacts that may attract as they
-    open; 2 in place of √5 for linear ones. With tsuji α is a polynomial of e that was fitted to simulations. With
+    open; 2 in place of √5 for linear ones. With tsuji α is a polynomial of e that was fitted to Hertzian ones. With
     the other models these are `damping_n` and `damping_t`.
 
     Source

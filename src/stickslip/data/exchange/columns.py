@@ -32,6 +32,8 @@ SINGLE = {
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
+LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
+LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
 NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 
 

@@ -118,7 +118,7 @@ def first_lines(path: Path) -> str:
             raise PackingError(str(problem)) from None
     text = head_text(head)
     lines = [line.strip()[:LONGEST_LINE] for line in text.splitlines() if line.strip()][:2]
-    return f"it begins with {' | '.join(lines)!r}" if lines else "it is binary" if head else "it is empty"
+    return f"it begins with {' | '.join(lines)!r}" if lines else "it is binary" if head.strip() else "it is empty"
 
 
 def only_state(path: Path, frame: str | None) -> None:

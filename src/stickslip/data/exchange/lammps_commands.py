@@ -22,7 +22,7 @@ class Run(NamedTuple):
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
     regions: dict[str, list[str]]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
-    unknown: list[str]  # commands whose variables have no value here
+    unknown: list[str]  # commands whose outcome or variables have no value here
     year: int = 0  # of the version of LAMMPS; 0: unknown
 
 
@@ -51,6 +51,8 @@ def read_commands(path: Path, until: str = "") -> Run:
         if UNRESOLVED.search(line) and not is_log:
             line = _substituted(line, values)
             words = line.partition("#")[0].split()
+        if not is_log and words[0] in ("include", "if", "jump") and words[1:2] != ["SELF"]:
+            run.unknown.append(" ".join(words))
         if UNRESOLVED.search(line):
             if not is_log and words[0] in ("fix", "pair_style", "pair_coeff"):
                 run.unknown.append(" ".join(words))

@@ -187,7 +187,8 @@ def _newest_grains(files: Files, frame: str | None) -> Path:
     if files.restarts and frame is None:
         return max(files.restarts, key=lambda path: (lammps_restart.time_step(path), path.stat().st_mtime))
     newest = sorted(files.grains, key=lambda path: (path.stat().st_mtime, _numbers(path)))[-LOOKED_AT:]
-    dumps = [(_last_step(path), path.stat().st_mtime, path) for path in newest]
+    frames = [(*_last_frame(path), path.stat().st_mtime, path) for path in newest]
+    dumps = [tuple(key) for radii, *key in frames if radii] or [tuple(key) for _, *key in frames]
     data = [] if dumps and frame is not None else [(_data_step(path), 0.0, path) for path in files.data]
     return max([*dumps, *data])[2]
 
@@ -211,8 +212,8 @@ def _numbers(path: Path) -> list[int]:
     return [int(digits) for digits in re.findall(r"\d{1,18}", path.name)]
 
 
-def _last_step(path: Path) -> int:
-    """Time step of the last frame of a dump; −1 if it cannot be found."""
+def _last_frame(path: Path) -> tuple[bool, int]:
+    """Whether the last frame of a dump has radii, and its time step; −1 if it cannot be found."""
     if is_compressed(path):
         content = read_content(path)
     else:
@@ -221,7 +222,8 @@ def _last_step(path: Path) -> int:
             content = file.read()
         content = content if b"ITEM: TIMESTEP" in content else read_content(path)
     match = re.findall(rb"ITEM: TIMESTEP\s+(\d{1,18})\s", content)
-    return int(match[-1]) if match else -1
+    columns = content[content.rfind(b"ITEM: ATOMS") :].split(b"\n", 1)[0].split()
+    return bool({b"radius", b"diameter"} & set(columns)), int(match[-1]) if match else -1
 
 
 def _data_step(path: Path) -> int:
@@ -257,7 +259,8 @@ def _take_over(course: Course) -> None:
     """Take over the commands of a run, in the order in which they matter."""
     run = course.run
     for command in run.unknown:
-        course.obstacle(f"the variables in `{command}` have no value without running LAMMPS; its log.lammps has them")
+        what = "the variables in " if command.startswith(("fix", "pair")) else "what follows from "
+        course.obstacle(f"{what}`{command}` is not known without running LAMMPS; its log.lammps has it")
     for part in run.settings.get("exclude", []):
         course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it leaves out are there here")
     units = run.settings.get("units", ["lj"])[0]
@@ -275,7 +278,9 @@ def _take_over(course: Course) -> None:
                 course.moved |= course.members(group)
             if course.packing.arrays.get("dim") == 2 and style == "nve/sphere":
                 course.packing.arrays["i0"] = 0.5 if "disc" in words else 0.4
-        except (ValueError, IndexError, KeyError, TypeError, RecursionError) as problem:
+        except RecursionError:
+            course.obstacle(f"fix {name} ({style}) was not taken over: group {group} is defined by itself")
+        except (ValueError, IndexError, KeyError, TypeError) as problem:
             course.obstacle(f"fix {name} ({style}) was not taken over: {problem}")
     if course.moved.any() and not course.moved.all():
         course.frozen |= ~course.moved
@@ -283,9 +288,20 @@ def _take_over(course: Course) -> None:
     _finish_law(course)
 
 
+def _check_stored(course: Course, style: str) -> None:
+    """Note that a restart file has another style than the commands, which are then not those of its run."""
+    stored = course.packing.law if isinstance(course.packing.law, dict) else {}
+    same = HISTORY.get(style.removeprefix("gran/"), ("",))[0] == stored.get("law")
+    if stored and style != "none" and not same:
+        course.obstacle(
+            f"{course.run.source} has pair_style {style}, and the restart file another: it is of another run"
+        )
+
+
 def _take_pairs(course: Course) -> None:
     """Laws of pairs of types."""
     style, *words = course.run.pair_style or ["none"]
+    _check_stored(course, style)
     stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
         if style == "none" and isinstance(stored, dict):  # restored from a restart file
@@ -354,10 +370,11 @@ def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None
     number = course.wall_number(name)
     contact, rest = wall_contact(words[0], words[1:])
     style, *numbers = course.run.regions[rest[rest.index("region") + 1]]
-    if style != "plane" or len(numbers) != 6 or len(rest) != 2:
-        raise ValueError("only regions that are fixed planes are read")
-    point, normal = np.array([parse_number(w) for w in numbers]).reshape(2, 3)
-    normal = normal / np.linalg.norm(normal)
+    side = -1.0 if numbers[6:] == ["side", "out"] else 1.0
+    if style != "plane" or numbers[6:] not in ([], ["side", "in"], ["side", "out"]) or len(rest) != 2:
+        raise ValueError(f"only regions that are fixed planes are read, not `{' '.join([style, *numbers, *rest[2:]])}`")
+    point, normal = np.array([parse_number(w) for w in numbers[:6]]).reshape(2, 3)
+    normal = side * normal / np.linalg.norm(normal)
     course.walls.append(Plane(float(point @ normal), normal, number))
     course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
 
@@ -365,14 +382,20 @@ def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None
 def _take_gravity(course: Course, name: str, group: str, words: list[str]) -> None:
     size, kind, *numbers = words
     values = [parse_number(word) for word in numbers[: {"vector": 3, "spherical": 2, "chute": 1}[kind]]]
-    if not course.members(group).all():
-        raise ValueError(f"it acts on group {group} only")
+    members, mass = course.members(group), course.packing.arrays.get("mass")
+    if not members.all() and mass is None:
+        raise ValueError(f"it acts on group {group} only, and masses are not known")
     if kind == "vector":
         direction = np.array(values) / np.linalg.norm(values)
     else:
         phi, theta = np.deg2rad(values if kind == "spherical" else [0.0, 180.0 - values[0]])
         direction = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-    course.gravity += parse_number(size) * direction
+        if course.packing.arrays.get("dim") == 2:  # in the plane, whatever phi
+            direction = np.array([np.sin(theta), np.cos(theta), 0.0])
+    if members.all():
+        course.gravity += parse_number(size) * direction
+    else:
+        course.force[members] += parse_number(size) * mass[members, None] * direction
 
 
 def _take_freeze(course: Course, name: str, group: str, words: list[str]) -> None:
@@ -407,9 +430,9 @@ def _finish_law(course: Course) -> None:
     """The law of all pairs of types and walls."""
     if not any(max(pair) < course.kinds for pair in course.contacts):
         return
-    course.law, lacks = law_of_contacts(course.contacts, course.kinds + len(course.walls))
+    course.law, lacks = law_of_contacts(course.contacts, course.kinds, len(course.walls))
     for lack in lacks:
-        course.obstacle(f"{lack}: no law here has it")
+        course.obstacle(f"{lack}: the law here differs")
 
 
 def _describe(course: Course) -> str:

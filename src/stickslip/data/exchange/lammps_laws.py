@@ -144,14 +144,15 @@ def mixed(a: Contact, b: Contact) -> Contact:
     return a._replace(coefficients=tuple(values.tolist()), lacks=tuple(dict.fromkeys(a.lacks + b.lacks)))
 
 
-def law_of_contacts(table: dict[tuple[int, int], Contact], materials: int) -> tuple[Law, list[str]]:
+def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: int) -> tuple[Law, list[str]]:
     """Law from its pairs of materials, and what of them has no equal here; pairs that are not given never meet."""
     first = table[min(table)]
-    values = np.tile(np.array(first.coefficients), (materials, materials, 1))
+    values = np.tile(np.array(first.coefficients), (types + walls, types + walls, 1))
     lacks = [words for contact in table.values() for words in contact.lacks]
     for (a, b), contact in table.items():
         values[a, b] = values[b, a] = contact.coefficients
         if (contact.law, contact.damping, contact.tension) != (first.law, first.damping, first.tension):
-            lacks.append(f"the model of types {a + 1} and {b + 1}, which differs from that of types 1")
+            other = f"type {b + 1}" if b < types else f"wall {b - types + 1}"
+            lacks.append(f"the model of type {a + 1} and {other}, which differs from that of type {min(table)[0] + 1}")
     damping = DAMPING[first.damping] + (0 if first.tension else NO_TENSION)
     return Law(NAMES.index(first.law), SHARP, values, damping), list(dict.fromkeys(lacks))

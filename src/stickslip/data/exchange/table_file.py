@@ -10,7 +10,7 @@ from ...core.tables import write_table
 from ...core.text import parse_numbers
 from ..atomic import replace_atomically
 from ..sample import Assumption, PackingError
-from .columns import NEEDED, identify_columns, packing_of_columns
+from .columns import LENGTHS, NEEDED, identify_columns, packing_of_columns, plain_name
 from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines
 from .frame import Frame, list_losses
 
@@ -18,6 +18,8 @@ MERCURY = {  # numbers in the header, and columns of a row
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
     6: ["x", "y", "vx", "vy", "r", "a", "w", "info"],
 }  # fmt: skip
+COMMENT = ("#", "%")
+DECIMAL_COMMA = re.compile(r"\d,\d+[;\t ]+[-+]?\d+[,;\t ]|\d[;\t ]+[-+]?\d+,\d+$")
 
 
 def recognize(head: bytes) -> bool:
@@ -45,7 +47,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         words = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed")]
     else:
         lines = lines[1:]
-    rows = _numbers(path, [line for line in lines if not line.startswith("#")], len(names))
+    _check_names(path, names)
+    rows = _numbers(path, [line for line in lines if not line.startswith(COMMENT)], len(names))
     packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, path.stem)
     return [packing._replace(words=[*words, *packing.words, Assumption(extent_note(path.name))])]
 
@@ -53,7 +56,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 def _content_lines(text: str) -> list[str]:
     """Lines with content; comments before the data are dropped, unless they name its columns."""
     lines = [line.strip() for line in text.split("\n") if line.strip()]
-    first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    first = next((k for k, line in enumerate(lines) if not line.startswith(COMMENT)), len(lines))
     named = next((k for k in range(first - 1, -1, -1) if _known(_names(lines[k]))), None)
     return lines[first if named is None else named :]
 
@@ -66,7 +69,7 @@ def _split(line: str) -> list[str]:
 
 def _names(line: str) -> list[str] | None:
     """Names of columns in a line; None if the line has numbers."""
-    words = _split(line.lstrip("#").strip())
+    words = _split(line.lstrip("#%").strip())
     if line.startswith("#format"):
         words = line.split()[1].split("_") if len(line.split()) > 1 else []
     return (
@@ -76,8 +79,18 @@ def _names(line: str) -> list[str] | None:
     )
 
 
+def _check_names(path: Path, names: list[str]) -> None:
+    """Raise PackingError if lengths have different units: numbers are not converted."""
+    lengths = [name for name in names if plain_name(name) in LENGTHS]
+    units = dict.fromkeys(match[1].strip() for name in lengths if (match := re.search(r"[\[(](.*?)[\])]", name)))
+    if len(units) > 1:
+        raise PackingError(f"{path} has lengths in {' and '.join(units)} ({' '.join(lengths)}): give them in one unit")
+
+
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
     """(rows, width) numbers of lines, all of the same length."""
+    if lines and DECIMAL_COMMA.search(lines[0]):
+        raise PackingError(f"{path} has decimal commas, as in {lines[0][:60]!r}: write decimal points")
     words = [_split(line) for line in lines]
     for number, row in enumerate(words, 1):
         if len(row) != width:
