@@ -6,12 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...builtin_laws import BY_NAME
 from ...core.control import fixed
-from ...core.laws.builtin import Law
+from ...core.laws.builtin import PARAMETERS, Law
+from ...core.laws.properties import resists_rolling
 from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...core.text import parse_number
-from ..sample import UNDECIDED, Absent, Obstacle, PackingError
+from ..sample import UNDECIDED, Absent, Assumption, Obstacle, PackingError
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
 from .lammps_commands import Run, group_members, read_commands, recognize_log, recognize_script
@@ -24,7 +26,21 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
-from .lammps_laws import HISTORY, SAME_UNITS, WALL_CLASSIC, Contact, contact_of, law_of_contacts, mixed, wall_contact
+from .lammps_laws import (
+    HISTORY,
+    SAME_UNITS,
+    TSUJI,
+    TSUJI_FACTOR,
+    WALL_CLASSIC,
+    Contact,
+    contact_of,
+    differences,
+    law_of_contacts,
+    memory_layout,
+    mixed,
+    of_release,
+    wall_contact,
+)
 from .lammps_text import NO_WALLS
 
 LOOKED_AT = 50  # dumps whose last time step is read, the newest
@@ -156,15 +172,24 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
 def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
     """Memory whose walls have the numbers that they have here; of two planes of a fix, a grain touches the nearer."""
     place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
-    wall, deepest, slip = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf), memory.wall_slip.copy()
+    wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
+    slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
+    values = np.hstack([memory.wall_slip, memory.wall_more, np.zeros((len(wall), 1))])
     for k, plane in enumerate(course.walls):
-        overlap = plane.overlap(place, radius)
-        mine = (memory.wall == plane.number) & (overlap > deepest)
+        overlap, contact = plane.overlap(place, radius), course.contacts[0, course.kinds + k]
+        bonds = BY_NAME[contact.law].bonds  # a number that tells whether grains touch comes first
+        mine = (memory.wall == plane.number) & (overlap > deepest) & ((values[:, 0] > 0) | (not bonds))
         wall[mine], deepest[mine] = k, overlap[mine]
+        slip[mine], more = values[mine, bonds : bonds + 3], values[mine, bonds + 3 :]
+        turned[mine] = lammps_restart.rotations(more, *memory_layout([contact]))
         if plane.scale:  # the force of LAMMPS, under a k_t that is the same for all grains
-            slip[mine] = memory.wall_slip[mine] * (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
+            slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
     known = wall >= 0
-    return memory._replace(wall=wall[known], grain=memory.grain[known], wall_slip=slip[known])
+    pairs = [contact for pair, contact in course.contacts.items() if max(pair) < course.kinds]
+    return memory._replace(
+        wall=wall[known], grain=memory.grain[known], wall_slip=slip[known], wall_more=turned[known],
+        more=lammps_restart.rotations(memory.more, *memory_layout(pairs)),
+    )  # fmt: skip
 
 
 def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, Packing]:
@@ -289,8 +314,8 @@ def _take_pairs(course: Course) -> None:
     stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
         if style == "none" and isinstance(stored, dict):  # restored from a restart file
-            numbers = tuple(stored[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t"))
-            course.contacts |= dict.fromkeys(everywhere, Contact(stored["law"], stored["damping"], numbers))
+            values = {name: stored[name] for name in PARAMETERS}
+            course.contacts |= dict.fromkeys(everywhere, Contact(stored["law"], stored["damping"], values))
         elif style.removeprefix("gran/") in HISTORY:
             contact, _ = contact_of(style.removeprefix("gran/"), words)
             course.contacts |= dict.fromkeys(everywhere, contact)
@@ -345,8 +370,8 @@ def _classic(course: Course, contact: Contact) -> Contact:
         return contact
     scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
     course.walls[-1] = course.walls[-1]._replace(scale=scale)
-    kn, kt, *rest = contact.coefficients
-    return contact._replace(coefficients=(kn, kt * scale, *rest), lacks=(*contact.lacks, WALL_CLASSIC))
+    values = contact.values | {"kt": contact.values["kt"] * scale}
+    return contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
 
 
 def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None:
@@ -407,9 +432,16 @@ def _finish_law(course: Course) -> None:
     """The law of all pairs of types and walls."""
     if not any(max(pair) < course.kinds for pair in course.contacts):
         return
+    given = course.contacts
+    course.contacts = {pair: of_release(contact, course.run.year) for pair, contact in given.items()}
     course.law, lacks = law_of_contacts(course.contacts, course.kinds + len(course.walls))
     for lack in lacks:
         course.obstacle(f"{lack}: no law here has it")
+    course.words += map(Assumption, differences(course.contacts))
+    if course.contacts != given:
+        course.words.append(Assumption(f"damping tsuji lacks a factor of sqrt(2) in LAMMPS up to {TSUJI_FACTOR}: {TSUJI}"))
+    if resists_rolling(course.law) and course.packing.memory is None:
+        course.words.append(Absent("the memory of rolling and twisting is in restart files only: it is zero here"))
 
 
 def _describe(course: Course) -> str:
