@@ -16,9 +16,14 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.core.contacts.forces import bodies
+from stickslip.core.contacts.memory import FREE
+from stickslip.core.laws.builtin import LEVER, PARAMETERS, dashpot_coefficients
+from stickslip.core.laws.compiled import FORCES, law_struct
+from stickslip.core.library import core
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
-from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
+from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mixed, of_release
 from stickslip.data.sample import Obstacle
 from stickslip.experiments.lammps.leg import Leg
 from stickslip.experiments.lammps.script import write_input
@@ -183,14 +188,34 @@ def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
         assert (~control.free[:n].any(axis=1)).sum() > 0 and control.force.any()
 
 
+@pytest.mark.parametrize("run", ["adhesive", "bouncy", "tsuji"])
+def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases):
+    """With full memory, in motion with its slip update; LAMMPS leaves slips along the normal of 1e-10 of their limit."""
+    state, law, notes = ss.io.read_packing(cases / run)
+    assert not [note for note in notes if isinstance(note, Obstacle)]
+    load = np.zeros((2, state.n_bodies, 3))
+    struct = law_struct(law, rate=True, members=FORCES)
+    core.evaluate_contacts(struct, 3, bodies(state), state.contacts, state.cell.vectors, FREE, *load)
+    names, *rows = (cases / run / "dump.grains").read_text().split("ITEM: ATOMS ")[1].strip().split("\n")
+    theirs = np.array(sorted([float(x) for x in row.split()] for row in rows))
+    n, names = len(theirs), names.split()
+    force = load[0, :n] + state.grains.mass[:, None] * state.control.gravity
+    scale = float(np.abs(frame_of(state, law).contacts["force_n"]).mean())
+    miss = force - theirs[:, [names.index(name) for name in ("fx", "fy", "fz")]]
+    assert np.abs(miss).max() < 1e-10 * scale
+    torque = theirs[:, [names.index(name) for name in ("tqx", "tqy", "tqz")]]
+    assert np.abs(load[1, :n] - torque).max() < 1e-12 * scale
+
+
 @pytest.mark.parametrize(
     ("run", "code", "words"),
     [
+        ("adhesive", 0, ["residual 6", "stable", "lever arms R - delta/2 for torques and R for the slip"]),
         ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
         ("dragged", 3, ["undecided: fix drag (viscous) was not taken over", "Without it: oscillatory instability"]),
         ("poured", 0, ["1 wall, gravity", "stable"]),
         ("classic", 3, ["undecided: the k_t of fix wall/gran hooke/history", "Without it: stable"]),
-        ("materials", 3, ["not in equilibrium", "the lever arms R - delta/2 of pair_style granular"]),
+        ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for the slip"]),
     ],
 )
 def test_one_command_on_the_folder_of_a_run(run, code, words, cases, capsys, tmp_path):
@@ -230,29 +255,75 @@ def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
         np.testing.assert_allclose(again.control.gravity, state.control.gravity, atol=1e-17)
 
 
+SPRINGS = "rolling sds 5 6 0.1 twisting sds 7 8 0.2"
+MOMENTS = {"k_roll": 5, "gamma_roll": 6, "mu_roll": 0.1, "k_twist": 7, "gamma_twist": 8, "mu_twist": 0.2}
+
+
 @pytest.mark.parametrize(
-    ("coefficients", "law", "lacks"),
+    ("coefficients", "kind", "values", "more", "lacks"),
     [
-        ("hooke 2 0.5 tangential linear_history 1 0.4 0.3 damping velocity", (2, 1, 0.3, 0.5, 0.2), ""),
-        ("hertz 2 0.5 tangential mindlin_rescale 1 0.4 0.3", (2, 1, 0.3, 0.5, 0.2), ""),
-        ("hertz/material 6 0 0.5 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), ""),
-        ("hertz 2 0.5 tangential mindlin/force 1 1 0.3", (2, 1, 0.3, 0.5, 0.5), "tangential mindlin/force"),
+        ("hooke 2 0.5 tangential linear_history 1 0.4 0.3 damping velocity", "linear", (2, 1, 0.3, 0.5, 0.2), {}, ""),
         (
-            "hertz 2 0.5 tangential mindlin 1 1 0.3 rolling sds 1 1 1 damping tsuji",
-            (2, 1, 0.3, 0.5, 0.5),
-            "rolling sds",
+            "hertz 2 0.5 tangential mindlin_rescale 1 0.4 0.3",
+            "hertz_mindlin_reff_rescaled", (2, 1, 0.3, 0.5, 0.2), {}, "",
         ),
-        ("jkr 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model jkr"),
-        ("dmt 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model dmt"),
+        (
+            "hertz/material 6 0 0.5 tangential mindlin NULL 1 0.3",
+            "hertz_mindlin_reff", (16 / 3, 16 / 3, 0.3, 0, 0), {}, "",
+        ),
+        (
+            "hertz 2 0.5 tangential mindlin/force 1 1 0.3",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0.5, 0.5), {}, "tangential mindlin/force with normal hertz",
+        ),
+        (
+            f"hertz 2 0.5 tangential mindlin 1 1 0.3 {SPRINGS} damping coeff_restitution",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0.5, 1), MOMENTS, "",
+        ),
+        (
+            "hertz 2 0.5 tangential mindlin 1 1 0.3 twisting marshall damping tsuji",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0.5, 1), {}, "twisting marshall",
+        ),
+        (
+            "hertz 2 0 tangential mindlin 1 1 0.3 damping tsuji",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0, 1), {}, "damping tsuji with the coefficient 0",
+        ),
+        (
+            "hertz 2 0.5 rolling sds 5 6 0.1", "hertz_mindlin_reff", (2, 0, 0, 0.5, 0),
+            {"k_roll": 5, "gamma_roll": 6, "mu_roll": 0.1}, "rolling or twisting without friction",
+        ),
+        ("jkr 6 0.5 0.5 1 tangential mindlin NULL 1 0.3", "jkr", (16 / 3, 16 / 3, 0.3, 0.5, 0.5), {"work": 2}, ""),
+        ("dmt 6 0.5 0.5 1 tangential mindlin NULL 1 0.3", "dmt", (16 / 3, 16 / 3, 0.3, 0.5, 0.5), {"work": 2}, ""),
     ],
-)
-def test_coefficients_of_the_granular_style(coefficients, law, lacks):
+)  # fmt: skip
+def test_coefficients_of_the_granular_style(coefficients, kind, values, more, lacks):
     contact, rest = contact_of("granular", [*coefficients.split(), "zplane"])
     assert rest == ["zplane"]
-    assert contact.coefficients == pytest.approx(law)
-    assert LEVER_ARMS in contact.lacks
-    assert any(lacks in lack for lack in contact.lacks)
-    assert (len(contact.lacks) > 1) == bool(lacks)
+    assert contact.law == kind
+    assert contact.values == pytest.approx(dict(zip(PARAMETERS, values, strict=True)) | more)
+    assert " ".join(contact.lacks) == lacks
+    assert contact.properties & LEVER
+
+
+def test_mixing_of_restitutions_and_of_work():
+    """Geometric means of the coefficients of restitution and of the work of adhesion."""
+    a, b = (
+        contact_of("granular", f"jkr 6 {e} 0.5 {g} tangential mindlin 1 0.3 0.3 damping coeff_restitution".split())[0]
+        for e, g in ((0.4, 1), (0.9, 4))
+    )
+    assert (mixed(a, b).values["damping_n"], mixed(a, b).values["work"]) == pytest.approx((0.6, 4))
+    assert mixed(a, b).values["damping_t"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("model", "make"), [("hooke", ss.laws.linear), ("hertz", ss.laws.hertz_mindlin_reff)])
+def test_tsuji_before_and_after_its_factor(model, make):
+    tangential = "linear_history" if model == "hooke" else "mindlin"
+    words = f"{model} 2 0.7 tangential {tangential} 1 0.3 0.3 damping tsuji".split()
+    contact = contact_of("granular", words)[0]
+    old, new = (law_of_contacts({(0, 0): of_release(contact, year)}, 1)[0] for year in (2025, 2026))
+    given = make(2.0, 1.0, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.3)
+    ours = dashpot_coefficients(given)[0, 0]
+    np.testing.assert_allclose(dashpot_coefficients(old)[0, 0], ours / np.sqrt(2), rtol=1e-12)
+    np.testing.assert_allclose(dashpot_coefficients(new)[0, 0], ours, rtol=1e-15)
 
 
 @pytest.mark.parametrize("opener", [gzip.open, lzma.open, bz2.open])

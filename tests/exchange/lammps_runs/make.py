@@ -133,8 +133,8 @@ DECKS = {
     "adhesive": START.format(
         law=f"atom_modify sort 0 0\npair_style granular\npair_coeff * * {ADHESIVE}",
         fixes=f"fix w all wall/gran granular {ADHESIVE} zplane 0 NULL\n"
-        f"fix x all wall/gran granular {ADHESIVE} xplane -0.7 2.2\n"
-        f"fix y all wall/gran granular {ADHESIVE} yplane -0.7 2.2\n{WEIGHT}",
+        f"fix x all wall/gran granular {ADHESIVE} xplane -0.7 3.7\n"
+        f"fix y all wall/gran granular {ADHESIVE} yplane -0.7 3.7\n{WEIGHT}",
         large=1.2,
         dt=0.002,
         **SILO,

@@ -174,14 +174,12 @@ def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps
     place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
     slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
-    values = np.hstack([memory.wall_slip, memory.wall_more, np.zeros((len(wall), 1))])
     for k, plane in enumerate(course.walls):
         overlap, contact = plane.overlap(place, radius), course.contacts[0, course.kinds + k]
-        bonds = BY_NAME[contact.law].bonds  # a number that tells whether grains touch comes first
-        mine = (memory.wall == plane.number) & (overlap > deepest) & ((values[:, 0] > 0) | (not bonds))
-        wall[mine], deepest[mine] = k, overlap[mine]
-        slip[mine], more = values[mine, bonds : bonds + 3], values[mine, bonds + 3 :]
-        turned[mine] = lammps_restart.rotations(more, *memory_layout([contact]))
+        touches, slips, more = lammps_restart.wall_values(memory, BY_NAME[contact.law].bonds)
+        mine = (memory.wall == plane.number) & (overlap > deepest) & touches
+        wall[mine], deepest[mine], slip[mine] = k, overlap[mine], slips[mine]
+        turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
         if plane.scale:  # the force of LAMMPS, under a k_t that is the same for all grains
             slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
     known = wall >= 0

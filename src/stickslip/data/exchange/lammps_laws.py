@@ -166,7 +166,8 @@ def _combined(contact: Contact, normal: str, tangential: str, numbers: list, res
         lacks.append(f"damping {contact.damping} with the coefficient {damping_n:g}")
         damping_n = 0.0
     lacks += [f"{name} = 0" for name in ("k_roll", "k_twist") if more.get(name, 1.0) == 0]
-    lacks += ["rolling or twisting without friction"] if mu == 0 and contact.properties & ~LEVER else []
+    if mu == 0 and (more.get("mu_roll") or more.get("mu_twist")):
+        lacks.append("rolling or twisting without friction")
     values = dict(zip(PARAMETERS, (kn, kt, mu, damping_n, damping_t), strict=True)) | more
     return contact._replace(law=law, values=values, elastic=elastic, lacks=tuple(dict.fromkeys(lacks)))
 
@@ -190,11 +191,15 @@ def of_release(contact: Contact, year: int) -> Contact:
     """
     if contact.damping != "tsuji" or year > TSUJI_FACTOR:
         return contact
-    law = Law(NAMES.index(contact.law), SHARP, _table(contact, PARAMETERS), DAMPING["tsuji"])
-    alpha = float(dashpot_coefficients(law)[0, 0, 0]) / np.sqrt(2)
-    most = 4.0 if BY_NAME[contact.law].exponent == 1 else 5.0
-    restitution = float(np.exp(-np.pi * alpha / np.sqrt(most - alpha**2)))
+    restitution = as_restitution(contact.law, "tsuji", contact.values["damping_n"], 1 / np.sqrt(2))
     return contact._replace(damping="coeff_restitution", values=contact.values | {"damping_n": restitution})
+
+
+def as_restitution(law: str, damping: str, damping_n: float, factor: float = 1.0) -> float:
+    """Coefficient of restitution of coeff_restitution whose α is that of a model of damping times a factor."""
+    table = np.array([[[1.0, 0.0, 0.0, damping_n, 0.0]]])
+    alpha = factor * float(dashpot_coefficients(Law(NAMES.index(law), SHARP, table, DAMPING[damping]))[0, 0, 0])
+    return float(np.exp(-np.pi * alpha / np.sqrt((4.0 if BY_NAME[law].exponent == 1 else 5.0) - alpha**2)))
 
 
 def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:

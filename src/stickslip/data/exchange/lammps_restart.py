@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...builtin_laws import BUILTIN_LAWS
 from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
@@ -461,7 +462,28 @@ def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
 
 def history_size(law: Law) -> int:
     """Number of doubles that a pair style stores for a contact."""
-    return 4 if rescales(law) else 3
+    return 3 + rescales(law) + 3 * sum(bool(law.properties & part) for part in (ROLLING, TWISTING))
+
+
+def arranged(found: Restart, law: Law) -> Restart:
+    """Restart file of a leg with its `rotations`, and the contacts with walls that exist."""
+    slots, bonds = int(rescales(law)), BUILTIN_LAWS[law.kind].bonds
+    rolls = slots if law.properties & ROLLING else -1
+    places = rolls, (slots + 3 * (rolls >= 0) if law.properties & TWISTING else -1)
+    known, slip, more = wall_values(found, bonds)
+    return found._replace(
+        wall=found.wall[known], grain=found.grain[known], wall_slip=slip[known],
+        wall_more=rotations(more, *places)[known], more=rotations(found.more, *places),
+    )  # fmt: skip
+
+
+def wall_values(found: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which contacts with walls exist, their slip, and the values after it.
+
+    Of laws with bonds, a number that tells whether they exist comes first.
+    """
+    values = np.hstack([found.wall_slip, found.wall_more, np.zeros((len(found.wall), 1))])
+    return (values[:, 0] > 0) | (not bonds), values[:, bonds : bonds + 3], values[:, bonds + 3 :]
 
 
 def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
@@ -492,14 +514,14 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
     """Entries of the pair style and of the walls for each grain."""
     contacts, rows = state.contacts, touching(state)
     partners, touched = [[] for _ in range(n)], [{} for _ in range(n)]
-    more = _contact_radii(state, law, rows)
-    for row, radius in zip(rows, more, strict=True):
+    more, first = np.hstack([_contact_radii(state, law, rows), _turned(state, law, rows)]), [1.0] * BUILTIN_LAWS[law.kind].bonds
+    for row, rest in zip(rows, more, strict=True):
         i, j, slip = int(contacts.i[row]), int(contacts.j[row]), contacts.slip[row]
         if j >= n:
-            touched[i][j - n] = slip
+            touched[i][j - n] = [*first, *slip, *rest]
             continue
-        partners[i].append((j, [*slip, *radius]))
-        partners[j].append((i, [*-slip, *radius]))
+        partners[i].append((j, [*slip, *rest]))
+        partners[j].append((i, [*-slip, *rest]))
     found = []
     for i in range(n):
         size = 2 + (history_size(law) + 1) * len(partners[i])
@@ -507,8 +529,8 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
         for j, memory in partners[i]:
             entry += [_bits(j + 1), *memory]
         for wall in range(walls):
-            slip = touched[i].get(wall)
-            entry += [2.0, _bits(0)] if slip is None else [6.0, _bits(1), _bits(0), *slip]
+            values = touched[i].get(wall)
+            entry += [2.0, _bits(0)] if values is None else [3.0 + len(values), _bits(1), _bits(0), *values]
         found.append(np.array(entry, float))
     return found
 
@@ -523,6 +545,18 @@ def _contact_radii(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(place[i] - place[j] + c.image[rows] @ state.cell.vectors, axis=1)
     overlap, reduced = r[i] + r[j] - distance, r[i] * r[j] / (r[i] + r[j])
     return np.sqrt(overlap * reduced)[:, None]
+
+
+def _turned(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
+    """Rolling displacement R_eff ψ × n and twist as LAMMPS stores them, each in three columns: (rows, 0, 3 or 6)."""
+    columns, own = [np.zeros((len(rows), 0))], state.contacts.rolling
+    if law.properties & ROLLING:
+        branch = branch_vectors(state)[rows]
+        normal = branch / np.linalg.norm(branch, axis=1)[:, None]
+        columns.append(_pair_sizes(state, rows)[0][:, None] * np.cross(own[rows, :3], normal))
+    if law.properties & TWISTING:
+        columns.append(own[rows, TWIST, None] * [1.0, 0.0, 0.0])
+    return np.hstack(columns)
 
 
 def _bits(number: int) -> float:

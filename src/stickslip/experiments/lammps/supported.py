@@ -6,16 +6,23 @@ from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ...core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
+    LEVER,
     MASS,
     NO_TENSION,
+    RESTITUTION,
     SHARP,
+    TSUJI,
+    VELOCITY,
     VISCOELASTIC,
+    VISCOUS,
     Law,
     damping_model,
+    parameter_names,
     rescales,
 )
 from ...core.laws.kinds import Kind
 from ...core.state import State
+from ...data.exchange.lammps_laws import MODELS
 from ...data.schema import ScenarioError
 from .cell import needs_forces, tilts_of
 from .leg import Leg, inertia_factor, is_held, members_of
@@ -36,30 +43,14 @@ def lacks_radius(law: Law) -> bool:
 
 def check_law(law: Law, state: State) -> None:
     """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
-    if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
+    if isinstance(law.kind, Kind) or name_with_radius(law) not in MODELS:
         raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
-    if law.properties:
-        raise ScenarioError(
-            f"LAMMPS was given a law with other lever arms or with moments, which its pair styles lack: {STAY[3:]}"
-        )
     if law.coulomb != SHARP:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
-    q = parameters_of(law, state)
-    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and damping_model(law) & ~NO_TENSION != (
-        MASS if is_linear(law) else VISCOELASTIC
-    ):
-        raise ScenarioError(
-            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
-            f"viscoelastic dashpots or linear with mass_velocity ones, {STAY}"
-        )
-    if (rescales(law) or len(state.walls.mass)) and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
-        what = "a rescaled law" if rescales(law) else "walls and a law"
-        raise ScenarioError(
-            f"LAMMPS was given {what} with damping_t but without damping_n, although it expresses damping_t as a "
-            f"multiple of damping_n: give both or neither"
-        )
+    _check_moments(law)
+    _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
     if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
         raise ScenarioError(
             f"LAMMPS multiplies Hertz's law by √R_eff, which is constant for grains of one size only: use "
@@ -67,6 +58,52 @@ def check_law(law: Law, state: State) -> None:
         )
     if rescales(law) and len(state.walls.mass):
         raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
+
+
+def name_with_radius(law: Law) -> str:
+    """Name of a law, with √R_eff if that is what it lacks."""
+    return NAMES[law.kind].replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else NAMES[law.kind]
+
+
+def _check_moments(law: Law) -> None:
+    arms = bool(law.properties & LEVER)
+    if not arms and (law.properties or BUILTIN_LAWS[law.kind].parameters):
+        raise ScenarioError(
+            f"LAMMPS was given adhesion or moments with lever arms R, and its pair_style granular has R - δ/2: use "
+            f'lever = "overlap", or laws.with_lever, {STAY}'
+        )
+    springs = [law.table[..., k] for k, name in enumerate(parameter_names(law)) if name == "k_roll"]
+    if law.properties & VISCOUS or any((k == 0).any() for k in springs):
+        raise ScenarioError(
+            f"LAMMPS was given a rolling moment without a spring, which it does not have: use rolling = "
+            f'"spring", {STAY}'
+        )
+
+
+def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
+    """Raise ScenarioError if LAMMPS has no such dashpots, from the parameters of contacts between grains."""
+    model, rest, own = damping_model(law) & ~NO_TENSION, (TSUJI, RESTITUTION), BUILTIN_LAWS[law.kind]
+    usual = MASS if is_linear(law) else VISCOELASTIC
+    allowed = (VELOCITY, MASS, VISCOELASTIC, *rest) if law.properties & LEVER else (usual,)
+    if own.parameters:
+        allowed = (VELOCITY, MASS) if own.bonds else (VELOCITY, MASS, VISCOELASTIC)
+    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and model not in allowed:
+        raise ScenarioError(
+            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
+            f"viscoelastic dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
+        )
+    if own.parameters and law.damping & NO_TENSION:
+        raise ScenarioError(f"LAMMPS was given tension = false with {own.name}, which it does not allow: {STAY[3:]}")
+    if (is_granular(law) or walls) and model not in rest and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
+        raise ScenarioError(
+            f"LAMMPS was given {'this law' if is_granular(law) else 'walls and a law'} with damping_t but without "
+            f"damping_n, although it expresses damping_t as a multiple of damping_n: give both or neither"
+        )
+
+
+def is_granular(law: Law) -> bool:
+    """Return True if only `pair_style granular` of LAMMPS has a law, with lever arms R − δ/2."""
+    return bool(rescales(law) or law.properties)
 
 
 def parameters_of(law: Law, state: State) -> np.ndarray:
