@@ -18,7 +18,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.contacts.forces import bodies
 from stickslip.core.contacts.memory import FREE
-from stickslip.core.laws.builtin import LEVER, PARAMETERS, dashpot_coefficients
+from stickslip.core.laws.builtin import DAMPING, DAMPING_N, LEVER, PARAMETERS, dashpot_coefficients, with_values
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.library import core
 from stickslip.data.exchange.frame import frame_of
@@ -27,7 +27,8 @@ from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mix
 from stickslip.data.sample import Obstacle
 from stickslip.experiments.lammps.leg import Leg
 from stickslip.experiments.lammps.script import write_input
-from tests.peers.lammps_scenes import LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
+from stickslip.experiments.lammps.supported import check_leg
+from tests.peers.lammps_scenes import GRANULAR, LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 
 CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"
 HERTZ = {"law": "hertz_mindlin_reff", "kn": 1.0, "kt": 0.8, "mu": 0.3, "damping_n": 0.0, "damping_t": 0.0}
@@ -169,12 +170,23 @@ def test_columns_in_another_order_are_refused(cases):
         )
 
 
+def contact_loads(state, law):
+    """(2, N, 3) forces and torques of contacts with LAMMPS's lever arms of the slip."""
+    load, struct = np.zeros((2, state.n_bodies, 3)), law_struct(law, rate=True, members=FORCES)
+    trial = ss.forces(state, law)[1]  # arrays that may be overwritten
+    for mine, given in zip(trial, state.contacts, strict=True):
+        if isinstance(mine, np.ndarray):
+            mine[:] = given
+    core.evaluate_contacts(struct, 3, bodies(state), trial, state.cell.vectors, FREE, *load)
+    return load[:, : len(state.grains.radius)]
+
+
 @pytest.mark.parametrize("run", ["sheared", "dragged", "poured", "classic", "materials"])
 def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
     """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
     state, law, _ = ss.io.read_packing(cases / run)
     n, control = len(state.grains.radius), state.control
-    ours = ss.forces(state, law)[0].force[:n] + state.grains.mass[:, None] * control.gravity + control.force[:n]
+    ours = contact_loads(state, law)[0] + state.grains.mass[:, None] * control.gravity + control.force[:n]
     ours[~control.free[:n, 0]] = 0.0
     dump = cases / ("sheared" if run == "dragged" else run) / "dump.grains"
     if run == "dragged":
@@ -193,18 +205,16 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
     """With full memory, in motion with its slip update; LAMMPS leaves slips along the normal of 1e-10 of their limit."""
     state, law, notes = ss.io.read_packing(cases / run)
     assert not [note for note in notes if isinstance(note, Obstacle)]
-    load = np.zeros((2, state.n_bodies, 3))
-    struct = law_struct(law, rate=True, members=FORCES)
-    core.evaluate_contacts(struct, 3, bodies(state), state.contacts, state.cell.vectors, FREE, *load)
+    force, torque = contact_loads(state, law)
     names, *rows = (cases / run / "dump.grains").read_text().split("ITEM: ATOMS ")[1].strip().split("\n")
     theirs = np.array(sorted([float(x) for x in row.split()] for row in rows))
-    n, names = len(theirs), names.split()
-    force = load[0, :n] + state.grains.mass[:, None] * state.control.gravity
+    names = names.split()
+    force += state.grains.mass[:, None] * state.control.gravity
     scale = float(np.abs(frame_of(state, law).contacts["force_n"]).mean())
     miss = force - theirs[:, [names.index(name) for name in ("fx", "fy", "fz")]]
     assert np.abs(miss).max() < 1e-10 * scale
-    torque = theirs[:, [names.index(name) for name in ("tqx", "tqy", "tqz")]]
-    assert np.abs(load[1, :n] - torque).max() < 1e-12 * scale
+    torque -= theirs[:, [names.index(name) for name in ("tqx", "tqy", "tqz")]]
+    assert np.abs(torque).max() < 1e-12 * scale
 
 
 @pytest.mark.parametrize(
@@ -242,12 +252,21 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
 
 def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
     """Both directions of the table of laws: inclined walls with their own friction, gravity and dashpots."""
-    for law in (LINEAR_DAMPED, REFF_DAMPED):
+    for law in (LINEAR_DAMPED, REFF_DAMPED, *GRANULAR.values()):
         state, law = between_walls(3), walls_law(law)
-        write_input(Leg(state, law, 0.01, 1, 1), tmp_path)
+        leg = Leg(state, law, 0.01, 1, 1)
+        check_leg(leg)
+        write_input(leg, tmp_path)
         again, its, notes = ss.io.read_packing(tmp_path)
         assert not [note for note in notes if isinstance(note, Obstacle)]
-        assert (its.kind, its.damping) == (law.kind, law.damping)
+        assert (its.kind, its.properties) == (law.kind, law.properties)
+        if law.damping == DAMPING["tsuji"]:
+            assert its.damping == DAMPING["coeff_restitution"]
+            law = with_values(law, damping_n=its.table[0, 0, DAMPING_N])
+            tsuji = GRANULAR["tsuji"]
+            np.testing.assert_allclose(dashpot_coefficients(its)[0, 0], dashpot_coefficients(tsuji)[0, 0], rtol=1e-12)
+        else:
+            assert its.damping == law.damping
         np.testing.assert_allclose(its.table[0, :3], law.table[0, [0, 0, 1]], rtol=1e-15)
         np.testing.assert_allclose(again.walls.normal, state.walls.normal, atol=1e-15)
         heights = [np.einsum("wk,wk->w", one.walls.point, one.walls.normal) for one in (again, state)]
