@@ -24,12 +24,6 @@ GRANULAR = {
     "restitution": arms(REFF._replace(damping=9, table=np.array([[[1.0, 0.4, 0.3, 0.7, 0.5]]]))),
     "tsuji": arms(ss.laws.linear(1.0, 0.4, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.5)),
     "dmt": arms(ss.laws.dmt(1.0, 0.4, 0.3, work=1e-3, damping_n=0.3, damping_t=0.2)),
-    "jkr": ss.laws.with_rolling(
-        arms(ss.laws.jkr(1.0, 0.4, 0.3, work=1e-3)), k_roll=0.5, mu_roll=0.1, gamma_roll=0.2
-    ),
-    "moments": ss.laws.with_twisting(
-        ss.laws.with_rolling(arms(LINEAR_DAMPED), k_roll=0.5, mu_roll=0.1), k_twist=0.2, mu_twist=0.05, gamma_twist=0.1
-    ),
 }
 
 
@@ -153,7 +147,6 @@ SCENES = {
     "cell under stress, moving": (lambda: under_stress({"xx": 0.05, "yy": 0.05}, growing=True), REFF),
     "shear under stress": (lambda: under_stress({"yy": 0.05}, [[0, 0.05], [0, 0]]), REFF),
     "shear under stresses": (lambda: under_stress({"xx": 0.05, "yy": 0.05}, [[0, 0.05], [0, 0]]), REFF_DAMPED),
-    **{f"granular, {name}": (lambda: between_walls(3), walls_law(law)) for name, law in GRANULAR.items()},
     "compressed and sheared": (lambda: under_stress({}, [[-0.02, 0, 0.03], [0, 0.01, 0.05], [0, 0, 0.03]]), REFF),
 }
 

@@ -80,14 +80,22 @@ PERIODIC = {
     "high": "INF",
 }
 OPEN = {"boundary": "p p f", "shape": "block", "width": 2, "height": 7, "tilt": "", "low": 0.3, "high": 6.7}
-SILO = OPEN | {"boundary": "s s s", "high": 3.4}  # LAMMPS reverses the memory of rolling of grains that cross a periodic boundary
+SILO = OPEN | {
+    "boundary": "s s s",
+    "high": 3.4,
+}  # LAMMPS reverses the memory of rolling of grains that cross a periodic boundary
 HERTZ = "pair_style gran/hertz/history 1.0 0.8 0.0 0.0 0.3 1\npair_coeff * *"
 MATERIAL = "hertz/material {E} 20.0 {nu} tangential mindlin NULL 0.5 {mu} damping viscoelastic"
 STEEL, GLASS = MATERIAL.format(E=1000.0, nu=0.3, mu=0.4), MATERIAL.format(E=2000.0, nu=0.2, mu=0.2)
 TWO = f"pair_style granular\npair_coeff 1 1 {STEEL}\npair_coeff 2 2 {GLASS}"
 BOUNCY = "hertz/material {E} {e} {nu} tangential mindlin NULL {share} {mu} damping coeff_restitution"
-BALLS = BOUNCY.format(E=1000.0, e=0.5, nu=0.3, share=0.4, mu=0.5), BOUNCY.format(E=2000.0, e=0.8, nu=0.2, share=0.6, mu=0.3)
-ADHESIVE = "jkr 1000.0 20.0 0.3 0.1 tangential mindlin NULL 0.5 0.4 damping mass_velocity rolling sds 300.0 10.0 0.1 &\n  "
+BALLS = (
+    BOUNCY.format(E=1000.0, e=0.5, nu=0.3, share=0.4, mu=0.5),
+    BOUNCY.format(E=2000.0, e=0.8, nu=0.2, share=0.6, mu=0.3),
+)
+ADHESIVE = (
+    "jkr 1000.0 20.0 0.3 0.1 tangential mindlin NULL 0.5 0.4 damping mass_velocity rolling sds 300.0 10.0 0.1 &\n  "
+)
 ADHESIVE += "twisting sds 20.0 0.5 0.02"
 TSUJI = "hooke 2000.0 0.6 tangential linear_history 600.0 0.5 0.4 damping tsuji"
 WEIGHT = "fix g all gravity 1.0 vector 0 0 -1"

@@ -228,9 +228,7 @@ def differences(table: dict[tuple[int, int], Contact]) -> list[str]:
     """What differs a little from LAMMPS and leaves the forces at rest unchanged."""
     words = [LEVER_ARMS] if any(contact.properties & LEVER for contact in table.values()) else []
     for c in table.values():
-        if BY_NAME[c.law].parameters and c.values["damping_n"] and (
-            c.law == "jkr" or c.damping in RESTITUTION
-        ):
+        if BY_NAME[c.law].parameters and c.values["damping_n"] and (c.law == "jkr" or c.damping in RESTITUTION):
             words.append(COHESIVE_DASHPOTS.format(c.law))
     return list(dict.fromkeys(words))
 

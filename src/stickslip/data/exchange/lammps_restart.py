@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...builtin_laws import BUILTIN_LAWS
 from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
@@ -39,6 +38,7 @@ HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixe
 LONGEST_LIST = 4096  # bytes of the list of fixes
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
 MOST, ROTATIONS = 7, 4  # values after the slip: a contact radius, rolling, twisting; those of rolling and twisting
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap of LAMMPS over the largest of jkr
 SHARE = 0.05  # share of the dashpots' force that half a step may change
 
 
@@ -366,9 +366,7 @@ def restored(state: State, law: Law, found: Restart) -> State:
     listed, count = bare.contacts, int(bare.contacts.count[0])
     key = listed.i[:count].astype(np.int64) * state.n_bodies + listed.j[:count]
     theirs = np.append(found.i * state.n_bodies + found.j, found.grain * state.n_bodies + n + found.wall)
-    values, more = (
-        np.concatenate(parts) for parts in ((found.slip, found.wall_slip), (found.more, found.wall_more))
-    )
+    values, more = (np.concatenate(parts) for parts in ((found.slip, found.wall_slip), (found.more, found.wall_more)))
     order = np.argsort(theirs)
     place = np.searchsorted(theirs, key, sorter=order)
     place = order[np.minimum(place, max(len(order) - 1, 0))] if len(order) else np.zeros(0, np.int64)
@@ -388,9 +386,9 @@ def restored(state: State, law: Law, found: Restart) -> State:
 
 
 def _ranges(state: State, law: Law) -> np.ndarray:
-    """(C,) gaps up to which bonds hold."""
+    """(C,) gaps up to which bonds of jkr hold in LAMMPS, where a falls to its value at the largest attraction."""
     r_eff, a, b = _pair_sizes(state, np.arange(state.contacts.count[0]))
-    return evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff)
+    return PULL_OFF * evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff)
 
 
 def _pair_sizes(state: State, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -462,19 +460,7 @@ def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
 
 def history_size(law: Law) -> int:
     """Number of doubles that a pair style stores for a contact."""
-    return 3 + rescales(law) + 3 * sum(bool(law.properties & part) for part in (ROLLING, TWISTING))
-
-
-def arranged(found: Restart, law: Law) -> Restart:
-    """Restart file of a leg with its `rotations`, and the contacts with walls that exist."""
-    slots, bonds = int(rescales(law)), BUILTIN_LAWS[law.kind].bonds
-    rolls = slots if law.properties & ROLLING else -1
-    places = rolls, (slots + 3 * (rolls >= 0) if law.properties & TWISTING else -1)
-    known, slip, more = wall_values(found, bonds)
-    return found._replace(
-        wall=found.wall[known], grain=found.grain[known], wall_slip=slip[known],
-        wall_more=rotations(more, *places)[known], more=rotations(found.more, *places),
-    )  # fmt: skip
+    return 4 if rescales(law) else 3
 
 
 def wall_values(found: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -514,14 +500,14 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
     """Entries of the pair style and of the walls for each grain."""
     contacts, rows = state.contacts, touching(state)
     partners, touched = [[] for _ in range(n)], [{} for _ in range(n)]
-    more, first = np.hstack([_contact_radii(state, law, rows), _turned(state, law, rows)]), [1.0] * BUILTIN_LAWS[law.kind].bonds
-    for row, rest in zip(rows, more, strict=True):
+    more = _contact_radii(state, law, rows)
+    for row, radius in zip(rows, more, strict=True):
         i, j, slip = int(contacts.i[row]), int(contacts.j[row]), contacts.slip[row]
         if j >= n:
-            touched[i][j - n] = [*first, *slip, *rest]
+            touched[i][j - n] = slip
             continue
-        partners[i].append((j, [*slip, *rest]))
-        partners[j].append((i, [*-slip, *rest]))
+        partners[i].append((j, [*slip, *radius]))
+        partners[j].append((i, [*-slip, *radius]))
     found = []
     for i in range(n):
         size = 2 + (history_size(law) + 1) * len(partners[i])
@@ -529,8 +515,8 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
         for j, memory in partners[i]:
             entry += [_bits(j + 1), *memory]
         for wall in range(walls):
-            values = touched[i].get(wall)
-            entry += [2.0, _bits(0)] if values is None else [3.0 + len(values), _bits(1), _bits(0), *values]
+            slip = touched[i].get(wall)
+            entry += [2.0, _bits(0)] if slip is None else [6.0, _bits(1), _bits(0), *slip]
         found.append(np.array(entry, float))
     return found
 
@@ -545,18 +531,6 @@ def _contact_radii(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(place[i] - place[j] + c.image[rows] @ state.cell.vectors, axis=1)
     overlap, reduced = r[i] + r[j] - distance, r[i] * r[j] / (r[i] + r[j])
     return np.sqrt(overlap * reduced)[:, None]
-
-
-def _turned(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
-    """Rolling displacement R_eff ψ × n and twist as LAMMPS stores them, each in three columns: (rows, 0, 3 or 6)."""
-    columns, own = [np.zeros((len(rows), 0))], state.contacts.rolling
-    if law.properties & ROLLING:
-        branch = branch_vectors(state)[rows]
-        normal = branch / np.linalg.norm(branch, axis=1)[:, None]
-        columns.append(_pair_sizes(state, rows)[0][:, None] * np.cross(own[rows, :3], normal))
-    if law.properties & TWISTING:
-        columns.append(own[rows, TWIST, None] * [1.0, 0.0, 0.0])
-    return np.hstack(columns)
 
 
 def _bits(number: int) -> float:

@@ -8,7 +8,7 @@ from ...builtin_laws import BY_NAME
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.laws.builtin import DAMPING, NO_TENSION, Law, parameter_names
 from ...data.exchange.frame import wrapped_into
-from ...data.exchange.lammps_laws import MODELS, RESTITUTION, SDS, as_restitution
+from ...data.exchange.lammps_laws import MODELS, RESTITUTION, as_restitution
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
 from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
 from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
@@ -188,16 +188,12 @@ def granular_words(law: Law, values: dict[str, float]) -> str:
         if not is_granular(law) and not (damping_n or share):
             damping = BY_NAME[name].damping
         share = share / damping_n if damping_n > 0 else 0.0
-    kn, more = [values["kn"], damping_n], ""
+    kn = [values["kn"], damping_n]
     if "work" in values:
         kn = [1.5 * values["kn"], damping_n, 0.0, values["work"] / 2]
-    for key, (part, names) in SDS.items():
-        if law.properties & part:
-            k, gamma, mu = (values[name] for name in names)
-            more += f" {key} sds {digits(k, gamma, mu if values['mu'] > 0 else 0.0)}"
     return (
         f"{normal} {digits(*kn)} tangential {tangential} {digits(values['kt'], share, values['mu'])} damping {damping}"
-        f"{_tension_option(law)}{more}"
+        f"{_tension_option(law)}"
     )
 
 

@@ -14,10 +14,8 @@ from ...core.laws.builtin import (
     TSUJI,
     VELOCITY,
     VISCOELASTIC,
-    VISCOUS,
     Law,
     damping_model,
-    parameter_names,
     rescales,
 )
 from ...core.laws.kinds import Kind
@@ -49,7 +47,7 @@ def check_law(law: Law, state: State) -> None:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
-    _check_moments(law)
+    _check_memory(law)
     _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
     if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
         raise ScenarioError(
@@ -65,18 +63,21 @@ def name_with_radius(law: Law) -> str:
     return NAMES[law.kind].replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else NAMES[law.kind]
 
 
-def _check_moments(law: Law) -> None:
-    arms = bool(law.properties & LEVER)
-    if not arms and (law.properties or BUILTIN_LAWS[law.kind].parameters):
+def _check_memory(law: Law) -> None:
+    """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
+    if BUILTIN_LAWS[law.kind].bonds:
         raise ScenarioError(
-            f"LAMMPS was given adhesion or moments with lever arms R, and its pair_style granular has R - δ/2: use "
-            f'lever = "overlap", or laws.with_lever, {STAY}'
+            f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: {STAY[3:]}"
         )
-    springs = [law.table[..., k] for k, name in enumerate(parameter_names(law)) if name == "k_roll"]
-    if law.properties & VISCOUS or any((k == 0).any() for k in springs):
+    if law.properties & ~LEVER:
         raise ScenarioError(
-            f"LAMMPS was given a rolling moment without a spring, which it does not have: use rolling = "
-            f'"spring", {STAY}'
+            f"LAMMPS was given moments of rolling or twisting, whose memory it reverses where grains cross a periodic "
+            f"boundary or change their order: {STAY[3:]}"
+        )
+    if BUILTIN_LAWS[law.kind].parameters and not law.properties & LEVER:
+        raise ScenarioError(
+            f'LAMMPS was given {NAMES[law.kind]} with lever arms R, and has it with R - δ/2: use lever = "overlap", '
+            f"or laws.with_lever, {STAY}"
         )
 
 
@@ -86,7 +87,7 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
     usual = MASS if is_linear(law) else VISCOELASTIC
     allowed = (VELOCITY, MASS, VISCOELASTIC, *rest) if law.properties & LEVER else (usual,)
     if own.parameters:
-        allowed = (VELOCITY, MASS) if own.bonds else (VELOCITY, MASS, VISCOELASTIC)
+        allowed = VELOCITY, MASS, VISCOELASTIC
     if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and model not in allowed:
         raise ScenarioError(
             f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
