@@ -202,7 +202,7 @@ def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
 
 @pytest.mark.parametrize("run", ["adhesive", "bouncy", "tsuji"])
 def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases):
-    """With full memory, in motion with its slip update; LAMMPS leaves slips along the normal of 1e-10 of their limit."""
+    """With full memory, two of them in motion; LAMMPS leaves 1e-10 of the limit of slips along the normal."""
     state, law, notes = ss.io.read_packing(cases / run)
     assert not [note for note in notes if isinstance(note, Obstacle)]
     force, torque = contact_loads(state, law)

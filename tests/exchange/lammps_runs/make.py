@@ -80,10 +80,8 @@ PERIODIC = {
     "high": "INF",
 }
 OPEN = {"boundary": "p p f", "shape": "block", "width": 2, "height": 7, "tilt": "", "low": 0.3, "high": 6.7}
-SILO = OPEN | {
-    "boundary": "s s s",
-    "high": 3.4,
-}  # LAMMPS reverses the memory of rolling of grains that cross a periodic boundary
+# LAMMPS reverses the memory of rolling where grains cross a periodic boundary
+SILO = OPEN | {"boundary": "s s s", "high": 3.4}
 HERTZ = "pair_style gran/hertz/history 1.0 0.8 0.0 0.0 0.3 1\npair_coeff * *"
 MATERIAL = "hertz/material {E} 20.0 {nu} tangential mindlin NULL 0.5 {mu} damping viscoelastic"
 STEEL, GLASS = MATERIAL.format(E=1000.0, nu=0.3, mu=0.4), MATERIAL.format(E=2000.0, nu=0.2, mu=0.2)

@@ -30,7 +30,6 @@ from .lammps_laws import (
     HISTORY,
     SAME_UNITS,
     TSUJI,
-    TSUJI_FACTOR,
     WALL_CLASSIC,
     Contact,
     contact_of,
@@ -437,9 +436,7 @@ def _finish_law(course: Course) -> None:
         course.obstacle(f"{lack}: no law here has it")
     course.words += map(Assumption, differences(course.contacts))
     if course.contacts != given:
-        course.words.append(
-            Assumption(f"damping tsuji lacks a factor of sqrt(2) in LAMMPS up to {TSUJI_FACTOR}: {TSUJI}")
-        )
+        course.words.append(Assumption(TSUJI))
     if resists_rolling(course.law) and course.packing.memory is None:
         course.words.append(Absent("the memory of rolling and twisting is in restart files only: it is zero here"))
 

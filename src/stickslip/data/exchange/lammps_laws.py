@@ -14,7 +14,6 @@ from ...builtin_laws import BY_NAME, NAMES
 from ...core.laws.builtin import (
     DAMPING,
     LEVER,
-    MOMENTS,
     NO_TENSION,
     PARAMETERS,
     ROLLING,
@@ -58,16 +57,24 @@ NO_EQUAL = {"twisting marshall"}
 RESTITUTION = ("tsuji", "coeff_restitution")
 SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # in which forces are mass times acceleration
 TSUJI_FACTOR = 2025  # the last year of releases of LAMMPS whose tsuji lacks the factor √2
-TSUJI = "it is coeff_restitution with the same dashpots here"
+TSUJI = (
+    f"damping tsuji lacks a factor of sqrt(2) in LAMMPS up to {TSUJI_FACTOR}: here it is coeff_restitution with the "
+    "same dashpots"
+)
 WALL_CLASSIC = (
     "the k_t of fix wall/gran hooke/history, which LAMMPS up to 2025 multiplies by the contact radius sqrt(delta R) "
     "(taken at its mean over contacts)"
 )
 LEVER_ARMS = (
-    "pair_style granular takes lever arms R - delta/2 for torques and R for the slip: here both are R - delta/2, except "
-    'with slip_update="rate"'
+    "pair_style granular takes lever arms R - delta/2 for torques and R for the slip: here both are R - delta/2, "
+    'except with slip_update="rate"'
 )
-COHESIVE_DASHPOTS = "dashpots of {}, which differ in LAMMPS while grains move: they act across gaps and grow otherwise"
+COHESIVE_DASHPOTS = "dashpots of {} differ in LAMMPS while grains move: they act across gaps, or grow otherwise"
+PULL_OFF = "LAMMPS separates jkr contacts at 0.48 of the gap of pull-off: here they hold up to it"
+REVERSED = (
+    "LAMMPS reverses the memory of rolling and twisting where grains cross a periodic boundary or change their order "
+    "in its lists: here it is that of its next step"
+)
 
 
 class Contact(NamedTuple):
@@ -228,6 +235,8 @@ def differences(table: dict[tuple[int, int], Contact]) -> list[str]:
     """What differs a little from LAMMPS and leaves the forces at rest unchanged."""
     words = [LEVER_ARMS] if any(contact.properties & LEVER for contact in table.values()) else []
     for c in table.values():
+        words += [PULL_OFF] if c.law == "jkr" else []
+        words += [REVERSED] if c.properties & (ROLLING | TWISTING) else []
         if BY_NAME[c.law].parameters and c.values["damping_n"] and (c.law == "jkr" or c.damping in RESTITUTION):
             words.append(COHESIVE_DASHPOTS.format(c.law))
     return list(dict.fromkeys(words))

@@ -399,7 +399,7 @@ def _pair_sizes(state: State, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) -> State:
-    """State with the rolling displacement R_eff ψ × n and the twist of some contacts; whether they are at their caps."""
+    """State with the rolling displacement R_eff ψ × n and the twist of some contacts, which may be at their caps."""
     contacts, own = state.contacts, state.contacts.rolling.copy()
     r_eff, a, b = _pair_sizes(state, rows)
     values = dict(zip(parameter_names(law), np.moveaxis(law.table[a, b], -1, 0), strict=True))

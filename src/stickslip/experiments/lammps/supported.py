@@ -67,7 +67,8 @@ def _check_memory(law: Law) -> None:
     """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
     if BUILTIN_LAWS[law.kind].bonds:
         raise ScenarioError(
-            f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: {STAY[3:]}"
+            f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: "
+            f"{STAY[3:]}"
         )
     if law.properties & ~LEVER:
         raise ScenarioError(
