@@ -24,10 +24,12 @@ from stickslip.core.library import core
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mixed, of_release
+from stickslip.data.exchange.lammps_restart import Restart, restored
 from stickslip.data.sample import Obstacle
 from stickslip.experiments.lammps.leg import Leg
 from stickslip.experiments.lammps.script import write_input
 from stickslip.experiments.lammps.supported import check_leg
+from tests.laws import granular_lammps
 from tests.peers.lammps_scenes import GRANULAR, LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 
 CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"
@@ -331,6 +333,21 @@ def test_mixing_of_restitutions_and_of_work():
     )
     assert (mixed(a, b).values["damping_n"], mixed(a, b).values["work"]) == pytest.approx((0.6, 4))
     assert mixed(a, b).values["damping_t"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("gap", "holds"), [(0.0150, True), (0.0165, False)])
+def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
+    """LAMMPS exerts a force on the two spheres of `granular_lammps` across the first gap, and none across the second."""
+    state = granular_lammps.two_spheres(-gap)
+    law = ss.laws.jkr(granular_lammps.KN, granular_lammps.KT, 0.5, work=granular_lammps.WORK)
+    one, none = np.zeros((1, 4)), np.zeros(0, int)
+    pair = np.array([0]), np.array([1]), np.zeros((1, 3))
+    grains = state.grains
+    memory = Restart(
+        grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
+        np.zeros(2), *pair, none, none, np.zeros((0, 3)), one, np.zeros((0, 4)), np.arange(2),
+    )  # fmt: skip
+    assert len(ss.measure.touching(restored(state, law, memory))) == holds
 
 
 @pytest.mark.parametrize(("model", "make"), [("hooke", ss.laws.linear), ("hertz", ss.laws.hertz_mindlin_reff)])

@@ -153,7 +153,9 @@ def test_flows_take_lever_arms_and_moments():
     law = flow_law(flow({"lever": "overlap"} | SPRING | TWIST), [0.5], [1.0])
     wanted = ss.laws.with_twisting(
         ss.laws.with_rolling(
-            ss.laws.with_lever(ss.laws.linear(1e4, 2e4 / 7, 0.5, damping="mass_velocity", tension=False), "overlap"),
+            ss.laws.with_lever(
+                ss.laws.linear(1e4, 2 / 7 * 1e4, 0.5, damping="mass_velocity", tension=False), "overlap"
+            ),
             k_roll=100.0, mu_roll=0.1,
         ),
         k_twist=5.0, mu_twist=0.02,

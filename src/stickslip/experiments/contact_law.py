@@ -35,7 +35,8 @@ def _built_in(chosen: LawTable) -> Law:
     return law_by_name(
         chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
         damping=chosen.damping or BY_NAME[chosen.kind].damping, damping_n=damping_n,
-        damping_t=damping_t, tension=chosen.tension, **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
+        damping_t=damping_t, tension=chosen.tension,
+        **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
     )  # fmt: skip
 
 
