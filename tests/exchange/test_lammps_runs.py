@@ -337,7 +337,7 @@ def test_mixing_of_restitutions_and_of_work():
 
 @pytest.mark.parametrize(("gap", "holds"), [(0.0150, True), (0.0165, False)])
 def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
-    """LAMMPS exerts a force on the two spheres of `granular_lammps` across the first gap, and none across the second."""
+    """LAMMPS exerts a force on the spheres of `granular_lammps` across the first gap, and none across the second."""
     state = granular_lammps.two_spheres(-gap)
     law = ss.laws.jkr(granular_lammps.KN, granular_lammps.KT, 0.5, work=granular_lammps.WORK)
     one, none = np.zeros((1, 4)), np.zeros(0, int)
