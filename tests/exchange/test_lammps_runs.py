@@ -18,16 +18,23 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.core.contacts.forces import bodies
+from stickslip.core.contacts.memory import FREE
+from stickslip.core.laws.builtin import DAMPING, DAMPING_N, LEVER, PARAMETERS, dashpot_coefficients, with_values
+from stickslip.core.laws.compiled import FORCES, law_struct
+from stickslip.core.library import core
 from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_folder import TAKEN, Plane, _with_wall_numbers
-from stickslip.data.exchange.lammps_laws import LEVER_ARMS, contact_of
-from stickslip.data.exchange.lammps_restart import Restart
+from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mixed, of_release
+from stickslip.data.exchange.lammps_restart import Restart, restored
 from stickslip.data.sample import Obstacle
 from stickslip.lammps.leg import Leg
 from stickslip.lammps.script import write_input
-from tests.peers.lammps_scenes import LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
+from stickslip.lammps.supported import check_leg
+from tests.laws import granular_lammps
+from tests.peers.lammps_scenes import GRANULAR, LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 
 CASES = Path(__file__).parent / "lammps_runs" / "cases.tar.xz"
 HERTZ = {"law": "hertz_mindlin_reff", "kn": 1.0, "kt": 0.8, "mu": 0.3, "damping_n": 0.0, "damping_t": 0.0}
@@ -169,12 +176,23 @@ def test_columns_in_another_order_are_refused(cases):
         )
 
 
+def contact_loads(state, law):
+    """(2, N, 3) forces and torques of contacts with LAMMPS's lever arms of the slip."""
+    load, struct = np.zeros((2, state.n_bodies, 3)), law_struct(law, rate=True, members=FORCES)
+    trial = ss.forces(state, law)[1]  # arrays that may be overwritten
+    for mine, given in zip(trial, state.contacts, strict=True):
+        if isinstance(mine, np.ndarray):
+            mine[:] = given
+    core.evaluate_contacts(struct, 3, bodies(state), trial, state.cell.vectors, FREE, *load)
+    return load[:, : len(state.grains.radius)]
+
+
 @pytest.mark.parametrize("run", ["sheared", "dragged", "poured", "classic", "materials"])
 def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
     """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
     state, law, _ = ss.io.read_packing(cases / run)
     n, control = len(state.grains.radius), state.control
-    ours = ss.forces(state, law)[0].force[:n] + state.grains.mass[:, None] * control.gravity + control.force[:n]
+    ours = contact_loads(state, law)[0] + state.grains.mass[:, None] * control.gravity + control.force[:n]
     ours[~control.free[:n, 0]] = 0.0
     dump = cases / ("sheared" if run == "dragged" else run) / "dump.grains"
     if run == "dragged":
@@ -188,14 +206,32 @@ def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
         assert (~control.free[:n].any(axis=1)).sum() > 0 and control.force.any()
 
 
+@pytest.mark.parametrize("run", ["adhesive", "bouncy", "tsuji"])
+def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases):
+    """With full memory, two of them in motion; LAMMPS leaves 1e-10 of the limit of slips along the normal."""
+    state, law, notes = ss.io.read_packing(cases / run)
+    assert not [note for note in notes if isinstance(note, Obstacle)]
+    force, torque = contact_loads(state, law)
+    names, *rows = (cases / run / "dump.grains").read_text().split("ITEM: ATOMS ")[1].strip().split("\n")
+    theirs = np.array(sorted([float(x) for x in row.split()] for row in rows))
+    names = names.split()
+    force += state.grains.mass[:, None] * state.control.gravity
+    scale = float(np.abs(frame_of(state, law).contacts["force_n"]).mean())
+    miss = force - theirs[:, [names.index(name) for name in ("fx", "fy", "fz")]]
+    assert np.abs(miss).max() < 1e-10 * scale
+    torque -= theirs[:, [names.index(name) for name in ("tqx", "tqy", "tqz")]]
+    assert np.abs(torque).max() < 1e-12 * scale
+
+
 @pytest.mark.parametrize(
     ("run", "code", "words"),
     [
+        ("adhesive", 0, ["e-11 of the mean contact force stable", "R - delta/2 for torques and R for the slip"]),
         ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
         ("dragged", 3, ["undecided: fix drag (viscous) was not taken over", "Without it: oscillatory instability"]),
         ("poured", 0, ["1 wall, gravity", "stable"]),
         ("classic", 3, ["undecided: the k_t of fix wall/gran hooke/history", "Without it: stable"]),
-        ("materials", 3, ["not in equilibrium", "the lever arms R - delta/2 of pair_style granular"]),
+        ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for the slip"]),
     ],
 )
 def test_one_command_on_the_folder_of_a_run(run, code, words, cases, capsys, tmp_path):
@@ -222,12 +258,21 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
 
 def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
     """Both directions of the table of laws: inclined walls with their own friction, gravity and dashpots."""
-    for law in (LINEAR_DAMPED, REFF_DAMPED):
+    for law in (LINEAR_DAMPED, REFF_DAMPED, *GRANULAR.values()):
         state, law = between_walls(3), walls_law(law)
-        write_input(Leg(state, law, 0.01, 1, 1), tmp_path)
+        leg = Leg(state, law, 0.01, 1, 1)
+        check_leg(leg)
+        write_input(leg, tmp_path)
         again, its, notes = ss.io.read_packing(tmp_path)
         assert not [note for note in notes if isinstance(note, Obstacle)]
-        assert (its.kind, its.damping) == (law.kind, law.damping)
+        assert (its.kind, its.properties) == (law.kind, law.properties)
+        if law.damping == DAMPING["tsuji"]:
+            assert its.damping == DAMPING["coeff_restitution"]
+            law = with_values(law, damping_n=its.table[0, 0, DAMPING_N])
+            tsuji = GRANULAR["tsuji"]
+            np.testing.assert_allclose(dashpot_coefficients(its)[0, 0], dashpot_coefficients(tsuji)[0, 0], rtol=1e-12)
+        else:
+            assert its.damping == law.damping
         np.testing.assert_allclose(its.table[0, :3], law.table[0, [0, 0, 1]], rtol=1e-15)
         np.testing.assert_allclose(again.walls.normal, state.walls.normal, atol=1e-15)
         heights = [np.einsum("wk,wk->w", one.walls.point, one.walls.normal) for one in (again, state)]
@@ -235,29 +280,90 @@ def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
         np.testing.assert_allclose(again.control.gravity, state.control.gravity, atol=1e-17)
 
 
+SPRINGS = "rolling sds 5 6 0.1 twisting sds 7 8 0.2"
+MOMENTS = {"k_roll": 5, "gamma_roll": 6, "mu_roll": 0.1, "k_twist": 7, "gamma_twist": 8, "mu_twist": 0.2}
+
+
 @pytest.mark.parametrize(
-    ("coefficients", "law", "lacks"),
+    ("coefficients", "kind", "values", "more", "lacks"),
     [
-        ("hooke 2 0.5 tangential linear_history 1 0.4 0.3 damping velocity", (2, 1, 0.3, 0.5, 0.2), ""),
-        ("hertz 2 0.5 tangential mindlin_rescale 1 0.4 0.3", (2, 1, 0.3, 0.5, 0.2), ""),
-        ("hertz/material 6 0 0.5 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), ""),
-        ("hertz 2 0.5 tangential mindlin/force 1 1 0.3", (2, 1, 0.3, 0.5, 0.5), "tangential mindlin/force"),
+        ("hooke 2 0.5 tangential linear_history 1 0.4 0.3 damping velocity", "linear", (2, 1, 0.3, 0.5, 0.2), {}, ""),
         (
-            "hertz 2 0.5 tangential mindlin 1 1 0.3 rolling sds 1 1 1 damping tsuji",
-            (2, 1, 0.3, 0.5, 0.5),
-            "rolling sds",
+            "hertz 2 0.5 tangential mindlin_rescale 1 0.4 0.3",
+            "hertz_mindlin_reff_rescaled", (2, 1, 0.3, 0.5, 0.2), {}, "",
         ),
-        ("jkr 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model jkr"),
-        ("dmt 6 0 0.5 1 tangential mindlin NULL 1 0.3", (16 / 3, 16 / 3, 0.3, 0, 0), "the normal model dmt"),
+        (
+            "hertz/material 6 0 0.5 tangential mindlin NULL 1 0.3",
+            "hertz_mindlin_reff", (16 / 3, 16 / 3, 0.3, 0, 0), {}, "",
+        ),
+        (
+            "hertz 2 0.5 tangential mindlin/force 1 1 0.3",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0.5, 0.5), {}, "tangential mindlin/force with normal hertz",
+        ),
+        (
+            f"hertz 2 0.5 tangential mindlin 1 1 0.3 {SPRINGS} damping coeff_restitution",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0.5, 1), MOMENTS, "",
+        ),
+        (
+            "hertz 2 0.5 tangential mindlin 1 1 0.3 twisting marshall damping tsuji",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0.5, 1), {}, "twisting marshall",
+        ),
+        (
+            "hertz 2 0 tangential mindlin 1 1 0.3 damping tsuji",
+            "hertz_mindlin_reff", (2, 1, 0.3, 0, 1), {}, "damping tsuji with the coefficient 0",
+        ),
+        (
+            "hertz 2 0.5 rolling sds 5 6 0.1", "hertz_mindlin_reff", (2, 0, 0, 0.5, 0),
+            {"k_roll": 5, "gamma_roll": 6, "mu_roll": 0.1}, "rolling or twisting without friction",
+        ),
+        ("jkr 6 0.5 0.5 1 tangential mindlin NULL 1 0.3", "jkr", (16 / 3, 16 / 3, 0.3, 0.5, 0.5), {"work": 2}, ""),
+        ("dmt 6 0.5 0.5 1 tangential mindlin NULL 1 0.3", "dmt", (16 / 3, 16 / 3, 0.3, 0.5, 0.5), {"work": 2}, ""),
     ],
-)
-def test_coefficients_of_the_granular_style(coefficients, law, lacks):
+)  # fmt: skip
+def test_coefficients_of_the_granular_style(coefficients, kind, values, more, lacks):
     contact, rest = contact_of("granular", [*coefficients.split(), "zplane"])
     assert rest == ["zplane"]
-    assert contact.coefficients == pytest.approx(law)
-    assert LEVER_ARMS in contact.lacks
-    assert any(lacks in lack for lack in contact.lacks)
-    assert (len(contact.lacks) > 1) == bool(lacks)
+    assert contact.law == kind
+    assert contact.values == pytest.approx(dict(zip(PARAMETERS, values, strict=True)) | more)
+    assert " ".join(contact.lacks) == lacks
+    assert contact.properties & LEVER
+
+
+def test_mixing_of_restitutions_and_of_work():
+    """Geometric means of the coefficients of restitution and of the work of adhesion."""
+    a, b = (
+        contact_of("granular", f"jkr 6 {e} 0.5 {g} tangential mindlin 1 0.3 0.3 damping coeff_restitution".split())[0]
+        for e, g in ((0.4, 1), (0.9, 4))
+    )
+    assert (mixed(a, b).values["damping_n"], mixed(a, b).values["work"]) == pytest.approx((0.6, 4))
+    assert mixed(a, b).values["damping_t"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("gap", "holds"), [(0.0150, True), (0.0165, False)])
+def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
+    """LAMMPS exerts a force on the spheres of `granular_lammps` across the first gap, and none across the second."""
+    state = granular_lammps.two_spheres(-gap)
+    law = ss.laws.jkr(granular_lammps.KN, granular_lammps.KT, 0.5, work=granular_lammps.WORK)
+    one, none = np.zeros((1, 4)), np.zeros(0, int)
+    pair = np.array([0]), np.array([1]), np.zeros((1, 3))
+    grains = state.grains
+    memory = Restart(
+        grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
+        np.zeros(2), *pair, none, none, np.zeros((0, 3)), one, np.zeros((0, 4)), np.arange(2),
+    )  # fmt: skip
+    assert len(ss.measure.touching(restored(state, law, memory))) == holds
+
+
+@pytest.mark.parametrize(("model", "make"), [("hooke", ss.laws.linear), ("hertz", ss.laws.hertz_mindlin_reff)])
+def test_tsuji_before_and_after_its_factor(model, make):
+    tangential = "linear_history" if model == "hooke" else "mindlin"
+    words = f"{model} 2 0.7 tangential {tangential} 1 0.3 0.3 damping tsuji".split()
+    contact = contact_of("granular", words)[0]
+    old, new = (law_of_contacts({(0, 0): of_release(contact, year)}, 1, 0)[0] for year in (2025, 2026))
+    given = make(2.0, 1.0, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.3)
+    ours = dashpot_coefficients(given)[0, 0]
+    np.testing.assert_allclose(dashpot_coefficients(old)[0, 0], ours / np.sqrt(2), rtol=1e-12)
+    np.testing.assert_allclose(dashpot_coefficients(new)[0, 0], ours, rtol=1e-15)
 
 
 @pytest.mark.parametrize("opener", [gzip.open, lzma.open, bz2.open])
@@ -283,7 +389,7 @@ def test_what_is_compressed_otherwise_is_told(tmp_path):
 
 def test_what_is_not_taken_over_stays_with_the_packing(cases, capsys, tmp_path):
     answer(capsys, "convert", cases / "dragged", "--to", tmp_path / "p.h5")
-    code, said = answer(capsys, "stability", tmp_path / "p.h5", "-q")
+    code, said = answer(capsys, "stability", tmp_path / "p.h5", "-q", "--modes", tmp_path / "m.npz")
     assert code == 3
     assert said.startswith("undecided: fix drag (viscous) was not taken over")
 
@@ -529,7 +635,7 @@ def test_directions_of_gravity(dim, words, direction):
 
 def test_defaults_of_the_gran_style():
     contact, _ = contact_of("hooke/history", ["7", "NULL", "2", "NULL", "0.3", "1"])
-    assert contact.coefficients == pytest.approx((7, 2, 0.3, 2, 1))
+    assert contact.values == {"kn": 7, "kt": 2, "mu": 0.3, "damping_n": 2, "damping_t": 1}
 
 
 def test_memory_of_a_fix_with_two_walls_goes_to_the_nearer():
@@ -537,7 +643,11 @@ def test_memory_of_a_fix_with_two_walls_goes_to_the_nearer():
     arrays = {"position": np.array([[0, 0, 0.49], [0, 0, 2.51]]), "radius": np.full(2, 0.5)}
     memory = Restart(*[None] * len(Restart._fields))
     memory = memory._replace(wall=np.array([0, 0]), grain=np.array([1, 0]), wall_slip=np.eye(3)[:2])
-    placed = _with_wall_numbers(memory, SimpleNamespace(packing=SimpleNamespace(arrays=arrays), walls=planes))
+    memory = memory._replace(more=np.zeros((0, 7)), wall_more=np.zeros((2, 7)))
+    contact, _ = contact_of("hooke/history", ["7", "NULL", "2", "NULL", "0.3", "1"])
+    contacts = dict.fromkeys([(0, 0), (0, 1), (0, 2)], contact)
+    packing = SimpleNamespace(arrays=arrays)
+    placed = _with_wall_numbers(memory, SimpleNamespace(packing=packing, walls=planes, contacts=contacts, kinds=1))
     assert placed.wall.tolist() == [1, 0] and placed.grain.tolist() == [1, 0]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.builtin_laws import BY_NAME, NAMES
+from stickslip.core.laws.builtin import LEVER, laws_equal
 from stickslip.core.laws.compiled import law_struct
 from stickslip.core.laws.kinds import find_user_law
 from stickslip.core.laws.values import evaluate
@@ -15,8 +16,9 @@ from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import PackingError, law_by_name
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.flow.pouring import flow_law
-from tests.conftest import make_packing, stirred
+from tests.conftest import make_packing, stickslip_here, stirred
 
+PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
 FORMS, POINTS = Path(__file__).parent / "forms", 10_000
 OWN = {
     "jkr": {"work": 2e-3}, "dmt": {"work": 2e-3}, "walton_braun": {"k_unload": 3.0},
@@ -141,6 +143,66 @@ def flow(law):
     grains = {"number": 4, "mass": 1.0, "low": [0.0, 0.0], "high": [6.0, 16.0]}
     tables = {"experiment": "flow", "stages": [{"name": "settle", "duration": 1.0}], "gravity": [0.0, -1.0]}
     return ss.scenario(grains=grains, law={"kn": 1e4} | law, **tables)
+
+
+SPRING = {"rolling": "spring", "k_roll": 100.0, "mu_roll": 0.1}
+TWIST = {"twisting": "spring", "k_twist": 5.0, "mu_twist": 0.02}
+
+
+def test_flows_take_lever_arms_and_moments():
+    law = flow_law(flow({"lever": "overlap"} | SPRING | TWIST), [0.5], [1.0])
+    wanted = ss.laws.with_twisting(
+        ss.laws.with_rolling(
+            ss.laws.with_lever(
+                ss.laws.linear(1e4, 2 / 7 * 1e4, 0.5, damping="mass_velocity", tension=False), "overlap"
+            ),
+            k_roll=100.0, mu_roll=0.1,
+        ),
+        k_twist=5.0, mu_twist=0.02,
+    )  # fmt: skip
+    assert laws_equal(law, wanted)
+    viscous = flow_law(flow({"rolling": "viscous", "gamma_roll": 0.3}), [0.5], [1.0])
+    assert viscous.table[0, 0, 5:].tolist() == [0.0, 0.0, 0.3] and not viscous.properties & LEVER
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (SPRING | {"mu_roll": 0.0}, "law.mu_roll is missing or zero: law.rolling = 'spring' needs it"),
+        ({"rolling": "constant", "mu_roll": 0.1}, "law.gamma_roll is missing or zero: law.rolling = 'constant'"),
+        ({"k_roll": 1.0}, "law.k_roll was given without law.rolling"),
+        (SPRING | {"rolling": "viscous", "gamma_roll": 0.1}, "law.k_roll was given with law.rolling = 'viscous'"),
+        ({"twisting": "spring", "k_twist": 1.0}, "law.mu_twist is missing or zero"),
+        ({"lever": "arm"}, "law.lever = 'arm' was given"),
+    ],
+)
+def test_moments_that_do_not_fit_are_refused_in_one_sentence(law, words):
+    with pytest.raises(ScenarioError, match=words) as problem:
+        flow(law)
+    assert "\n" not in str(problem.value)
+
+
+def test_the_damping_ratio_of_a_restitution_is_that_of_the_dashpots():
+    table = {"damping": "coeff_restitution", "damping_n": 0.6, "damping_ratio": 0.5}
+    assert flow_law(flow(table), [0.5], [1.0]).table[0, 0, 3:].tolist() == [0.6, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["--law", "jkr"], 2, "jkr needs work, work of adhesion [energy/length^2]: give it (--parameter work=…)"),
+        (["--law", "jkr", "--parameter", "work=0", "--coulomb", "sharp"], 3, "not in equilibrium"),
+        (["--law", "linear", "--parameter", "work=1"], 2, "linear has no parameter work: it has none of its own"),
+        (["--law", "jkr", "--parameter", "volume=1", "--parameter", "work=1"], 2, "no parameter volume: it has work"),
+        (["--law", "jkr", "--parameter", "work"], 2, "'work' was given: write a name and a number"),
+        (["--law", "jkr", "--parameter", "work=one"], 2, "'one' is not a number"),
+    ],
+)
+def test_parameters_of_a_law_on_the_command_line(words, code, said):
+    done = stickslip_here("stability", PACKING, "-q", *words)
+    assert done.returncode == code
+    assert said in " ".join((done.stdout + done.stderr).split())
+    assert code == 3 or done.stderr.count("\n") == 1
 
 
 @EVERY

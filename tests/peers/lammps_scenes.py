@@ -13,6 +13,20 @@ LINEAR_DAMPED = ss.laws.linear(1.0, 0.4, 0.3, damping="mass_velocity", damping_n
 STEPS, DT = 50, 0.05
 
 
+def arms(law):
+    """The law with lever arms R − δ/2, as in `pair_style granular`."""
+    return ss.laws.with_lever(law, "overlap")
+
+
+GRANULAR = {
+    "velocity": arms(ss.laws.linear(1.0, 0.4, 0.3, damping="velocity", damping_n=0.1, damping_t=0.05)),
+    "viscoelastic": arms(ss.laws.linear(1.0, 0.4, 0.3, damping="viscoelastic", damping_n=0.3, damping_t=0.2)),
+    "restitution": arms(REFF._replace(damping=9, table=np.array([[[1.0, 0.4, 0.3, 0.7, 0.5]]]))),
+    "tsuji": arms(ss.laws.linear(1.0, 0.4, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.5)),
+    "dmt": arms(ss.laws.dmt(1.0, 0.4, 0.3, work=1e-3, damping_n=0.3, damping_t=0.2)),
+}
+
+
 def fresh(state):
     """The state without contact memory."""
     return state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))

@@ -59,6 +59,14 @@ def _parse_option(word: str | float) -> float:
         raise typer.BadParameter(f"{word!r} is not a number: write it as in 0.5 or 1e-3") from None
 
 
+def numbers_by_name(words: list[str] | None) -> dict[str, float] | None:
+    """Numbers by name, from words such as work=1e-3; None without words."""
+    if words and (odd := [word for word in words if "=" not in word]):
+        raise typer.BadParameter(f"{odd[0]!r} was given: write a name and a number, as in work=1e-3")
+    pairs = [word.partition("=") for word in words or ()]
+    return {name.strip(): _parse_option(number.strip()) for name, _, number in pairs} or None
+
+
 def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
     """Shell completion from names and their descriptions, or from a function that returns them."""
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish, number_option
+from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish, number_option, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -54,8 +54,8 @@ def _packing_options(
     law: Annotated[
         str | None,
         typer.Option(
-            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled) or your own Python file; "
-            "takes precedence over the law in FILE.",
+            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled), jkr, dmt, liquid_bridge, "
+            "walton_braun or your own Python file; takes precedence over the law in FILE.",
             autocompletion=complete_from(LAWS),
         ),
     ] = None,
@@ -74,6 +74,9 @@ def _packing_options(
     ] = None,
     damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None,
     damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None,
+    parameter: Annotated[
+        list[str] | None, typer.Option(help="Another parameter of the law, as in work=1e-3 for jkr; repeatable.")
+    ] = None,
     i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None,
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None,
     contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None,
@@ -102,6 +105,7 @@ def with_packing_options(command):
         from ..data.exchange.files import packing_units
 
         options = {name: given.pop(name) for name in names}
+        options["parameters"] = numbers_by_name(options.pop("parameter"))
         with units_in_use(packing_units(given.get("file") or given["place"])):
             return command(**given, options=options)
 

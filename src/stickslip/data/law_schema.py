@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar, get_args
 from pydantic import Field, model_validator
 
 from ..builtin_laws import BY_NAME
-from ..core.laws.builtin import DAMPING, DASHPOTS
+from ..core.laws.builtin import DAMPING, DASHPOTS, MOMENTS, ROLLING, TWISTING
+from ..core.laws.properties import MODELS
 from ..core.units import in_si
 from .law_file import LawFile
 from .schema import NotNegative, Positive, ScenarioTable, split_unit
 
 OWN_PARAMETERS = {p.name for law in BY_NAME.values() for p in law.parameters}
+_ROLL, _TWIST = ({name: f"{words} [{unit}]" for name, (unit, words) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
+NEEDED = {"rolling": MODELS, "twisting": {"spring": ("k_twist", "mu_twist")}}  # coefficients, by model
+TAKEN = {"rolling": {**MODELS, "spring": (*_ROLL,)}, "twisting": {"spring": (*_TWIST,)}}
 SUBSTRATE = 1  # material of the wall; disks are material 0
 
 
@@ -66,8 +70,38 @@ class LawTable(LawFile):
     )
     surface_tension: NotNegative | None = Field(None, description="of the liquid of liquid_bridge [force/length]")
     volume: NotNegative | None = Field(None, description="of a bridge of liquid_bridge [length^3]")
+    lever: Literal["radius", "overlap"] | None = Field(
+        None, description="lever arms of tangential forces: radius, R, also if it has no value; overlap, R − δ/2"
+    )
+    rolling: Literal["constant", "viscous", "spring"] | None = Field(
+        None, description="model of a moment that resists rolling; without a value, there is none"
+    )
+    k_roll: Positive | None = Field(None, description=_ROLL["k_roll"])
+    mu_roll: NotNegative | None = Field(None, description=_ROLL["mu_roll"])
+    gamma_roll: NotNegative | None = Field(None, description=_ROLL["gamma_roll"])
+    twisting: Literal["spring"] | None = Field(
+        None, description="model of a moment that resists twisting; without a value, there is none"
+    )
+    k_twist: Positive | None = Field(None, description=_TWIST["k_twist"])
+    mu_twist: NotNegative | None = Field(None, description=_TWIST["mu_twist"])
+    gamma_twist: NotNegative | None = Field(None, description=_TWIST["gamma_twist"])
     tension: bool = Field(True, description="whether dashpots may make contact forces attractive")
     wall: Parameters | None = None
+
+    @model_validator(mode="after")
+    def _check_moments(self):
+        for key, names in (("rolling", _ROLL), ("twisting", _TWIST)):
+            model = getattr(self, key)
+            given = [name for name in names if getattr(self, name) is not None]
+            missing = [name for name in NEEDED[key].get(model, ()) if not getattr(self, name)]
+            extra = [name for name in given if name not in TAKEN[key].get(model, ())]
+            if missing:
+                raise ValueError(f"law.{missing[0]} is missing or zero: law.{key} = {model!r} needs it")
+            if extra and model is None:
+                raise ValueError(f"law.{extra[0]} was given without law.{key}: give both or neither")
+            if extra:
+                raise ValueError(f"law.{extra[0]} was given with law.{key} = {model!r}, which has none: leave it out")
+        return self
 
     @model_validator(mode="after")
     def _check_parameters(self):

@@ -197,12 +197,17 @@ def law_by_name(
     ----------
     kn, kt : default 1 and 2/7; or `young` and `poisson` of identical elastic grains, see `elastic_constants`
     damping : model of damping, default that of the law
-    own : parameters that only this law has
+    own : parameters that only this law has, such as `work`
 
     Raises
     ------
     PackingError
-        if a name is not known or parameters are inconsistent; the message is one sentence.
+        if a name is not known, or parameters are missing or inconsistent; the message is one sentence.
+
+    Examples
+    --------
+    >>> law_by_name("jkr", "sharp", mu=0.5, work=1e-3)
+    Law: jkr, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5, work = 0.001
     """
     for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
         if value not in known and not (name == "damping" and value is None):
@@ -211,6 +216,12 @@ def law_by_name(
         raise PackingError("only one of young and poisson was given: give both, or kn and kt")
     if young is not None and (not BY_NAME[law].uses_radius or kn is not None or kt is not None):
         raise PackingError("young and poisson replace kn and kt of hertz_mindlin_reff: give them only with that law")
+    needed = {p.name: f"{p.words} [{p.unit}]" for p in BY_NAME[law].parameters}
+    for name in sorted({*needed} - {*own}):
+        raise PackingError(f"{law} needs {name}, {needed[name]}: give it (--parameter {name}=…)")
+    for name in sorted({*own} - {*needed}):
+        has = f"it has {', '.join(needed)}" if needed else "it has none of its own"
+        raise PackingError(f"{law} has no parameter {name}: {has}")
     model = {} if damping is None else {"damping": damping}
     try:
         if young is not None:

@@ -3,11 +3,14 @@
 import numpy as np
 
 from ..builtin_laws import BY_NAME
-from ..core.laws.builtin import KN, Law, for_pair, with_values
+from ..core.laws.builtin import KN, MOMENTS, ROLLING, TWISTING, Law, for_pair, with_values
+from ..core.laws.properties import with_lever, with_rolling, with_twisting
 from ..data.law_file import load_law
 from ..data.law_schema import SUBSTRATE, LawTable
 from ..data.sample import law_by_name
 from ..solve.collision import eq8_damping, with_restitution
+
+RESTITUTION = ("tsuji", "coeff_restitution")
 
 
 def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) -> Law:
@@ -18,6 +21,7 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
     law = _built_in(chosen) if chosen.file is None else load_law(chosen)
     if chosen.restitution is not None:
         law = _with_restitution(law, chosen, radius, mass)
+    law = _with_properties(law, chosen)
     if chosen.wall is None:
         return law
     return for_pair(law, 0, SUBSTRATE, **{k: v for k, v in chosen.wall.model_dump().items() if v is not None})
@@ -26,12 +30,23 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
 def _built_in(chosen: LawTable) -> Law:
     kt = 2 / 7 * chosen.kn if chosen.kt is None and chosen.kn is not None else chosen.kt
     damping_n, damping_t = chosen.damping_n or 0.0, chosen.damping_t
+    if damping_t is None:  # that of a restitution is a ratio
+        damping_t = (chosen.damping_ratio or 0.0) * (1.0 if chosen.damping in RESTITUTION else damping_n)
     return law_by_name(
         chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
         damping=chosen.damping or BY_NAME[chosen.kind].damping, damping_n=damping_n,
-        damping_t=(chosen.damping_ratio or 0.0) * damping_n if damping_t is None else damping_t,
-        tension=chosen.tension, **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
+        damping_t=damping_t, tension=chosen.tension,
+        **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
     )  # fmt: skip
+
+
+def _with_properties(law: Law, chosen: LawTable) -> Law:
+    """Law with the lever arms and moments of a law table."""
+    law = law if chosen.lever is None else with_lever(law, chosen.lever)
+    given = {name: getattr(chosen, name) or 0.0 for part in MOMENTS.values() for name in part}
+    rolls, twists = ({name: given[name] for name in MOMENTS[part]} for part in (ROLLING, TWISTING))
+    law = law if chosen.rolling is None else with_rolling(law, chosen.rolling, **rolls)
+    return law if chosen.twisting is None else with_twisting(law, **twists)
 
 
 def _with_restitution(law: Law, chosen: LawTable, radius: float, mass: float) -> Law:

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..builtin_laws import BY_NAME
 from ..core.dynamics.coefficients import driven_bodies
-from ..core.laws.builtin import NO_TENSION, Law, rescales
+from ..core.laws.builtin import DAMPING, NO_TENSION, Law, parameter_names
 from ..data.exchange.frame import wrapped_into
-from ..data.exchange.lammps_laws import MODELS
+from ..data.exchange.lammps_laws import MODELS, RESTITUTION, as_restitution
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
 from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
-from .supported import is_linear, lacks_radius, parameters_of
+from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
 SAMPLE, PLACES = "sample.*.restart", "places.*.dump"
@@ -139,21 +140,22 @@ neigh_modify delay 0 every 1 check yes{exclude}
 {_wall_commands(leg)}"""
 
 
-def _coefficients(law: Law, q, radius: float) -> list[float]:
-    """k_n, k_t, γ_n, γ_t and μ as LAMMPS multiplies them, by √R_eff for Hertz's law."""
-    kn, kt, mu, damping_n, damping_t = q
+def _coefficients(law: Law, q, radius: float) -> dict[str, float]:
+    """Parameters by name, k_n and k_t as LAMMPS multiplies them, by √R_eff for Hertz's law."""
     share = np.sqrt(radius) if lacks_radius(law) else 1.0
-    return [kn / share, kt / share, damping_n, damping_t, mu]
+    values = dict(zip(parameter_names(law), q.tolist(), strict=True))
+    return values | {"kn": values["kn"] / share, "kt": values["kt"] / share}
 
 
 def pair_commands(law: Law, leg: Leg) -> str:
-    """Pair style of a law: `gran/hooke/history`, `gran/hertz/history` or, for a rescaled law, `granular`."""
+    """Pair style of a law: `gran/hooke/history`, `gran/hertz/history`, or `granular` for all others."""
     radius = 0.5 * float(leg.state.grains.radius[0])
-    numbers = _coefficients(law, parameters_of(law, leg.state), radius)
-    if rescales(law):
-        return f"pair_style granular\npair_coeff * * {_granular(law, *numbers)}"
+    values = _coefficients(law, parameters_of(law, leg.state), radius)
+    if is_granular(law):
+        return f"pair_style granular\npair_coeff * * {granular_words(law, values)}"
     style = "hooke" if is_linear(law) else "hertz"
-    return f"pair_style gran/{style}/history {digits(*numbers)} 1{_tension_option(law)}\npair_coeff * *"
+    numbers = digits(*(values[name] for name in ("kn", "kt", "damping_n", "damping_t", "mu")))
+    return f"pair_style gran/{style}/history {numbers} 1{_tension_option(law)}\npair_coeff * *"
 
 
 def _tension_option(law: Law) -> str:
@@ -170,19 +172,27 @@ def _wall_commands(leg: Leg) -> str:
         moves = " move " + " ".join(f"v_{name}_d{a}" if a in course else "NULL" for a in "xyz") if course else ""
         lines.append(f"region {name} plane {digits(*state.walls.point[k], *state.walls.normal[k])}{moves}")
         q = law.table[state.grains.material[0], state.walls.material[k]]
-        model = _granular(law, *_coefficients(law, q, float(state.grains.radius[0])))
+        model = granular_words(law, _coefficients(law, q, float(state.grains.radius[0])))
         lines.append(f"fix {name} all wall/gran/region granular {model} region {name}")
     return "\n".join(lines)
 
 
-def _granular(law: Law, kn: float, kt: float, damping_n: float, damping_t: float, mu: float) -> str:
-    """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n."""
-    damping = "mass_velocity" if is_linear(law) else "viscoelastic"
-    name = "linear" if is_linear(law) else "hertz_mindlin_reff"
-    normal, tangential = MODELS[f"{name}_rescaled" if rescales(law) else name]
-    share = damping_t / damping_n if damping_n > 0 else 0.0
+def granular_words(law: Law, values: dict[str, float]) -> str:
+    """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n and E that of grains with ν = 0."""
+    name = name_with_radius(law)
+    (normal, tangential), damping_n, share = MODELS[name], values["damping_n"], values["damping_t"]
+    damping = next(word for word, model in DAMPING.items() if model == law.damping & ~NO_TENSION)
+    if damping in RESTITUTION:
+        damping_n, damping = as_restitution(name, damping, damping_n), "coeff_restitution"
+    else:
+        if not is_granular(law) and not (damping_n or share):
+            damping = BY_NAME[name].damping
+        share = share / damping_n if damping_n > 0 else 0.0
+    kn = [values["kn"], damping_n]
+    if "work" in values:
+        kn = [1.5 * values["kn"], damping_n, 0.0, values["work"] / 2]
     return (
-        f"{normal} {digits(kn, damping_n)} tangential {tangential} {digits(kt, share, mu)} damping {damping}"
+        f"{normal} {digits(*kn)} tangential {tangential} {digits(values['kt'], share, values['mu'])} damping {damping}"
         f"{_tension_option(law)}"
     )
 

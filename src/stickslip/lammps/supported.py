@@ -6,9 +6,13 @@ from ..builtin_laws import BUILTIN_LAWS, NAMES
 from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
+    LEVER,
     MASS,
     NO_TENSION,
+    RESTITUTION,
     SHARP,
+    TSUJI,
+    VELOCITY,
     VISCOELASTIC,
     Law,
     damping_model,
@@ -16,6 +20,7 @@ from ..core.laws.builtin import (
 )
 from ..core.laws.kinds import Kind
 from ..core.state import State
+from ..data.exchange.lammps_laws import MODELS
 from ..data.schema import ScenarioError
 from .cell import needs_forces, tilts_of
 from .leg import Leg, inertia_factor, is_held, members_of
@@ -36,30 +41,14 @@ def lacks_radius(law: Law) -> bool:
 
 def check_law(law: Law, state: State) -> None:
     """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
-    if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
+    if isinstance(law.kind, Kind) or name_with_radius(law) not in MODELS:
         raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
-    if law.properties:
-        raise ScenarioError(
-            f"LAMMPS was given a law with other lever arms or with moments, which its pair styles lack: {STAY[3:]}"
-        )
     if law.coulomb != SHARP:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
-    q = parameters_of(law, state)
-    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and damping_model(law) & ~NO_TENSION != (
-        MASS if is_linear(law) else VISCOELASTIC
-    ):
-        raise ScenarioError(
-            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
-            f"viscoelastic dashpots or linear with mass_velocity ones, {STAY}"
-        )
-    if (rescales(law) or len(state.walls.mass)) and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
-        what = "a rescaled law" if rescales(law) else "walls and a law"
-        raise ScenarioError(
-            f"LAMMPS was given {what} with damping_t but without damping_n, although it expresses damping_t as a "
-            f"multiple of damping_n: give both or neither"
-        )
+    _check_memory(law)
+    _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
     if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
         raise ScenarioError(
             f"LAMMPS multiplies Hertz's law by √R_eff, which is constant for grains of one size only: use "
@@ -67,6 +56,56 @@ def check_law(law: Law, state: State) -> None:
         )
     if rescales(law) and len(state.walls.mass):
         raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
+
+
+def name_with_radius(law: Law) -> str:
+    """Name of a law, with √R_eff if that is what it lacks."""
+    return NAMES[law.kind].replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else NAMES[law.kind]
+
+
+def _check_memory(law: Law) -> None:
+    """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
+    if BUILTIN_LAWS[law.kind].bonds:
+        raise ScenarioError(
+            f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: "
+            f"{STAY[3:]}"
+        )
+    if law.properties & ~LEVER:
+        raise ScenarioError(
+            f"LAMMPS was given moments of rolling or twisting, whose memory it reverses where grains cross a periodic "
+            f"boundary or change their order: {STAY[3:]}"
+        )
+    if BUILTIN_LAWS[law.kind].parameters and not law.properties & LEVER:
+        raise ScenarioError(
+            f'LAMMPS was given {NAMES[law.kind]} with lever arms R, and has it with R - δ/2: use lever = "overlap", '
+            f"or laws.with_lever, {STAY}"
+        )
+
+
+def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
+    """Raise ScenarioError if LAMMPS has no such dashpots, from the parameters of contacts between grains."""
+    model, rest, own = damping_model(law) & ~NO_TENSION, (TSUJI, RESTITUTION), BUILTIN_LAWS[law.kind]
+    usual = MASS if is_linear(law) else VISCOELASTIC
+    allowed = (VELOCITY, MASS, VISCOELASTIC, *rest) if law.properties & LEVER else (usual,)
+    if own.parameters:
+        allowed = VELOCITY, MASS, VISCOELASTIC
+    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and model not in allowed:
+        raise ScenarioError(
+            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
+            f"viscoelastic dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
+        )
+    if own.parameters and law.damping & NO_TENSION:
+        raise ScenarioError(f"LAMMPS was given tension = false with {own.name}, which it does not allow: {STAY[3:]}")
+    if (is_granular(law) or walls) and model not in rest and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
+        raise ScenarioError(
+            f"LAMMPS was given {'this law' if is_granular(law) else 'walls and a law'} with damping_t but without "
+            f"damping_n, although it expresses damping_t as a multiple of damping_n: give both or neither"
+        )
+
+
+def is_granular(law: Law) -> bool:
+    """Return True if only `pair_style granular` of LAMMPS has a law, with lever arms R − δ/2."""
+    return bool(rescales(law) or law.properties)
 
 
 def parameters_of(law: Law, state: State) -> np.ndarray:

@@ -80,10 +80,22 @@ PERIODIC = {
     "high": "INF",
 }
 OPEN = {"boundary": "p p f", "shape": "block", "width": 2, "height": 7, "tilt": "", "low": 0.3, "high": 6.7}
+# LAMMPS reverses the memory of rolling where grains cross a periodic boundary
+SILO = OPEN | {"boundary": "s s s", "high": 3.4}
 HERTZ = "pair_style gran/hertz/history 1.0 0.8 0.0 0.0 0.3 1\npair_coeff * *"
 MATERIAL = "hertz/material {E} 20.0 {nu} tangential mindlin NULL 0.5 {mu} damping viscoelastic"
 STEEL, GLASS = MATERIAL.format(E=1000.0, nu=0.3, mu=0.4), MATERIAL.format(E=2000.0, nu=0.2, mu=0.2)
 TWO = f"pair_style granular\npair_coeff 1 1 {STEEL}\npair_coeff 2 2 {GLASS}"
+BOUNCY = "hertz/material {E} {e} {nu} tangential mindlin NULL {share} {mu} damping coeff_restitution"
+BALLS = (
+    BOUNCY.format(E=1000.0, e=0.5, nu=0.3, share=0.4, mu=0.5),
+    BOUNCY.format(E=2000.0, e=0.8, nu=0.2, share=0.6, mu=0.3),
+)
+ADHESIVE = (
+    "jkr 1000.0 20.0 0.3 0.1 tangential mindlin NULL 0.5 0.4 damping mass_velocity rolling sds 300.0 10.0 0.1 &\n  "
+)
+ADHESIVE += "twisting sds 20.0 0.5 0.02"
+TSUJI = "hooke 2000.0 0.6 tangential linear_history 600.0 0.5 0.4 damping tsuji"
 WEIGHT = "fix g all gravity 1.0 vector 0 0 -1"
 HOOKE = "2000 ${kt} 20.0 10.0 ${mu} 1"
 VARIABLES = 'variable mu index 0.4\nvariable kt equal "2/7*2000"'
@@ -124,6 +136,33 @@ DECKS = {
     )
     + f"group top id 22:24\nfix push all addforce 0.01 0 0\nfix hold top freeze\nrun 20000\n{GRAINS}"
     + END.format(name="materials"),
+    "adhesive": START.format(
+        law=f"atom_modify sort 0 0\npair_style granular\npair_coeff * * {ADHESIVE}",
+        fixes=f"fix w all wall/gran granular {ADHESIVE} zplane 0 NULL\n"
+        f"fix x all wall/gran granular {ADHESIVE} xplane -0.7 3.7\n"
+        f"fix y all wall/gran granular {ADHESIVE} yplane -0.7 3.7\n{WEIGHT}",
+        large=1.2,
+        dt=0.002,
+        **SILO,
+    )
+    + "fix drag all viscous 0.2\nrun 200000\nunfix drag\nset group all omega 0 0 0\n"
+    + f"velocity all set 0 0 0\n{GRAINS}run 0\nwrite_restart adhesive.restart\n",
+    "bouncy": START.format(
+        law=f"pair_style granular\npair_coeff 1 1 {BALLS[0]}\npair_coeff 2 2 {BALLS[1]}",
+        fixes=f"fix w all wall/gran granular {BALLS[1]} zplane 0 NULL\n{WEIGHT}",
+        large=1.2,
+        dt=0.002,
+        **OPEN,
+    )
+    + f"run 5000\n{GRAINS}run 0\nwrite_restart bouncy.restart\n",
+    "tsuji": START.format(
+        law=f"pair_style granular\npair_coeff * * {TSUJI}",
+        fixes=f"fix w all wall/gran granular {TSUJI} zplane 0 NULL\n{WEIGHT}",
+        large=1.2,
+        dt=0.002,
+        **OPEN,
+    )
+    + f"run 20000\n{GRAINS}run 0\nwrite_restart tsuji.restart\n",
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.arguments import checked
 from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import SHARP, Law, laws_equal, with_values
+from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
 from ...core.laws.user import from_file
 from ...core.state import State
 from ...core.units import Units
@@ -36,7 +36,6 @@ SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": wr
 SINGLE = {".npz": write_npz, ".csv": write_csv, ".graphml": write_graph} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (*SINGLE, *ARCHIVE, *SERIES)
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
-NUMBERS = {"kn", "kt", "mu", "damping_n", "damping_t"}
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
 
@@ -72,6 +71,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
         take precedence over the law in the file. LAMMPS's data and dump files contain no law; to read contacts from a
         dump, give all of its parameters
+    parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except of archives
@@ -174,7 +174,8 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
 def _chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
     """Law that was given, or that of the packing with the numbers that were given; the defaults if there is neither."""
     its = packing.law
-    if isinstance(its, Law) and own is None and (not given or (packing.setting and set(given) <= NUMBERS)):
+    numbers = isinstance(its, Law) and own is None and {*given} <= {*parameter_names(its)}
+    if numbers and (not given or packing.setting):
         return with_values(its, **given)
     law = own or lammps_law(its | given if isinstance(its, dict) else given, memory=memory)
     if packing.setting and isinstance(its, Law):  # types and walls, each a material
@@ -212,11 +213,13 @@ def packing_units(path: str | Path) -> Units | None:
 
 def law_from_file(given: dict) -> tuple[dict, Law | None]:
     """Return the options that do not concern the law, and the law if the user named a Python file for it."""
+    more = given.get("parameters", {})
+    given = {name: value for name, value in given.items() if name != "parameters"}
     if not str(given.get("law", "")).endswith(".py"):
-        return given, None
-    values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}
+        return given | more, None
+    values = {name: given[name] for name in PARAMETERS if name in given}
     try:
-        law = with_values(from_file(given["law"]), **values)
+        law = with_values(from_file(given["law"]), **values, **more)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     rest = {name: value for name, value in given.items() if name not in values}

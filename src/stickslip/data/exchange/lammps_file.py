@@ -23,7 +23,7 @@ import numpy as np
 from ...core.contacts.forces import forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
-from ...core.laws.builtin import MU, SHARP, Law, damping_model
+from ...core.laws.builtin import SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
@@ -211,9 +211,8 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         _check_normal_forces(force_n, theirs)
         force_n = theirs
     slip = np.divide(-pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0)
-    contacts, kind = state.contacts, state.grains.material
-    mu = law.table[kind[contacts.i[rows]], kind[contacts.j[rows]], MU]
-    slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * np.abs(mu * force_n)
+    contacts, limit = state.contacts, np.abs(c.limit[rows] + c.mu[rows] * (force_n - c.force_n[rows]))
+    slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * limit
     new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy())
     new.slip[:] = 0.0
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)

@@ -6,12 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...builtin_laws import BY_NAME
 from ...core.control import fixed
-from ...core.laws.builtin import Law
+from ...core.laws.builtin import PARAMETERS, Law
+from ...core.laws.properties import resists_rolling
 from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...core.text import parse_number
-from ..sample import UNDECIDED, Absent, Obstacle, PackingError
+from ..sample import UNDECIDED, Absent, Assumption, Obstacle, PackingError
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
 from .lammps_commands import Run, group_members, read_commands, recognize_log, recognize_script
@@ -24,7 +26,20 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
-from .lammps_laws import HISTORY, SAME_UNITS, WALL_CLASSIC, Contact, contact_of, law_of_contacts, mixed, wall_contact
+from .lammps_laws import (
+    HISTORY,
+    SAME_UNITS,
+    TSUJI,
+    WALL_CLASSIC,
+    Contact,
+    contact_of,
+    differences,
+    law_of_contacts,
+    memory_layout,
+    mixed,
+    of_release,
+    wall_contact,
+)
 from .lammps_text import NO_WALLS
 
 LOOKED_AT = 50  # dumps whose last time step is read, the newest
@@ -156,15 +171,22 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
 def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
     """Memory whose walls have the numbers that they have here; of two planes of a fix, a grain touches the nearer."""
     place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
-    wall, deepest, slip = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf), memory.wall_slip.copy()
+    wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
+    slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
     for k, plane in enumerate(course.walls):
-        overlap = plane.overlap(place, radius)
-        mine = (memory.wall == plane.number) & (overlap > deepest)
-        wall[mine], deepest[mine] = k, overlap[mine]
+        overlap, contact = plane.overlap(place, radius), course.contacts[0, course.kinds + k]
+        touches, slips, more = lammps_restart.wall_values(memory, BY_NAME[contact.law].bonds)
+        mine = (memory.wall == plane.number) & (overlap > deepest) & touches
+        wall[mine], deepest[mine], slip[mine] = k, overlap[mine], slips[mine]
+        turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
         if plane.scale:  # the force of LAMMPS, under a k_t that is the same for all grains
-            slip[mine] = memory.wall_slip[mine] * (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
+            slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
     known = wall >= 0
-    return memory._replace(wall=wall[known], grain=memory.grain[known], wall_slip=slip[known])
+    pairs = [contact for pair, contact in course.contacts.items() if max(pair) < course.kinds]
+    return memory._replace(
+        wall=wall[known], grain=memory.grain[known], wall_slip=slip[known], wall_more=turned[known],
+        more=lammps_restart.rotations(memory.more, *memory_layout(pairs)),
+    )  # fmt: skip
 
 
 def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, Packing]:
@@ -305,8 +327,8 @@ def _take_pairs(course: Course) -> None:
     stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
         if style == "none" and isinstance(stored, dict):  # restored from a restart file
-            numbers = tuple(stored[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t"))
-            course.contacts |= dict.fromkeys(everywhere, Contact(stored["law"], stored["damping"], numbers))
+            values = {name: stored[name] for name in PARAMETERS}
+            course.contacts |= dict.fromkeys(everywhere, Contact(stored["law"], stored["damping"], values))
         elif style.removeprefix("gran/") in HISTORY:
             contact, _ = contact_of(style.removeprefix("gran/"), words)
             course.contacts |= dict.fromkeys(everywhere, contact)
@@ -361,8 +383,8 @@ def _classic(course: Course, contact: Contact) -> Contact:
         return contact
     scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
     course.walls[-1] = course.walls[-1]._replace(scale=scale)
-    kn, kt, *rest = contact.coefficients
-    return contact._replace(coefficients=(kn, kt * scale, *rest), lacks=(*contact.lacks, WALL_CLASSIC))
+    values = contact.values | {"kt": contact.values["kt"] * scale}
+    return contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
 
 
 def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None:
@@ -430,9 +452,16 @@ def _finish_law(course: Course) -> None:
     """The law of all pairs of types and walls."""
     if not any(max(pair) < course.kinds for pair in course.contacts):
         return
+    given = course.contacts
+    course.contacts = {pair: of_release(contact, course.run.year) for pair, contact in given.items()}
     course.law, lacks = law_of_contacts(course.contacts, course.kinds, len(course.walls))
     for lack in lacks:
         course.obstacle(f"{lack}: the law here differs")
+    course.words += map(Assumption, differences(course.contacts))
+    if course.contacts != given:
+        course.words.append(Assumption(TSUJI))
+    if resists_rolling(course.law) and course.packing.memory is None:
+        course.words.append(Absent("the memory of rolling and twisting is in restart files only: it is zero here"))
 
 
 def _describe(course: Course) -> str:

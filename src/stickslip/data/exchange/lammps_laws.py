@@ -10,47 +10,84 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...builtin_laws import NAMES
-from ...core.laws.builtin import DAMPING, NO_TENSION, SHARP, Law, elastic_constants
+from ...builtin_laws import BY_NAME, NAMES
+from ...core.laws.builtin import (
+    DAMPING,
+    LEVER,
+    NO_TENSION,
+    PARAMETERS,
+    ROLLING,
+    SHARP,
+    TWISTING,
+    Law,
+    dashpot_coefficients,
+    elastic_constants,
+    parameter_names,
+)
 from ...core.text import parse_number
 
 MODELS = {  # normal and tangential model of `pair_style granular`
     "linear": ("hooke", "linear_history"),
     "hertz_mindlin_reff": ("hertz", "mindlin"),
     "hertz_mindlin_reff_rescaled": ("hertz", "mindlin_rescale"),
+    "jkr": ("jkr", "mindlin"),
+    "dmt": ("dmt", "mindlin"),
 }
 HISTORY = {"hooke/history": ("linear", "mass_velocity"), "hertz/history": ("hertz_mindlin_reff", "viscoelastic")}
 NORMAL = {  # number of coefficients, and the normal model with the same elastic force
-    "hooke": (2, "hooke"), "hertz": (2, "hertz"), "hertz/material": (3, "hertz"), "dmt": (4, ""), "jkr": (4, ""),
+    "hooke": (2, "hooke"), "hertz": (2, "hertz"), "hertz/material": (3, "hertz"), "dmt": (4, "dmt"), "jkr": (4, "jkr"),
     "mdr": (6, ""),
 }  # fmt: skip
-TANGENTIAL = {  # number of coefficients
-    "none": 0, "linear_nohistory": 2, "linear_history": 3, "linear_history_classic": 3, "mindlin_classic": 3,
-    "mindlin": 3, "mindlin/force": 3, "mindlin_rescale": 3, "mindlin_rescale/force": 3,
+NEAREST = {"hooke": "linear", "hertz": "hertz_mindlin_reff", "jkr": "jkr", "dmt": "dmt"}  # the law of other models
+TANGENTIAL = {  # number of coefficients, and of values in the memory of a contact
+    "none": (0, 0), "linear_nohistory": (2, 0), "linear_history": (3, 3), "linear_history_classic": (3, 3),
+    "mindlin_classic": (3, 3), "mindlin": (3, 3), "mindlin/force": (3, 3), "mindlin_rescale": (3, 4),
+    "mindlin_rescale/force": (3, 4),
 }  # fmt: skip
 OTHERS = {  # number of coefficients of the models that may follow
     "damping": {"velocity": 0, "mass_velocity": 0, "viscoelastic": 0, "tsuji": 0, "coeff_restitution": 0},
     "rolling": {"none": 0, "sds": 3}, "twisting": {"none": 0, "marshall": 0, "sds": 3},
     "heat": {"none": 0, "radius": 1, "area": 1},
 }  # fmt: skip
-NO_EQUAL = {"damping tsuji", "damping coeff_restitution", "rolling sds", "twisting marshall", "twisting sds"}
+SDS = {  # coefficients of a model `sds`, in the order of LAMMPS, and the property that it is
+    "rolling": (ROLLING, ("k_roll", "gamma_roll", "mu_roll")),
+    "twisting": (TWISTING, ("k_twist", "gamma_twist", "mu_twist")),
+}  # fmt: skip
+NO_EQUAL = {"twisting marshall"}
+RESTITUTION = ("tsuji", "coeff_restitution")
 SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # in which forces are mass times acceleration
+TSUJI_FACTOR = 2025  # the last year of releases of LAMMPS whose tsuji lacks the factor √2
+TSUJI = (
+    f"damping tsuji lacks a factor of sqrt(2) in LAMMPS up to {TSUJI_FACTOR}: here it is coeff_restitution with the "
+    "same dashpots"
+)
 WALL_CLASSIC = (
     "the k_t of fix wall/gran hooke/history, which LAMMPS up to 2025 multiplies by the contact radius sqrt(delta R) "
     "(taken at its mean over contacts)"
 )
-LEVER_ARMS = "the lever arms R - delta/2 of pair_style granular, in place of R"
+LEVER_ARMS = (
+    "pair_style granular takes lever arms R - delta/2 for torques and R for the slip: here both are R - delta/2, "
+    'except with slip_update="rate"'
+)
+COHESIVE_DASHPOTS = "dashpots of {} differ in LAMMPS while grains move: they act across gaps, or grow otherwise"
+PULL_OFF = "LAMMPS separates jkr contacts at 0.48 of the gap of pull-off: here they hold up to it"
+REVERSED = (
+    "LAMMPS reverses the memory of rolling and twisting where grains cross a periodic boundary or change their order "
+    "in its lists: here it is that of its next step"
+)
 
 
 class Contact(NamedTuple):
-    """Law of a pair of types, or of a type and a wall: coefficients for `law_by_name`, and what has no equal here."""
+    """Law of a pair of types, or of a type and a wall: its parameters, and what has no equal here."""
 
     law: str
     damping: str
-    coefficients: tuple[float, ...]  # kn, kt, mu, damping_n, damping_t
+    values: dict[str, float]
     tension: bool = True
+    properties: int = 0
     lacks: tuple[str, ...] = ()
     elastic: tuple[float, ...] = ()  # Young's modulus, Poisson's ratio, 1 if kt follows from them; empty if kn is given
+    slots: int = 3  # values in the memory of the tangential force
 
 
 def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
@@ -75,28 +112,24 @@ def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
     damping_t = damping_n / 2 if damping_t is None else damping_t
     rest = list(words[6:])
     tension = "limit_damping" not in rest[:1]
-    return Contact(law, damping, (kn, kt, mu, damping_n, damping_t if flag else 0.0), tension), rest[not tension :]
+    values = dict(zip(PARAMETERS, (kn, kt, mu, damping_n, damping_t if flag else 0.0), strict=True))
+    return Contact(law, damping, values, tension), rest[not tension :]
 
 
 def wall_contact(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
     """Law of a wall, as `contact_of`: the lever arms at walls are R."""
     contact, rest = contact_of(style, words)
-    return contact._replace(lacks=tuple(lack for lack in contact.lacks if lack != LEVER_ARMS)), rest
+    return contact._replace(properties=contact.properties & ~LEVER), rest
 
 
 def _granular(words: list[str]) -> tuple[Contact, list[str]]:
-    name, elastic, lacks = words.pop(0), (), [LEVER_ARMS]
+    name, more, lacks = words.pop(0), {}, []
     if name not in NORMAL:
         raise ValueError(f"the normal model {name}")
-    count, normal = NORMAL[name]
+    (count, normal), (tangential, *rest) = NORMAL[name], ("none",)
     numbers, words = [parse_number(w) for w in words[:count]], words[count:]
-    if count == 2:
-        kn, damping_n = numbers
-    else:
-        elastic, damping_n = (numbers[0], numbers[2]), numbers[1]
-        kn = elastic_constants(*elastic)[0]
     lacks += [] if normal else [f"the normal model {name}"]
-    tangential, values, damping, tension = "none", [0.0, 0.0, 0.0], "viscoelastic", True
+    damping, tension, properties = "viscoelastic", True, LEVER
     while words and words[0] in ("tangential", "limit_damping", "cutoff", *OTHERS):
         key = words.pop(0)
         if key == "limit_damping":
@@ -105,54 +138,114 @@ def _granular(words: list[str]) -> tuple[Contact, list[str]]:
             words.pop(0)
         elif key == "tangential":
             tangential = words.pop(0)
-            count = TANGENTIAL[tangential]
-            values, words = [None if w == "NULL" else parse_number(w) for w in words[:count]], words[count:]
+            count = TANGENTIAL[tangential][0]
+            rest, words = [None if w == "NULL" else parse_number(w) for w in words[:count]], words[count:]
         else:
             model = words.pop(0)
-            words = words[OTHERS[key][model] :]
+            own, words = words[: OTHERS[key][model]], words[OTHERS[key][model] :]
             damping = model if key == "damping" else damping
             lacks += [f"{key} {model}"] if f"{key} {model}" in NO_EQUAL else []
-    return _combined(normal or "hertz", tangential, [kn, damping_n, *values], (damping, tension, lacks, elastic)), words
+            if model == "sds":
+                properties |= SDS[key][0]
+                more |= dict(zip(SDS[key][1], map(parse_number, own), strict=True))
+    contact = Contact("", damping, more, tension, properties, tuple(lacks), slots=TANGENTIAL[tangential][1])
+    return _combined(contact, normal or "hertz", tangential, numbers, rest), words
 
 
-def _combined(normal: str, tangential: str, numbers: list, more) -> Contact:
-    damping, tension, lacks, elastic = more
-    kn, damping_n, *rest = numbers
+def _combined(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
+    """Law with its normal and tangential models, from their coefficients."""
     law = next((law for law, model in MODELS.items() if model == (normal, tangential)), None)
-    kt, share, mu = rest if len(rest) == 3 else (0.0, *rest, 0.0)[:3]
+    lacks, more, elastic = list(contact.lacks), dict(contact.values), ()
     if law is None:
-        law = "linear" if normal == "hooke" else "hertz_mindlin_reff"
-        lacks = lacks if tangential == "none" else [*lacks, f"tangential {tangential} with normal {normal}"]
-    elastic = (*elastic, float(kt is None)) if elastic else ()
+        law = NEAREST[normal]
+        lacks += [] if tangential == "none" else [f"tangential {tangential} with normal {normal}"]
+    kt, share, mu = rest if len(rest) == 3 else (0.0, *rest, 0.0, 0.0)[:3]
+    if len(numbers) == 2:
+        kn, damping_n = numbers
+    else:
+        young, damping_n, poisson, *adhesion = numbers
+        elastic, kn = (young, poisson, float(kt is None)), elastic_constants(young, poisson)[0]
+        more |= {"work": 2 * adhesion[0]} if BY_NAME[law].parameters else {}
     if kt is None:
         kt = elastic_constants(*elastic[:2])[1]
-    damping = damping if damping in DAMPING else "viscoelastic"
-    return Contact(
-        law, damping, (kn, kt, mu, damping_n, share * damping_n), tension, tuple(dict.fromkeys(lacks)), elastic
-    )
+    damping_t = share if contact.damping in RESTITUTION else share * damping_n
+    if contact.damping in RESTITUTION and not (0 < damping_n <= 1):
+        lacks.append(f"damping {contact.damping} with the coefficient {damping_n:g}")
+        damping_n = 0.0
+    lacks += [f"{name} = 0" for name in ("k_roll", "k_twist") if more.get(name, 1.0) == 0]
+    if mu == 0 and (more.get("mu_roll") or more.get("mu_twist")):
+        lacks.append("rolling or twisting without friction")
+    values = dict(zip(PARAMETERS, (kn, kt, mu, damping_n, damping_t), strict=True)) | more
+    return contact._replace(law=law, values=values, elastic=elastic, lacks=tuple(dict.fromkeys(lacks)))
 
 
 def mixed(a: Contact, b: Contact) -> Contact:
     """Law of two types whose own laws are given, as LAMMPS mixes them: geometric means, except of elastic constants."""
-    values = np.sqrt(np.array(a.coefficients) * np.array(b.coefficients))
+    values = {name: float(np.sqrt(value * b.values.get(name, 0.0))) for name, value in a.values.items()}
     if a.elastic and b.elastic:
         young = 1 / sum((1 - poisson**2) / young for young, poisson, _ in (a.elastic, b.elastic))
         poisson = np.sqrt(a.elastic[1] * b.elastic[1])
-        values[0] = 4 / 3 * young
+        values["kn"] = 4 / 3 * young
         if a.elastic[2] and b.elastic[2]:
-            values[1] = elastic_constants(young, poisson)[1]
-    return a._replace(coefficients=tuple(values.tolist()), lacks=tuple(dict.fromkeys(a.lacks + b.lacks)))
+            values["kt"] = elastic_constants(young, poisson)[1]
+    return a._replace(values=values, lacks=tuple(dict.fromkeys(a.lacks + b.lacks)))
+
+
+def of_release(contact: Contact, year: int) -> Contact:
+    """Law of a contact with the damping tsuji that LAMMPS had in a year, as a coefficient of restitution.
+
+    Without the factor √2, its α is that of another coefficient of restitution: see `dashpot_coefficients`.
+    """
+    if contact.damping != "tsuji" or year > TSUJI_FACTOR:
+        return contact
+    restitution = as_restitution(contact.law, "tsuji", contact.values["damping_n"], 1 / np.sqrt(2))
+    return contact._replace(damping="coeff_restitution", values=contact.values | {"damping_n": restitution})
+
+
+def as_restitution(law: str, damping: str, damping_n: float, factor: float = 1.0) -> float:
+    """Coefficient of restitution of coeff_restitution whose α is that of a model of damping times a factor."""
+    table = np.array([[[1.0, 0.0, 0.0, damping_n, 0.0]]])
+    alpha = factor * float(dashpot_coefficients(Law(NAMES.index(law), SHARP, table, DAMPING[damping]))[0, 0, 0])
+    return float(np.exp(-np.pi * alpha / np.sqrt((4.0 if BY_NAME[law].exponent == 1 else 5.0) - alpha**2)))
+
+
+def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:
+    """(1, 1, parameters), parameters of a contact; a spring that it lacks has no cap."""
+    absent = {"k_roll": 1.0, "k_twist": 1.0}
+    return np.array([contact.values.get(name) or absent.get(name, 0.0) for name in names])[None, None]
 
 
 def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: int) -> tuple[Law, list[str]]:
     """Law from its pairs of materials, and what of them has no equal here; pairs that are not given never meet."""
     first = table[min(table)]
-    values = np.tile(np.array(first.coefficients), (types + walls, types + walls, 1))
+    properties = int(np.bitwise_or.reduce([contact.properties for contact in table.values()]))
+    damping = DAMPING[first.damping] + (0 if first.tension else NO_TENSION)
+    law = Law(NAMES.index(first.law), SHARP, np.zeros((1, 1, 0)), damping, properties)
+    names = parameter_names(law)
+    values = np.tile(_table(first, names), (types + walls, types + walls, 1))
     lacks = [words for contact in table.values() for words in contact.lacks]
     for (a, b), contact in table.items():
-        values[a, b] = values[b, a] = contact.coefficients
+        values[a, b] = values[b, a] = _table(contact, names)[0, 0]
         if (contact.law, contact.damping, contact.tension) != (first.law, first.damping, first.tension):
             other = f"type {b + 1}" if b < types else f"wall {b - types + 1}"
             lacks.append(f"the model of type {a + 1} and {other}, which differs from that of type {min(table)[0] + 1}")
-    damping = DAMPING[first.damping] + (0 if first.tension else NO_TENSION)
-    return Law(NAMES.index(first.law), SHARP, values, damping), list(dict.fromkeys(lacks))
+    return law._replace(table=values), list(dict.fromkeys(lacks))
+
+
+def differences(table: dict[tuple[int, int], Contact]) -> list[str]:
+    """What differs a little from LAMMPS and leaves the forces at rest unchanged."""
+    words = [LEVER_ARMS] if any(contact.properties & LEVER for contact in table.values()) else []
+    for c in table.values():
+        words += [PULL_OFF] if c.law == "jkr" else []
+        words += [REVERSED] if c.properties & (ROLLING | TWISTING) else []
+        if BY_NAME[c.law].parameters and c.values["damping_n"] and (c.law == "jkr" or c.damping in RESTITUTION):
+            words.append(COHESIVE_DASHPOTS.format(c.law))
+    return list(dict.fromkeys(words))
+
+
+def memory_layout(contacts: Sequence[Contact]) -> tuple[int, int]:
+    """Places of rolling and of twisting in the memory of contacts, after their slip; −1 for what they lack."""
+    properties = int(np.bitwise_or.reduce([0, *(contact.properties for contact in contacts)]))
+    slots = max((contact.slots for contact in contacts), default=3) - 3
+    rolls = slots if properties & ROLLING else -1
+    return rolls, (slots + 3 * (rolls >= 0) if properties & TWISTING else -1)

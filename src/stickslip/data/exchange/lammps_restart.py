@@ -17,9 +17,12 @@ import numpy as np
 from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
-from ...core.laws.builtin import MU, Law, rescales
-from ...core.measure import branch_vectors, touching
-from ...core.state import SLIDE, STICK, State, empty_contacts
+from ...core.laws.builtin import ROLLING, TWISTING, Law, parameter_names, rescales
+from ...core.laws.kinds import bridges_gaps
+from ...core.laws.properties import resists_rolling
+from ...core.laws.values import evaluate
+from ...core.measure import branch_vectors, overlaps, touching
+from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError
 from .content import HEAD, Packing, only_state, read_content
 from .lammps_laws import HISTORY as HISTORY_LAWS
@@ -33,6 +36,9 @@ POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8,
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
 LONGEST_LIST = 4096  # bytes of the list of fixes
+AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
+MOST, ROTATIONS = 7, 4  # values after the slip: a contact radius, rolling, twisting; those of rolling and twisting
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap of LAMMPS over the largest of jkr
 SHARE = 0.05  # share of the dashpots' force that half a step may change
 
 
@@ -67,6 +73,8 @@ class Restart(NamedTuple):
     wall: np.ndarray  # (K,) number of the fix of the wall that a grain touches
     grain: np.ndarray  # (K,)
     wall_slip: np.ndarray  # (K, 3) [length]
+    more: np.ndarray  # (C, 7) values after the slip, or its `rotations`, (C, 4)
+    wall_more: np.ndarray  # (K, 7), or (K, 4)
     ids: np.ndarray  # (N,) numbers of the grains in LAMMPS, increasing
 
 
@@ -144,7 +152,30 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
         raise ValueError("a restart file with a contact of a grain that it lacks")
     pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
-    return Restart(*(column[order] for column in grains), *(column[once] for column in pairs), *touched, ids)
+    more = _first_copies(*pairs[:2], pairs.pop())[once]
+    ends, wall_more = (column[once] for column in pairs), touched.pop()
+    return Restart(*(column[order] for column in grains), *ends, *touched, more, wall_more, ids)
+
+
+def _first_copies(i: np.ndarray, j: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values of each contact from the grain that comes first in the file.
+
+    LAMMPS evaluates a contact there, and changes the signs of the copy of the other grain, also those of rolling and
+    twisting, which are the same from both grains.
+    """
+    low, high = np.minimum(i, j), np.maximum(i, j)
+    _, first, copy = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True, return_inverse=True)
+    return values[first[copy]]
+
+
+def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
+    """(C, 4) rolling displacement and twist among the values after the slip, at their places; zero if these are −1."""
+    out = np.zeros((len(values), ROTATIONS))
+    if rolls >= 0:
+        out[:, :3] = values[:, rolls : rolls + 3]
+    if twists >= 0:
+        out[:, 3] = values[:, twists]
+    return out
 
 
 def recognize(head: bytes) -> bool:
@@ -280,8 +311,8 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
     position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
     sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     entry, walls = start + EXTRA, 0
-    pairs = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
-    touched = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))]
+    pairs = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
+    touched = [pairs]
     for style in stores:
         end = _ends(block, entry, stop)
         if style.startswith(HISTORY):
@@ -292,7 +323,8 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
                 on, first = np.flatnonzero(whole[entry + 1] > 0), 3
             _ends(block, entry[on], stop[on], first + 3)
             slip = block[entry[on][:, None] + first + np.arange(3)]
-            touched.append((np.full(len(on), walls), tag[on], slip))
+            more = _values_after(block, entry[on] + first + 3, end[on])
+            touched.append((np.full(len(on), walls), tag[on], slip, more))
             walls += 1
         entry = end
     at_walls = tuple(np.concatenate(columns) for columns in zip(*touched, strict=True))
@@ -311,7 +343,14 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
     if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
         raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
     first = np.repeat(entry + 2, count) + (values + 1) * _counters(count)
-    return np.repeat(tag, count), whole[first], block[first[:, None] + 1 + np.arange(3)]
+    more = _values_after(block, first + 4, first + 1 + values)
+    return np.repeat(tag, count), whole[first], block[first[:, None] + 1 + np.arange(3)], more
+
+
+def _values_after(block: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(C, 7) values from each start, zero from its end."""
+    at = start[:, None] + np.arange(MOST)
+    return np.where(at < end[:, None], block[np.minimum(at, len(block) - 1)], 0.0)
 
 
 def _counters(count: np.ndarray) -> np.ndarray:
@@ -324,20 +363,69 @@ def restored(state: State, law: Law, found: Restart) -> State:
     n = len(state.grains.radius)
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin), instant=None)
     bare = accept(bare, forces(bare, law)[1])
-    listed = bare.contacts
-    slip, mode = np.zeros_like(listed.slip), listed.mode.copy()
-    rows = touching(bare)
-    key = listed.i[rows].astype(np.int64) * state.n_bodies + listed.j[rows]
+    listed, count = bare.contacts, int(bare.contacts.count[0])
+    key = listed.i[:count].astype(np.int64) * state.n_bodies + listed.j[:count]
     theirs = np.append(found.i * state.n_bodies + found.j, found.grain * state.n_bodies + n + found.wall)
-    values, order = np.concatenate([found.slip, found.wall_slip]), np.argsort(theirs)
+    values, more = (np.concatenate(parts) for parts in ((found.slip, found.wall_slip), (found.more, found.wall_more)))
+    order = np.argsort(theirs)
     place = np.searchsorted(theirs, key, sorter=order)
     place = order[np.minimum(place, max(len(order) - 1, 0))] if len(order) else np.zeros(0, np.int64)
-    known = theirs[place] == key if len(order) else np.zeros(len(rows), bool)
-    slip[rows[known]] = values[place[known]]
-    full = accept(bare, listed._replace(slip=slip, mode=mode))
+    known = theirs[place] == key if len(order) else np.zeros(count, bool)
+    mode, pair, slip = listed.mode.copy(), listed.pair.copy(), np.zeros_like(listed.slip)
+    if bridges_gaps(law.kind):  # LAMMPS also keeps bonds of grains that are out of reach
+        bonds = np.flatnonzero(known & (mode[:count] == OPEN) & (-overlaps(bare) < _ranges(bare, law)))
+        mode[bonds], pair[bonds] = STICK, branch_vectors(bare)[bonds]
+    known &= mode[:count] != OPEN
+    slip[:count][known] = values[place[known]]
+    full = accept(bare, listed._replace(slip=slip, mode=mode, pair=pair))
+    rows = touching(full)
     slides, frictional = _slides(full, law, rows)
     mode[rows[frictional]] = np.where(slides, SLIDE, STICK)[frictional]
-    return accept(bare, listed._replace(slip=slip, mode=mode, reached=listed.reached | (mode == SLIDE)))
+    full = accept(full, full.contacts._replace(mode=mode, reached=listed.reached | (mode == SLIDE)))
+    return _with_rotations(full, law, np.flatnonzero(known), more[place[known]]) if resists_rolling(law) else full
+
+
+def _ranges(state: State, law: Law) -> np.ndarray:
+    """(C,) gaps up to which bonds of jkr hold in LAMMPS, where a falls to its value at the largest attraction."""
+    r_eff, a, b = _pair_sizes(state, np.arange(state.contacts.count[0]))
+    return PULL_OFF * evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff)
+
+
+def _pair_sizes(state: State, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """R_eff of contacts, and the materials of both bodies."""
+    flat, i, j = np.zeros(len(state.walls.mass)), state.contacts.i[rows], state.contacts.j[rows]
+    curvature, kind = np.append(1 / state.grains.radius, flat), np.append(state.grains.material, state.walls.material)
+    return 1 / (curvature[i] + curvature[j]), kind[i], kind[j]
+
+
+def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) -> State:
+    """State with the rolling displacement R_eff ψ × n and the twist of some contacts, which may be at their caps."""
+    contacts, own = state.contacts, state.contacts.rolling.copy()
+    r_eff, a, b = _pair_sizes(state, rows)
+    values = dict(zip(parameter_names(law), np.moveaxis(law.table[a, b], -1, 0), strict=True))
+    c = linearise(state, law, memory=FROZEN)
+    normal, limit = c.normal[rows], c.limit[rows]
+    turn = np.concatenate([state.grains.spin, np.zeros((len(state.walls.mass), 3))])
+    spin = turn[contacts.i[rows]] - turn[contacts.j[rows]]
+    pressing = limit / np.where(values["mu"] > 0, values["mu"], 1.0)
+    own[rows, :3] = np.cross(normal, more[:, :3]) / r_eff[:, None]
+    if law.properties & ROLLING:
+        across = spin - np.einsum("ck,ck->c", spin, normal)[:, None] * normal
+        rolls = values["k_roll"], values["gamma_roll"], values["mu_roll"] * pressing / r_eff
+        own[rows, AT_CAP] = _at_cap(own[rows, :3], across, *rolls)
+    if law.properties & TWISTING:
+        own[rows, TWIST] = more[:, 3]
+        along = np.einsum("ck,ck->c", spin, normal)[:, None]
+        twists = values["k_twist"], values["gamma_twist"], values["mu_twist"] * pressing
+        own[rows, TWIST_AT_CAP] = _at_cap(more[:, 3:], along, *twists)
+    return accept(state, contacts._replace(rolling=own))
+
+
+def _at_cap(memory: np.ndarray, rate: np.ndarray, stiffness, damping, cap) -> np.ndarray:
+    """Which moments are at their cap, spring and dashpot together as in `_slides`."""
+    dashpot = damping[:, None] * rate
+    load = np.linalg.norm(stiffness[:, None] * memory + dashpot, axis=1)
+    return load >= (1 - AT_LIMIT) * cap - SHARE * np.linalg.norm(dashpot, axis=1)
 
 
 def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -349,12 +437,11 @@ def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.nd
     if not len(rows):
         return np.zeros(0, bool), np.zeros(0, bool)
     c, contacts = linearise(state, law, memory=FROZEN), state.contacts
-    body = np.concatenate([state.grains.material, state.walls.material])
-    mu = law.table[body[contacts.i[rows]], body[contacts.j[rows]], MU]
+    mu = c.mu[rows]
     pace, tangent = _contact_velocity(state, rows, c.normal[rows])
     spring = -c.stiffness_t[rows, None] * contacts.slip[rows]
     dashpot = c.damping_t[rows, None] * tangent
-    limit = mu * np.abs(c.force_n[rows] - c.damping_n[rows] * pace)
+    limit = np.abs(c.limit[rows] - mu * c.damping_n[rows] * pace)
     slack = SHARE * (np.linalg.norm(dashpot, axis=1) + mu * c.damping_n[rows] * np.abs(pace))
     return np.linalg.norm(spring - dashpot, axis=1) >= (1 - AT_LIMIT) * limit - slack, limit > 0
 
@@ -374,6 +461,15 @@ def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
 def history_size(law: Law) -> int:
     """Number of doubles that a pair style stores for a contact."""
     return 4 if rescales(law) else 3
+
+
+def wall_values(found: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which contacts with walls exist, their slip, and the values after it.
+
+    Of laws with bonds, a number that tells whether they exist comes first.
+    """
+    values = np.hstack([found.wall_slip, found.wall_more, np.zeros((len(found.wall), 1))])
+    return (values[:, 0] > 0) | (not bonds), values[:, bonds : bonds + 3], values[:, bonds + 3 :]
 
 
 def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
