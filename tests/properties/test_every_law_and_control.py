@@ -269,8 +269,7 @@ CONTROLS = (
 
 FRAME = (moving_walls, programmed_grains, deforming, programmed_cell, pressed_cell, sheared_at_pressure, driven_plates)
 PLAIN = (nothing, drag, pending, loaded_walls, held_grains, free_plate)
-# law, dimension and memory; each compiles up to four kernels for rows, for blocks and for two threads: with or without
-# a frame, with or without springs
+# law, dimension and memory
 RUNS = [
     ("hertz_mindlin-sharp", 3, "difference"),
     ("hertz_mindlin-sharp", 3, "rate"),
@@ -297,6 +296,7 @@ FAST = [
     *(("rolling-damped", 3, "difference", control, "rows") for control in (*PLAIN[2:], *FRAME)),
     *(("hertz_mindlin-sharp", 3, "difference", control, "blocks") for control in (*PLAIN, *FRAME)),
     *(("hertz_mindlin_reff-sharp-viscoelastic", 2, "rate", control, "rows") for control in FRAME[2:]),
+    *((*run, control, ("rows", "blocks")[k % 2]) for k, run in enumerate(RUNS) for control in CONTROLS[k % 5 :: 5]),
 ]
 
 
