@@ -1,6 +1,8 @@
 """Many runs in processes: the same results however they are spread, and a death that costs one member only."""
 
 import os
+import pickle
+import queue
 import signal
 import subprocess
 import sys
@@ -9,7 +11,7 @@ import time
 
 import pytest
 
-from stickslip.ensemble import reach, run_members, trial
+from stickslip.ensemble import local, reach, run_members, trial
 from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess
 from tests.ensemble import tasks
 
@@ -184,3 +186,16 @@ def test_functions_of_a_script_run_as_a_module_or_are_refused_with_the_remedy(tm
         assert said.stdout.strip() == "[9, 16]", said.stderr
     else:
         assert "square is defined in a script or notebook" in said.stderr and "python -m" in said.stderr
+
+
+def test_a_process_that_ended_while_it_was_idle_costs_no_try():
+    waiting, events = queue.SimpleQueue(), queue.SimpleQueue()
+    thread = local._WorkerThread(waiting, events, None, False)
+    thread.worker = WorkerProcess()
+    thread.worker.process.kill()
+    thread.worker.process.wait()
+    waiting.put((0, pickle.dumps((divmod, (7, 2))), local.TRIES))
+    waiting.put(None)
+    thread.run()
+    thread.end()
+    assert pickle.loads(events.get(timeout=1)[2]) == (3, 1)

@@ -18,7 +18,8 @@ from stickslip.data.schema import ScenarioError
 from stickslip.experiments.flow.pouring import flow_law
 from tests.conftest import make_packing, stickslip_here, stirred
 
-PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PACKING = EXAMPLES / "sheared_spheres.npz"
 FORMS, POINTS = Path(__file__).parent / "forms", 10_000
 OWN = {
     "jkr": {"work": 2e-3}, "dmt": {"work": 2e-3}, "walton_braun": {"k_unload": 3.0},
@@ -31,7 +32,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:the normal force of dmt jumps") 
 def pair_of(name, **options):
     """A built-in law of two materials, and its Python form."""
     given = {"kn": 1.7, "kt": 0.6, "mu": 0.4} | OWN[name] | options
-    laws = getattr(ss.laws, name)(**given), ss.laws.from_file(FORMS / f"{name}.py", **given)
+    form = EXAMPLES / "walton_braun_law.py" if name == "walton_braun" else FORMS / f"{name}.py"
+    laws = getattr(ss.laws, name)(**given), ss.laws.from_file(form, **given)
     return tuple(ss.laws.for_pair(law, 0, 1, kn=0.9, kt=0.3, mu=0.2) for law in laws)
 
 

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from stickslip.core.tables import format_table, labelled, read_table, split_label, write_table
+from stickslip.core.tables import format_table, heading_of, read_table, split_label, write_table
 
 
 def test_a_table_comes_back(tmp_path):
     numbers = np.random.default_rng(1).normal(size=20)
     rows = [(k, x, f'word {k}, "quoted"', None) for k, x in enumerate(numbers)]
-    write_table(tmp_path / "t.csv", ["n", labelled("time", "s"), "note", "empty"], rows, digits=None, comments=["made"])
+    write_table(
+        tmp_path / "t.csv", ["n", heading_of("time", "s"), "note", "empty"], rows, digits=None, comments=["made"]
+    )
     (line, names), *back = read_table(tmp_path / "t.csv")
     assert (line, names) == (2, ["n", "time [s]", "note", "empty"])
     assert [float(fields[1]) for _, fields in back] == numbers.tolist()
@@ -27,4 +29,4 @@ def test_floating_point_numbers_have_a_number_of_digits_and_integers_all():
 )
 def test_a_heading_has_a_name_and_a_unit(heading, parts):
     assert split_label(heading) == parts
-    assert labelled("a", "1") == "a [-]"
+    assert heading_of("a", "1") == "a [-]"

@@ -11,7 +11,7 @@ from .text import read_text
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 
 
-def labelled(name: str, unit: str) -> str:
+def heading_of(name: str, unit: str) -> str:
     """Heading of a column in a file, such as `time [s]`; numbers have the unit `-`."""
     return f"{name} [{'-' if unit == '1' else unit}]"
 

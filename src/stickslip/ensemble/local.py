@@ -86,6 +86,9 @@ class _WorkerThread(threading.Thread):
                 self.events.put(("stopped", problem))
 
     def _do(self, k: int, packed: bytes, tries: int) -> None:
+        if self.worker and self.worker.process.poll() is not None:  # it had no task for a minute
+            self.worker.end()
+            self.worker = None
         self.worker = self.worker or take_idle()
         try:
             answer = self.worker.call(packed, self.pause, lambda *said: self.events.put(("said", k, *said)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.arguments import check_types, checked
 from ..core.readable import readable
-from ..core.tables import labelled, read_table, split_label, write_table
+from ..core.tables import heading_of, read_table, split_label, write_table
 from ..core.text import parse_number, shortened
 from ..core.units import YEAR
 from .fitting import Data
@@ -112,7 +112,7 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
     """
     units = {"time": "s", "friction": "-", "normal_stress": "Pa", "velocity": "m/s", "theta": "s"}
     names = [name for name in LabRecord._fields if getattr(record, name) is not None]
-    labels, path = [labelled(name, units.get(name, "m")) for name in names], Path(path)
+    labels, path = [heading_of(name, units.get(name, "m")) for name in names], Path(path)
     rows = zip(*(getattr(record, name) for name in names), strict=True)
     write_table(path, labels, rows, digits=12, comments=comments)
     return path

@@ -64,7 +64,7 @@ class Law(NamedTuple):
         sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
         check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
         for k, name in enumerate(names):
-            low = 1 / MAX_PARAMETER if name == "kn" else -LARGEST if name in _signed(self) else 0.0
+            low = 1 / MAX_PARAMETER if name == "kn" else -LARGEST if name in _names_of_any_sign(self) else 0.0
             check_entry(f"{name} in law.table", self.table[..., k], Field(np.float64, ("materials",) * 2, low), sizes)
 
 
@@ -237,7 +237,7 @@ def _checked_values(law: Law) -> Law:
     return law
 
 
-def _signed(law: Law) -> tuple[str, ...]:
+def _names_of_any_sign(law: Law) -> tuple[str, ...]:
     """Names of parameters that may be negative."""
     return tuple({*find_user_law(law.kind).names} - {*PARAMETERS}) if isinstance(law.kind, Kind) else ()
 
@@ -296,7 +296,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     old = len(law.table)
     table[:old, :old] = law.table
     for name, value in parameters.items():
-        check_parameter(name, value, names, _signed(law))
+        check_parameter(name, value, names, _names_of_any_sign(law))
         table[a, b, names.index(name)] = table[b, a, names.index(name)] = value
     return _checked_values(law._replace(table=table))
 
@@ -310,7 +310,7 @@ def with_values(law: Law, **parameters) -> Law:
     """Law with other parameters between all materials."""
     names, table = parameter_names(law), law.table.copy()
     for name, value in parameters.items():
-        check_parameter(name, value, names, _signed(law))
+        check_parameter(name, value, names, _names_of_any_sign(law))
         table[..., names.index(name)] = value
     return _checked_values(law._replace(table=table))
 

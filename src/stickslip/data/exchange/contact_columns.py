@@ -81,7 +81,7 @@ def _are_pairs(columns: np.ndarray, packing: Packing) -> bool:
 
 
 def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, names: list[str]) -> str:
-    """What three columns are: "d" branch vector, "f" normal force, "t" tangential force, or "" for something else."""
+    """Kind of three columns: "d" branch vector, "f" normal force, "t" tangential force, or "" for something else."""
     along = np.einsum("ck,ck->c", vector, normal)
     across = vector - along[:, None] * normal
     if "dx" not in names and _small(vector - branch, branch):

@@ -315,7 +315,7 @@ def convert(
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
         found = read_packings(path, **{**options, "frame": "all", **chosen})
-        frames = [frame_of(state, law)._replace(assumed=_assumed(said)) for _, state, law, said in found]
+        frames = [frame_of(state, law)._replace(assumed=_assumptions(said)) for _, state, law, said in found]
         words = list(dict.fromkeys(word for *_, said in found for word in said))
     else:
         state, law, words = read_packing(path, **options)
@@ -331,7 +331,7 @@ def convert(
     return targets, words
 
 
-def _assumed(notes: list[str]) -> tuple[str, ...]:
+def _assumptions(notes: list[str]) -> tuple[str, ...]:
     return tuple(one for one in notes if isinstance(one, Assumption))
 
 

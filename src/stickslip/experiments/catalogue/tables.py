@@ -72,7 +72,7 @@ def write_table(path: Path, table: Table, digits: int = 8) -> None:
         unit = in_units(unit, current_units()) if current_units() else unit.replace("force/length^(dim-1)", "stress")
         flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
         columns |= {
-            label if values.dtype.kind == "U" else tables.labelled(label, unit.replace("^", "")): column
+            label if values.dtype.kind == "U" else tables.heading_of(label, unit.replace("^", "")): column
             for label, column in flat.items()
         }
     tables.write_table(path, columns, zip(*columns.values(), strict=True), digits=digits)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.readable import pluralize
-from ...core.tables import labelled, write_table
+from ...core.tables import heading_of, write_table
 from ...core.units import units_of
 from ...data.nodes import archive_fields
 from ...data.run_files import CURVES, SERIES, SLIPS
@@ -182,7 +182,7 @@ def _write_series(result: GougeResult, path: Path) -> None:
 
 
 def _labels(names, units: dict[str, str]) -> list[str]:
-    return [labelled(name, units.get(name, "1").replace("^", "")) for name in names]
+    return [heading_of(name, units.get(name, "1").replace("^", "")) for name in names]
 
 
 def _write_slips(found: Slips, path: Path) -> None:

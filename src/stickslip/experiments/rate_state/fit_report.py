@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.tables import format_table, labelled
+from ...core.tables import format_table, heading_of
 from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
 from ...data.run_files import foreign_files_message
@@ -268,5 +268,5 @@ def _draws_csv(file: Path, one: Posterior) -> str:
     """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
     fixed = ", ".join(f"{name} = {value:.6g}" for name, value in one.fit.fixed.items())
     notes = f"draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form", f"fixed: {fixed}"
-    labels = [labelled(name, UNITS.get(name, "1")) for name in one.names]
+    labels = [heading_of(name, UNITS.get(name, "1")) for name in one.names]
     return format_table(labels, one.draws, digits=8, comments=notes)
