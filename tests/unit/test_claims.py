@@ -243,7 +243,10 @@ ROWS = [
     claim("speed@other", "Fig 1: text", 0.075, 0.02, "m/s", 0.25, "a variant", error=0.001),
 ]
 
-SUMMARY = "1 of the paper's 9 claims is reproduced, 2 in part, 2 not, 1 refuted, 1 not refuted, 2 undecided"
+SUMMARY = (
+    "2 of the paper's 3 sentences are decided. "
+    "1 of the paper's 9 claims is reproduced, 2 in part, 2 not, 1 refuted, 1 not refuted, 2 undecided"
+)
 
 
 @pytest.fixture
@@ -267,9 +270,7 @@ def test_claims_json_holds_every_field_and_is_read_back(room):
 
 def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
     text = (room / run_files.NOTES).read_text()
-    assert text.startswith(
-        "# Paper 9\n\n1 of the paper's 9 claims is reproduced, 2 in part, 2 not, 1 refuted, 1 not refuted, 2 undec"
-    )
+    assert text.startswith(f"# Paper 9\n\n{SUMMARY}")
     sections = text.split("\n## ")
     assert [part.splitlines()[0] for part in sections[1:]] == ["Fig 1: a thing", "Sec. V: a premise", "Notes"]
     for row in ROWS:
@@ -311,7 +312,7 @@ def test_deviations_are_in_tolerances():
     assert claims_report.deviation(1.0, 3.0, 0.0, 0.0)[0] == (math.inf,)
 
 
-def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch):
+def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypatch):
     for width in (80, 120):
         monkeypatch.setattr(terminal.console, "_width", width)
         with terminal.console.capture() as said:
@@ -319,9 +320,7 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
         lines = said.get().splitlines()
         text = " ".join(said.get().split())
         assert max(map(len, lines)) <= width
-        assert text.startswith(
-            "1 of the paper's 9 claims is reproduced, 2 in part, 2 not, 1 refuted, 1 not refuted, 2 undecided; "
-        )
+        assert text.startswith(f"{SUMMARY}; ")
         assert "Of the rows that disagree, 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
         assert "its error is too large (1)" in text
         (fig1,) = (line for line in lines if line.startswith("Fig 1"))
@@ -336,8 +335,18 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
 def test_when_all_is_well_the_terminal_says_so():
     one = [ROWS[0]]
     assert claims_report.summarize(one, SHOWS) == (
-        "1 of the paper's 1 claims is reproduced.", "Every claim agrees within its tolerance.",
+        "1 of the paper's 1 sentences is decided.", "1 of the paper's 1 claims is reproduced.", "Every claim agrees within its tolerance.",
     )  # fmt: skip
+
+
+def test_a_sentence_is_decided_once_all_of_its_rows_are():
+    same = [claim(f"speed-{k}", "Fig 1: 2 and 3", k, k, "1", 0.1, error=0.0) for k in (2.0, 3.0)]
+    other = claim("other", "Fig 1: another", True, False, "", 0.0)
+    beside = [claim("bare", "Fig 1: nothing", None, 1.0, "1", 0.1), claim("other@b", "Fig 1: variant", 1.0, None, "", 0.1)]
+    assert claims_report.count_sentences([*same, other, *beside]) == (2, 2)
+    left_open = claim("speed-4", "Fig 1: 2 and 3", 4.0, None, "1", 0.1, "it would take a run of a year")
+    assert claims_report.count_sentences([*same, left_open, other, *beside]) == (2, 1)
+    assert claims_report.count_sentences([*same, left_open._replace(source="Fig 2: 4"), other]) == (3, 2)
 
 
 def test_claims_json_of_an_older_run_is_still_read(tmp_path):

@@ -106,9 +106,20 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
     return math.copysign(1, target) * math.log(measured / target) / math.log(1 + tolerance)
 
 
-def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
-    """Return two sentences: the number of reproduced claims, and the main reason why the others are not."""
+def count_sentences(claims: list[Claim]) -> tuple[int, int]:
+    """Return the number of sentences of the paper, and how many of them are decided: none of their rows is undecided.
+
+    Rows with the same source belong to one sentence. Variants, and rows for which the paper prints nothing, do not count.
+    """
+    own = [c for c in claims if c.paper is not None and not variant(c)]
+    sentences = {c.source for c in own}
+    return len(sentences), len(sentences - {c.source for c in own if c.verdict == UNDECIDED})
+
+
+def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str, str]:
+    """Return three sentences: the numbers of decided sentences and of reproduced claims, and why others are not."""
     own = [c for c in claims if not variant(c)]
+    total, decided = count_sentences(claims)
     judged = [c for c in own if c.verdict != NO_REFERENCE]
     count = Counter(c.verdict for c in judged)
     kinds = {PARTLY: "in part", NOT_REPRODUCED: "not", REFUTED: "refuted", NOT_REFUTED: "not refuted",
@@ -119,7 +130,8 @@ def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
     first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"
     first += f", {', '.join(others)}" if others else ""
     first += f"; the paper prints nothing to compare with for {lacking} more rows." if lacking else "."
-    return first, _main_reason(judged, shows)
+    sentences = f"{decided} of the paper's {total} sentences {'is' if decided == 1 else 'are'} decided."
+    return sentences, first, _main_reason(judged, shows)
 
 
 def _main_reason(judged: list[Claim], shows: Shows) -> str:
@@ -181,7 +193,7 @@ def _count_reproduced(here: list[Claim], name: str) -> str:
 
 
 def show_claims(claims: list[Claim], shows: Shows) -> None:
-    """Print two sentences and a line per figure of the paper; everything else is in claims.md."""
+    """Print three sentences and a line per figure of the paper; everything else is in claims.md."""
     for words in summarize(claims, shows):
         console.print(words)
     console.print(_figure_table(figure_lines(claims, shows)))
