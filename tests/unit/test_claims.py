@@ -342,7 +342,10 @@ def test_when_all_is_well_the_terminal_says_so():
 def test_a_sentence_is_decided_once_all_of_its_rows_are():
     same = [claim(f"speed-{k}", "Fig 1: 2 and 3", k, k, "1", 0.1, error=0.0) for k in (2.0, 3.0)]
     other = claim("other", "Fig 1: another", True, False, "", 0.0)
-    beside = [claim("bare", "Fig 1: nothing", None, 1.0, "1", 0.1), claim("other@b", "Fig 1: variant", 1.0, None, "", 0.1)]
+    beside = [
+        claim("bare", "Fig 1: nothing", None, 1.0, "1", 0.1),
+        claim("other@b", "Fig 1: variant", 1.0, None, "", 0.1),
+    ]
     assert claims_report.count_sentences([*same, other, *beside]) == (2, 2)
     left_open = claim("speed-4", "Fig 1: 2 and 3", 4.0, None, "1", 0.1, "it would take a run of a year")
     assert claims_report.count_sentences([*same, left_open, other, *beside]) == (2, 1)
