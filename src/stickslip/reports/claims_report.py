@@ -109,7 +109,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
 def count_sentences(claims: list[Claim]) -> tuple[int, int]:
     """Return the number of sentences of the paper, and how many of them are decided: none of their rows is undecided.
 
-    Rows with the same source belong to one sentence. Variants, and rows for which the paper prints nothing, do not count.
+    Rows with the same source belong to one sentence. Variants, and rows without a value in the paper, do not count.
     """
     own = [c for c in claims if c.paper is not None and not variant(c)]
     sentences = {c.source for c in own}
