@@ -335,8 +335,10 @@ def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypat
 def test_when_all_is_well_the_terminal_says_so():
     one = [ROWS[0]]
     assert claims_report.summarize(one, SHOWS) == (
-        "1 of the paper's 1 sentences is decided.", "1 of the paper's 1 claims is reproduced.", "Every claim agrees within its tolerance.",
-    )  # fmt: skip
+        "1 of the paper's 1 sentences is decided.",
+        "1 of the paper's 1 claims is reproduced.",
+        "Every claim agrees within its tolerance.",
+    )
 
 
 def test_a_sentence_is_decided_once_all_of_its_rows_are():
