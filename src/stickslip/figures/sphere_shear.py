@@ -192,3 +192,32 @@ def _plot_stress_and_contacts(axes, run) -> None:
     label_axes(other, y="contacts", whole="y")
     other.yaxis.label.set_color(ORANGE)
     axes.set_title(rf"$\gamma$ = {run.strain:.2g}, {pluralize(run.pairs, 'pair')} at the start", fontsize=7)
+
+
+@styled
+def births_by_law(laws: list, packings: list):
+    """Strain of the first pair of every packing, one line for each law: the share of packings that have had a pair.
+
+    Parameters
+    ----------
+    laws : summaries by law, with `kind`, `coulomb`, `mu`
+    packings : dictionaries with the same keys and `strain`, NaN without a pair
+    """
+    figure, axes = column_axes(2, 4.2, sharex=True)
+    for panel, kind in zip(axes, ("hertz_mindlin", "linear"), strict=True):
+        for k, law in enumerate(one for one in laws if one.kind == kind):
+            strain = np.sort(
+                [p["strain"] for p in packings if all(p[n] == getattr(law, n) for n in ("kind", "coulomb", "mu"))]
+            )
+            label = f"{law.coulomb}, $\\mu$ = {law.mu:g}" if law.mu < 1e6 else "no limit"
+            born = strain[np.isfinite(strain)]
+            share = np.arange(1, len(born) + 1) / len(strain)
+            panel.step(np.append(born, 0.02), np.append(share, share[-1:] if len(born) else 0.0), where="post",
+                       color=COLORS[k], label=label)  # fmt: skip
+        panel.set_xscale("log")
+        panel.set_ylim(0, 1.02)
+        panel.set_title("Hertz" if kind == "hertz_mindlin" else "linear")
+        label_axes(panel, y="packings with a pair")
+        panel.legend()
+    label_axes(axes[-1], x=r"strain $\gamma$")
+    return figure

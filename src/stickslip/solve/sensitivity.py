@@ -177,7 +177,7 @@ def contact_sensitivity(
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
-        _mobilisation(here.line)[contact], predicted[last], after[last], words[last], scope,
+        here.line.mobilised[contact], predicted[last], after[last], words[last], scope,
     )  # fmt: skip
 
 
@@ -265,12 +265,6 @@ def _without_memory(state: State, rows: np.ndarray) -> State:
     mode = state.contacts.mode.copy()
     mode[: len(rows)][rows] = OPEN
     return state._replace(contacts=state.contacts._replace(mode=mode))
-
-
-def _mobilisation(line: Linearisation) -> np.ndarray:
-    """(C,) |F_t| over its limit for every pair in the list; NaN without a limit."""
-    limit, pull = line.limit, np.linalg.norm(line.force - line.force_n[:, None] * line.normal, axis=1)
-    return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 
 
 def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:

@@ -169,10 +169,7 @@ class Response:
     @cached_property
     def mobilised(self) -> np.ndarray:
         """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
-        line = self.line
-        bears = (line.closed > 0) & (line.limit > 0)
-        pull = line.secant * np.linalg.norm(line.slip, axis=1)
-        return np.divide(pull, line.limit, out=np.full(len(pull), np.nan), where=bears)
+        return self.line.mobilised
 
     def sticking(self, most: int) -> np.ndarray:
         """Rows of the supported sticking contacts with the largest mobilisation, in descending order."""

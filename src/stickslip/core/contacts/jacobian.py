@@ -66,6 +66,12 @@ class Linearisation(NamedTuple):
         """(C, 3) elastic force on body i [force]."""
         return self.force_n[:, None] * self.normal - self.secant[:, None] * self.slip
 
+    @property
+    def mobilised(self) -> np.ndarray:
+        """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
+        bears, pull = (self.closed > 0) & (self.limit > 0), self.secant * np.linalg.norm(self.slip, axis=1)
+        return np.divide(pull, self.limit, out=np.full(len(pull), np.nan), where=bears)
+
 
 def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""

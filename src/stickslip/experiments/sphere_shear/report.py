@@ -80,6 +80,8 @@ def measures(result: ShearResult) -> dict[str, tuple[float, str]]:
         "rattlers": ([p.packed.rattlers for p in paths], "1"),
         "onset_strain": ([p.onset.strain for p in paths if p.onset], "1"),
         "onset_exponent": ([p.onset.exponent for p in paths if p.onset], "1"),
+        "onset_share_at_limit": ([p.onset.at_limit for p in paths if p.onset], "1"),
+        "onset_mobilisation": ([p.onset.mobilisation for p in paths if p.onset], "1"),
         "pairs_at_last_strain": ([p.pairs[-1] for p in paths], "1"),
         "unstable_steps": ([p.unstable for p in paths], "1"),
         "steps_off_branch": ([p.left for p in paths], "1"),

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import Law
 from ...core.measure import pressure, stress, touching
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
@@ -27,6 +28,7 @@ from ..realizations import Realizations, Report, Task, run_realizations, silent
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
+AT_LIMIT = 1e-9  # distance of |F_t|/(μ F_n) from 1 below which a contact is at the limit: round-off of a quotient
 HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
 
 
@@ -38,6 +40,8 @@ class Onset(NamedTuple):
     offset: np.ndarray  # (K,) γ − γ_c
     im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
     exponent: float  # exponent of Im λ against γ − γ_c; NaN if there were other pairs
+    at_limit: float  # share of the contacts that are at the Coulomb limit just above the birth
+    mobilisation: float  # largest |F_t|/(μ F_n) there; NaN without friction
 
     @property
     def strain(self) -> float:
@@ -207,7 +211,10 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     im = np.array([s.im_lambda.max() for s in found])
     alone = [k for k, s in enumerate(found) if len(s.pairs) == 1][-5:]  # nearest to the birth
     exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
-    return Onset(change.below, change.above, offset, im, exponent)
+    born = linearise(protocol.step(clean.state, change.above).state, protocol.law).mobilised
+    mobilised = born[np.isfinite(born)]
+    at_limit = float(np.mean(mobilised > 1 - AT_LIMIT)) if len(mobilised) else 0.0
+    return Onset(change.below, change.above, offset, im, exponent, at_limit, max(mobilised, default=np.nan))
 
 
 def simulate_shear(

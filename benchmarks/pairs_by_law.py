@@ -1,0 +1,87 @@
+"""Which contact laws make complex pairs: tables and figure of `docs/pairs_by_law.md`, from a sweep that has finished.
+
+    stickslip run examples/pairs_by_law.toml --out results/pairs
+    python -m benchmarks.pairs_by_law results/pairs     # writes births.csv, and what --draw writes
+    python -m benchmarks.pairs_by_law --draw            # the summary, the figure and the table, from births.csv
+
+Every packing is in `docs/reference/pairs/births.csv`; the summary by law, of which the claims of the paper are made, in
+`experiments/sphere_shear/births_by_law.csv`.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.experiments.sphere_shear.births import SUMMARY, Births, births_by_law, law_words, wilson
+from stickslip.figures.sphere_shear import births_by_law as births_figure
+from stickslip.figures.style import save
+
+ROOT = Path(__file__).parents[1]
+OUT, PAGE = ROOT / "docs/reference/pairs", ROOT / "docs/pairs_by_law.md"
+MARK = "<!-- written by python -m benchmarks.pairs_by_law -->\n"
+COLUMNS = {
+    "strain": "onset_strain", "exponent": "onset_exponent", "at_limit": "onset_share_at_limit",
+    "mobilisation": "onset_mobilisation", "pairs": "pairs_at_last_strain", "unstable": "unstable_steps",
+    "left": "steps_off_branch",
+}  # fmt: skip
+
+
+def read_births() -> list[dict]:
+    """Return one dictionary for each packing and law; values that do not exist are None."""
+    with (OUT / "births.csv").open(encoding="utf-8", newline="") as file:
+        return [{k: v if k in ("kind", "coulomb") else float(v or "nan") for k, v in row.items()}
+                for row in csv.DictReader(file)]  # fmt: skip
+
+
+def collect(folder: Path) -> None:
+    """Write births.csv from a sweep."""
+    table = ss.io.open_sweep(folder).to_dataframe().reset_index()
+    rows = table[["law.kind", "law.coulomb", "law.mu", "seed", *COLUMNS.values()]]
+    rows.columns = ["kind", "coulomb", "mu", "seed", *COLUMNS]
+    OUT.mkdir(parents=True, exist_ok=True)
+    rows.to_csv(OUT / "births.csv", index=False, float_format="%.5g", lineterminator="\n")
+
+
+def draw() -> None:
+    """Write the summary, the figure, and the table of the page."""
+    packings = read_births()
+    found = births_by_law(packings)
+    with SUMMARY.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(Births._fields)
+        writer.writerows([f"{v:.5g}" if isinstance(v, float) else v for v in one] for one in found)
+    save(births_figure(found, packings), OUT / "births.png")
+    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
+    _, end, tail = rest.partition("<!-- end -->")
+    PAGE.write_text(f"{head}{begin}\n{_table(found)}\n{end}{tail}", encoding="utf-8")
+
+
+def _table(found: list[Births]) -> str:
+    head = "| law | sources | packings with a pair | strain of the first pair | contact at the limit at its birth "
+    head += "| largest F_t/(μ F_n) | pairs at 0.02 |\n|---|---|---|---|---|---|---|\n"
+    return head + "".join(_row(one) for one in found)
+
+
+def _row(one: Births) -> str:
+    strain = f"{one.strain:.2g} ({one.low:.2g}–{one.high:.2g})" if np.isfinite(one.strain) else "∞"
+    mobilisation = f"{one.mobilisation:.2g}" if one.born and one.mu < 1e6 else "–"
+    at_limit = _share(one.limited, one.born) if one.born else "–"
+    cells = (law_words(one), one.sources, _share(one.born, one.packings), strain, at_limit, mobilisation,
+             f"{one.pairs:.3g}")  # fmt: skip
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _share(count: int, total: int) -> str:
+    low, high = wilson(count, total)
+    return f"{count} of {total} ({low:.2f}–{high:.2f})"
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("give the folder of the sweep, as in python -m benchmarks.pairs_by_law results/pairs, or --draw")
+    if sys.argv[1] != "--draw":
+        collect(Path(sys.argv[1]))
+    draw()

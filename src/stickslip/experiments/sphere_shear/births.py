@@ -1,0 +1,101 @@
+"""First complex pairs under several contact laws: a summary of many packings, which is stored with the package."""
+
+import csv
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+SUMMARY = Path(__file__).with_name("births_by_law.csv")
+DRAWS = 4000  # bootstrap draws; the ends of an interval vary by a few per cent of its width
+UNLIMITED = 1e6  # μ from which on no contact reaches the limit
+
+
+class Births(NamedTuple):
+    """First pairs of several packings under one law. Strains are medians over all packings, infinite if never born."""
+
+    kind: str
+    coulomb: str
+    mu: float
+    packings: int
+    born: int  # packings with a pair
+    limited: int  # births at which at least one contact is at the Coulomb limit
+    strain: float  # median strain of the first pair
+    low: float  # 95 % interval of the median, from a bootstrap over packings
+    high: float
+    share: float  # median share of the contacts at the limit at the birth
+    mobilisation: float  # median over births of the largest |F_t|/(μ F_n)
+    pairs: float  # median number of pairs at the last strain
+
+    @property
+    def sources(self) -> str:
+        """What makes J asymmetric apart from the rotation of the contact: k_t, the limit, sliding."""
+        limited = self.mu < UNLIMITED
+        parts = ("k_t" if self.kind != "linear" else "", "limit" if limited and self.coulomb == "smooth" else "",
+                 "sliding" if limited else "")  # fmt: skip
+        return ", ".join(filter(None, parts)) or "geometry alone"
+
+
+def law_words(one: Births) -> str:
+    """Name of a law, as in "Hertz, sharp, μ = 10"."""
+    name = {"hertz_mindlin": "Hertz"}.get(one.kind, one.kind)
+    return f"{name}, {one.coulomb}, μ = {one.mu:g}" if one.mu < UNLIMITED else f"{name}, no limit"
+
+
+def wilson(count: int, total: int) -> tuple[float, float]:
+    """95 % interval of a share.
+
+    Source
+    ------
+    Wilson, doi:10.1080/01621459.1927.10502953.
+
+    Examples
+    --------
+    >>> wilson(0, 60)[1] < 0.061
+    True
+    """
+    z = 1.959964
+    middle, spread = (
+        count / total + z**2 / (2 * total),
+        z * np.sqrt(count * (total - count) / total**3 + z**2 / (4 * total**2)),
+    )
+    scale = 1 + z**2 / total
+    return max(0.0, float((middle - spread) / scale)), min(1.0, float((middle + spread) / scale))
+
+
+def births_by_law(rows: list[dict]) -> list[Births]:
+    """Summarise packings, given as dictionaries with kind, coulomb, mu, strain (NaN: no pair), at_limit and so on."""
+    return [_summary(*law, list(group)) for law, group in groupby(rows, lambda r: (r["kind"], r["coulomb"], r["mu"]))]
+
+
+def _summary(kind: str, coulomb: str, mu: float, rows: list[dict]) -> Births:
+    def column(name, only_born=True):
+        values = np.array([r[name] for r in rows if np.isfinite(r["strain"]) or not only_born])
+        return values if len(values) else np.array([np.nan])
+
+    strain = np.nan_to_num(column("strain", only_born=False), nan=np.inf)
+    born = int(np.isfinite(strain).sum())
+    picks = np.random.default_rng(0).integers(0, len(rows), (DRAWS, len(rows)))
+    low, high = np.quantile(_median(strain[picks]), [0.025, 0.975], method="nearest")
+    return Births(
+        kind, coulomb, mu, len(rows), born, int((column("at_limit") > 0).sum()), float(_median(strain)), float(low),
+        float(high), float(np.median(column("at_limit"))), float(np.median(column("mobilisation"))),
+        float(np.median(column("pairs", only_born=False))),
+    )  # fmt: skip
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Lower median along the last axis, also of values that may be infinite."""
+    return np.sort(values, axis=-1)[..., (values.shape[-1] - 1) // 2]
+
+
+def stored_births() -> dict[tuple[str, str, float], Births]:
+    """Stored summary, by (kind, coulomb, mu)."""
+    with SUMMARY.open(encoding="utf-8", newline="") as file:
+        rows = [
+            Births(r["kind"], r["coulomb"], float(r["mu"]), *(int(r[n]) for n in ("packings", "born", "limited")),
+                   *(float(r[n]) for n in Births._fields[6:]))
+            for r in csv.DictReader(file)
+        ]  # fmt: skip
+    return {(r.kind, r.coulomb, r.mu): r for r in rows}
