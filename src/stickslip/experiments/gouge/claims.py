@@ -10,7 +10,7 @@ from ...friction.fitting import fit
 from ...friction.model_comparison import compare_laws
 from ...reports.claims import Claim, claim
 from . import measures
-from .claims_of_text import PEAK_SLOPE, STUDY, UNDEFINED, A, B, DC, evaluate_text
+from .claims_of_text import DC, PEAK_SLOPE, STUDY, UNDEFINED, A, B, evaluate_text
 from .curves import healing_peaks, predict_hold, predict_per_efold, reslides_after_longest
 from .dimensionless import INERTIAL, inertial_numbers, stiffness
 from .sample import damping

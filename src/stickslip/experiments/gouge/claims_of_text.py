@@ -1,4 +1,4 @@
-"""Evaluation of statements of Ferdowsi & Rubin 2021 that follow from closed forms, or from curves measured otherwise."""
+"""Evaluation of statements of Ferdowsi & Rubin 2021 that follow from closed forms or from measured curves."""
 
 import numpy as np
 

@@ -147,8 +147,9 @@ def _shares(found: list[tuple[int, SlidingState]]) -> Claim:
         "sliding-contributions-negative",
         'Sec. V A: "the contributions of sliding contacts to the quadratic form are on the average negative"', True,
         mean < 0 if decided else None, "", 0.0,
-        f"{(shares < 0).mean() if len(shares) else 0:.0%} of {len(shares)} are negative; mean over samples of the share "
-        f"of one contact in Q {mean:.4f} ± {2 * (error or 0):.4f}, for v under the load; more samples would decide it",
+        f"{(shares < 0).mean() if len(shares) else 0:.0%} of {len(shares)} are negative; mean over samples of the "
+        f"share of one contact in Q {mean:.4f} ± {2 * (error or 0):.4f}, for v under the load; more "
+        f"samples would decide it",
     )  # fmt: skip
 
 
