@@ -1,11 +1,13 @@
 """Growth through a mechanism and an instability, and measures of sliding contacts, on cases with a known answer."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.experiments.quasi_rigid import growth, sliding
-from stickslip.quasirigid.matrices import linear_system, quadratic_form, stiffness_matrix
+from stickslip.quasirigid.matrices import linear_system, quadratic_form
 
 
 def test_speed_through_a_mechanism_is_force_over_mass_times_time():
@@ -45,21 +47,33 @@ def test_a_sticking_hertzian_contact_contributes_positively_below_a_limit_of_mu(
 def test_shares_of_sliding_contacts_are_those_of_the_quadratic_form():
     state, law = growth.in_groove()
     m = linear_system(state, law, rattlers=True)
-    v = np.array([0.3, -0.2, 0.5])
+    v = np.array([0.3, -0.2, -0.5])
     (share,) = sliding.sliding_shares(m, v, m.limit)
     n, t = (m.c.T @ v).reshape(-1, 2)[m.limit][0]
     expected = n**2 - growth.FRICTION * t * n * m.sign[m.limit][0]  # Eq 45 with K_n = 1
     assert share == pytest.approx(expected / quadratic_form(m, v, m.limit))
+    assert share < 0
 
 
-def test_the_least_stable_status_of_one_contact_follows_from_both_matrices():
-    for steep in (20.0, 40.0, 60.0):
-        m = linear_system(*growth.in_groove(steep=steep), rattlers=True)
-        stick, slide = (stiffness_matrix(m, s, geometric=False).toarray() for s in (np.zeros(2, bool), m.limit))
-        lower = np.linalg.eigvalsh(slide + slide.T)[0] <= np.linalg.eigvalsh(stick + stick.T)[0]
-        assert sliding.least_eigenvalue(m) == lower
-        smaller = np.linalg.det(slide + m.geometric) <= np.linalg.det(stick + m.geometric)
-        assert sliding.least_determinant(m, np.ones(3)) == smaller
+def test_the_least_stable_status_by_brute_force():
+    """Both contacts of a groove at the limit: k = c K S cᵀ of four statuses from dense matrices, for all signs."""
+    seen = set()
+    for steep, first, second in product((10.0, 30.0, 60.0), (-1.0, 1.0), (-1.0, 1.0)):
+        m = linear_system(*growth.in_groove(2.0, steep=steep), rattlers=True)
+        m = m._replace(limit=np.ones(2, bool), sign=np.array([first, second]))
+        c, values, minors = m.c.toarray(), [], []
+        for slides in product((False, True), repeat=2):
+            block = np.zeros((4, 4))
+            for k, slide in enumerate(slides):
+                s = [[1, 0], [-2 / growth.KT * m.sign[k], 0]] if slide else np.eye(2)
+                block[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.diag([1.0, growth.KT]) @ s
+            k = c @ block @ c.T
+            values.append(np.linalg.eigvalsh(k + k.T)[0])
+            minors.append(np.linalg.det(k + m.geometric.toarray()))
+        least = values[-1] <= min(values) + 1e-9, minors[-1] <= min(minors) + 1e-9
+        assert (sliding.least_eigenvalue(m), sliding.least_determinant(m, np.ones(3))) == least
+        seen |= {("value", least[0]), ("det", least[1])}
+    assert len(seen) == 4
 
 
 def test_the_geometric_stiffness_is_proportional_to_the_overlap():

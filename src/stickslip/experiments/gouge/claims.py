@@ -251,7 +251,7 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
 def _restitution_of_collisions(holds: dict[str, GougeResult]) -> Claim:
     """Claim about restitution 0.98 and nearly 1 (γ_n by Eq 8 as printed) of collisions under the contact law."""
     id = "restitution-of-collisions"
-    source = 'Text: "restitution coefficients from nearly zero to nearly 1 ... exerted no significant influence"'
+    source = 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
     other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
     if other is None:
         return _statement(id, source, None, "needs holds with a restitution of 0.98 under the contact law")

@@ -61,7 +61,7 @@ def _growth() -> list[Claim]:
             f"after a small push: {slow.power:.6f}", error=0.0,
         ),
         claim(
-            "growth-through-instability", 'Sec. III D: "v grows exponentially on a short time scale"', True,
+            "growth-through-instability", 'Sec. III D: "v_0 grows exponentially on a short time scale"', True,
             abs(ratio - 1) < RATE, "", 0.0,
             f"a disk in a groove with one contact at the limit and det k(S) < 0: rate {fast.rate:.5f}, √−λ of m⁻¹k "
             f"{fast.predicted:.5f}, over {decades:.1f} decades of speed",
@@ -127,7 +127,7 @@ def _least_stable(found: list[tuple[int, SlidingState]]) -> Claim:
     by_det = [s.least_determinant for _, s in found if s.critical > 1 and s.least_determinant is not None]
     return claim(
         "all-sliding-least-stable",
-        'Sec. V A: "the state that is most likely to be unstable is the one where all critical contacts are sliding"',
+        'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
         True, sum(by_value) > len(by_value) / 2 if by_value else None, "", 0.0,
         f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
         f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
