@@ -58,14 +58,14 @@ def test_shares_of_sliding_contacts_are_those_of_the_quadratic_form():
 def test_the_least_stable_status_by_brute_force():
     """Both contacts of a groove at the limit: k = c K S cᵀ of four statuses from dense matrices, for all signs."""
     seen = set()
-    for steep, first, second in product((10.0, 30.0, 60.0), (-1.0, 1.0), (-1.0, 1.0)):
-        m = linear_system(*growth.in_groove(2.0, steep=steep), rattlers=True)
+    for mu, steep, first, second in product((0.2, 2.0), (10.0, 30.0, 60.0), (-1.0, 1.0), (-1.0, 1.0)):
+        m = linear_system(*growth.in_groove(mu, steep=steep), rattlers=True)
         m = m._replace(limit=np.ones(2, bool), sign=np.array([first, second]))
         c, values, minors = m.c.toarray(), [], []
         for slides in product((False, True), repeat=2):
             block = np.zeros((4, 4))
             for k, slide in enumerate(slides):
-                s = [[1, 0], [-2 / growth.KT * m.sign[k], 0]] if slide else np.eye(2)
+                s = [[1, 0], [-mu / growth.KT * m.sign[k], 0]] if slide else np.eye(2)
                 block[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.diag([1.0, growth.KT]) @ s
             k = c @ block @ c.T
             values.append(np.linalg.eigvalsh(k + k.T)[0])
