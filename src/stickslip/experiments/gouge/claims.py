@@ -10,15 +10,14 @@ from ...friction.fitting import fit
 from ...friction.model_comparison import compare_laws
 from ...reports.claims import Claim, claim
 from . import measures
+from .claims_of_text import DC, PEAK_SLOPE, STUDY, UNDEFINED, A, B, evaluate_text
 from .curves import healing_peaks, predict_hold, predict_per_efold, reslides_after_longest
 from .dimensionless import INERTIAL, inertial_numbers, stiffness
 from .sample import damping
 from .simulate import GougeResult
 from .statistics import Number, difference, slope
 
-A, B, DC = 0.0247, 0.0178, 5.3e-3  # caption of Fig S1
 STEADY = (0.33, 0.42)  # range of the steady friction of such gouge
-PEAK_SLOPE = 0.0155
 LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, so that its shares are accurate to a per cent
 ENERGY = 1e-2  # kinetic over elastic energy below which grains count as quasi-static
 TELLING = 0.015  # largest half width of the interval of a difference for which two holds may be called alike
@@ -27,7 +26,6 @@ TOLERANCE = {
     "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation one could be mistaken for the other
     "healing": 1 / 3,  # the range from b/2 to b
 }
-STUDY = "the main study by Ferdowsi and Rubin, to which the paper is the supplement; its text was not available"
 LAW = "slip law for this hold, with the a, b and D_c printed in the paper"
 EARLIER = "Ferdowsi and Rubin 2020, doi:10.1029/2019JB019016, abstract"
 SHOWS = {
@@ -49,7 +47,8 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
     steps = more.get("steps")
     return [
         *_relaxation(main), _compaction(main), _healing(main), _reslide_peaks(more.get("reslides")),
-        *_rate_state_fit(steps), _symmetry(steps), _restitution(holds), _calibrated_damping(holds),
+        *evaluate_text(main, more.get("reslides")), *_rate_state_fit(steps), _symmetry(steps), _restitution(holds),
+        _restitution_of_collisions(holds), _calibrated_damping(holds),
         _steady_friction(main, more), _temperature(main, steps), _quasi_static(main), _energies(main),
     ]  # fmt: skip
 
@@ -164,7 +163,7 @@ def _reslide_peaks(result: GougeResult | None) -> Claim:
     return claim(
         "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
         f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {words}; "
-        f"after holds of {hold:g} s at V_i = {before:g} m/s; {_scale_note(result)}", error=rate.half / 2,
+        f"after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}", error=rate.half / 2,
     )  # fmt: skip
 
 
@@ -246,6 +245,24 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
         id, source, alike if telling or not alike else None,
         f"ε = 0.98 and 0.3 by Eq 8, γ_n = {gammas} 1/(m s); alike if all differences lie within their 95 % intervals: "
         f"{words}; {_scale_note(by_eq8[1])}",
+    )  # fmt: skip
+
+
+def _restitution_of_collisions(holds: dict[str, GougeResult]) -> Claim:
+    """Claim about restitution 0.98 and nearly 1 (γ_n by Eq 8 as printed) of collisions under the contact law."""
+    id = "restitution-of-collisions"
+    source = 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
+    other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
+    if other is None:
+        return _statement(id, source, None, "needs holds with a restitution of 0.98 under the contact law")
+    pairs = _compare_dampings(next(iter(holds.values())), other)
+    apart = {name: difference(*pair) for name, pair in pairs.items()}
+    differ = [name for name, (value, half) in apart.items() if abs(value) > half]
+    words = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
+    return _statement(
+        id, source, False if differ else None,
+        f"if ε is the restitution of a collision under Eq 1, at 1.00 and 0.98: {words}; outside their 95 % intervals: "
+        f"{', '.join(differ) or 'none'}; {_scale_note(other)}",
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from ...quasirigid.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from ...reports.claims import ALWAYS, Claim, claim, median_error
 from ...solve.spectrum import damped_growth, spectrum
 from .cases import ApexCases, StatusCases, apex_cases, status_cases
+from .claims_of_motion import evaluate_motion
 from .simulate import QuasiResult, SampleResult, table_one
 
 CASES = 500
@@ -23,6 +24,7 @@ YIELD = '"when the assumption of stability for all possible states is violated, 
 SHOWS = {
     "Table I": ("chain of linear relations", "table-I-relations"),
     "Eq 5": ("the map of statuses is bijective", "status-map-bijective"),
+    "Sec. II C": ("number of critical contacts", "hundreds-of-critical-contacts"),
     "Sec. II D": ("one consistent state", "one-consistent-state"),
     "Sec. III D": ("quasi-static balance", "flutter-example"),
     "Sec. III E": ("mechanisms", "mechanism-classes"),
@@ -31,12 +33,12 @@ SHOWS = {
 }
 
 
-def evaluate_claims(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
+def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = False) -> list[Claim]:
     """Evaluate all claims; values are medians over samples, and the notes give ranges."""
     drawn, opened = status_cases(main, cases), apex_cases(main, cases)
     return [
         _table_one(main), *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main),
-        _flutter(main), _apex(opened), _mechanisms(main),
+        _flutter(main), _apex(opened), _mechanisms(main), *evaluate_motion(main, quick),
     ]  # fmt: skip
 
 

@@ -41,5 +41,5 @@ def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Worke
     """Run the paper's scenario and evaluate its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
-    claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES)
+    claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES, quick=quick)
     return Reproduction(main, note_quick_run(claims) if quick else claims)
