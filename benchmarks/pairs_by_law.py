@@ -2,10 +2,9 @@
 
     stickslip run examples/pairs_by_law.toml --out results/pairs
     python -m benchmarks.pairs_by_law results/pairs     # writes births.csv, and what --draw writes
-    python -m benchmarks.pairs_by_law --draw            # the summary, the figure and the table, from births.csv
+    python -m benchmarks.pairs_by_law --draw            # the figure and the table, from births.csv
 
-Every packing is in `docs/reference/pairs/births.csv`; the summary by law, of which the claims of the paper are made, in
-`experiments/sphere_shear/births_by_law.csv`.
+Every packing is in `docs/reference/pairs/births.csv`.
 """
 
 import csv
@@ -15,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.experiments.sphere_shear.births import SUMMARY, Births, births_by_law, law_words, wilson
 from stickslip.figures.sphere_shear import births_by_law as births_figure
 from stickslip.figures.style import save
+
+from .births import UNLIMITED, Births, births_by_law, law_words, wilson
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/pairs", ROOT / "docs/pairs_by_law.md"
@@ -46,20 +46,17 @@ def collect(folder: Path) -> None:
 
 
 def draw() -> None:
-    """Write the summary, the figure, and the table of the page."""
+    """Write the figure, and the table of the page."""
     packings = read_births()
     found = births_by_law(packings)
-    with SUMMARY.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Births._fields)
-        writer.writerows([f"{v:.5g}" if isinstance(v, float) else v for v in one] for one in found)
     save(births_figure(found, packings), OUT / "births.png")
     head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
     _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{_table(found)}\n{end}{tail}", encoding="utf-8")
+    PAGE.write_text(f"{head}{begin}\n{table(found)}\n{end}{tail}", encoding="utf-8")
 
 
-def _table(found: list[Births]) -> str:
+def table(found: list[Births]) -> str:
+    """Format the table of the page."""
     head = "| law | sources | packings with a pair | strain of the first pair | contact at the limit at its birth "
     head += "| largest F_t/(μ F_n) | pairs at 0.02 |\n|---|---|---|---|---|---|---|\n"
     return head + "".join(_row(one) for one in found)
@@ -67,7 +64,7 @@ def _table(found: list[Births]) -> str:
 
 def _row(one: Births) -> str:
     strain = f"{one.strain:.2g} ({one.low:.2g}–{one.high:.2g})" if np.isfinite(one.strain) else "∞"
-    mobilisation = f"{one.mobilisation:.2g}" if one.born and one.mu < 1e6 else "–"
+    mobilisation = f"{one.mobilisation:.2g}" if one.born and one.mu < UNLIMITED else "–"
     at_limit = _share(one.limited, one.born) if one.born else "–"
     cells = (law_words(one), one.sources, _share(one.born, one.packings), strain, at_limit, mobilisation,
              f"{one.pairs:.3g}")  # fmt: skip

@@ -76,8 +76,8 @@ def test_a_contact_that_slides_or_opens_has_another_spectrum():
     np.testing.assert_allclose(np.sort(found.switched(row).real), np.sort(slid.eigenvalues.real), atol=1e-10)
     opened = found.switched(row, ss.OPEN)
     assert opened.real.sum() < found.eigenvalues.real.sum()  # stiffness is taken away
-    assert found.mobilised[row] == np.nanmax(
-        found.mobilised[found.support.contacts & (state.contacts.mode == ss.STICK)[: len(found.branch)]]
+    assert found.mobilisation[row] == np.nanmax(
+        found.mobilisation[found.support.contacts & (state.contacts.mode == ss.STICK)[: len(found.branch)]]
     )
 
 

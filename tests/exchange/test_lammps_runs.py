@@ -27,8 +27,8 @@ from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_folder import TAKEN, Plane, _with_wall_numbers
-from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mixed, of_release
-from stickslip.data.exchange.lammps_restart import Restart, restored
+from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mix, of_release
+from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle
 from stickslip.lammps.leg import Leg
 from stickslip.lammps.script import write_input
@@ -335,8 +335,8 @@ def test_mixing_of_restitutions_and_of_work():
         contact_of("granular", f"jkr 6 {e} 0.5 {g} tangential mindlin 1 0.3 0.3 damping coeff_restitution".split())[0]
         for e, g in ((0.4, 1), (0.9, 4))
     )
-    assert (mixed(a, b).values["damping_n"], mixed(a, b).values["work"]) == pytest.approx((0.6, 4))
-    assert mixed(a, b).values["damping_t"] == pytest.approx(0.3)
+    assert (mix(a, b).values["damping_n"], mix(a, b).values["work"]) == pytest.approx((0.6, 4))
+    assert mix(a, b).values["damping_t"] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(("gap", "holds"), [(0.0150, True), (0.0165, False)])
@@ -351,7 +351,7 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
         grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
         np.zeros(2), *pair, none, none, np.zeros((0, 3)), one, np.zeros((0, 4)), np.arange(2),
     )  # fmt: skip
-    assert len(ss.measure.touching(restored(state, law, memory))) == holds
+    assert len(ss.measure.touching(restore_memory(state, law, memory))) == holds
 
 
 @pytest.mark.parametrize(("model", "make"), [("hooke", ss.laws.linear), ("hertz", ss.laws.hertz_mindlin_reff)])

@@ -142,7 +142,7 @@ def test_memory_is_written_and_read_bit_for_bit(tmp_path, ranks):
     memory.write_memory(path, path, state, law)
     found = memory.read_restart(path, walls=2)
     assert (found.position == state.grains.position).all() and (found.image == [1, -1, 0]).all()
-    back = memory.restored(state, law, found)
+    back = memory.restore_memory(state, law, found)
     c, rows = state.contacts, ss.measure.touching(state)
     assert np.count_nonzero(c.j[rows] >= 64) > 5 and len(rows) > 50
     assert (back.contacts.key[ss.measure.touching(back)] == c.key[rows]).all()

@@ -1,16 +1,12 @@
 """First pairs under several laws: intervals with closed forms, and the skew part of a contact's block."""
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import stickslip as ss
+from benchmarks.births import births_by_law, wilson
+from benchmarks.pairs_by_law import PAGE, read_births, table
 from stickslip.core.contacts.jacobian import linearise
-from stickslip.experiments.sphere_shear.births import births_by_law, stored_births, wilson
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_interval_of_a_share_solves_the_quadratic_equation_of_wilson():
@@ -31,16 +27,10 @@ def test_packings_without_a_pair_make_the_median_infinite_and_births_at_the_limi
     assert most.share == pytest.approx(0.05)
 
 
-def test_the_stored_summary_is_that_of_the_stored_packings():
-    with (ROOT / "docs/reference/pairs/births.csv").open(encoding="utf-8") as file:
-        rows = [
-            {k: v if k in ("kind", "coulomb") else float(v or "nan") for k, v in row.items()}
-            for row in csv.DictReader(file)
-        ]
-    stored = stored_births()
-    assert len(rows) == 60 * len(stored) == 840
-    for law in births_by_law(rows):
-        np.testing.assert_allclose(law[2:], stored[law[:3]][2:], rtol=1e-4)
+def test_the_page_has_the_table_of_the_stored_packings():
+    packings = read_births()
+    assert len(packings) == 840
+    assert table(births_by_law(packings)) in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,14 @@ from ..core.control import factors_at
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.laws.builtin import Law
 from ..core.state import OPEN, State
-from ..data.exchange.lammps_restart import Restart, history_size, is_complete, read_restart, restored, write_memory
+from ..data.exchange.lammps_restart import (
+    Restart,
+    history_size,
+    is_complete,
+    read_restart,
+    restore_memory,
+    write_memory,
+)
 from ..data.exchange.lammps_text import read_dump
 from ..data.schema import ScenarioError
 from .cell import needs_forces, read_cell
@@ -184,7 +191,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)
     grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
-    return restored(moved._replace(grains=grains), leg.law, found)
+    return restore_memory(moved._replace(grains=grains), leg.law, found)
 
 
 def _read_motion(leg: Leg, folder: Path, step: int, found: Restart, following: np.ndarray, rates: np.ndarray):

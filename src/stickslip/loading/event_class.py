@@ -67,7 +67,7 @@ def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
         profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
-        float(found.last.response.mobilised[row]) if trigger else np.nan,
+        float(found.last.response.mobilisation[row]) if trigger else np.nan,
         margin(values, judge.drag) if trigger else np.nan, _growth_rate(found, values), (shear - end) / pressure,
         jump / judge.diameter, participation, opened, closed, np.nan,
     )  # fmt: skip
@@ -186,7 +186,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     response, drag = last.response, last.judge.drag
     for row, mode in dict.fromkeys([*_changing(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
         values = response.switched(row, mode)
-        near = mode == OPEN or response.mobilised[row] > ALMOST
+        near = mode == OPEN or response.mobilisation[row] > ALMOST
         if near and _grows(values, drag):
             return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, row, values
     return None

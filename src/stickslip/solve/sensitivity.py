@@ -177,7 +177,7 @@ def contact_sensitivity(
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
-        here.line.mobilised[contact], predicted[last], after[last], words[last], scope,
+        here.line.mobilisation[contact], predicted[last], after[last], words[last], scope,
     )  # fmt: skip
 
 

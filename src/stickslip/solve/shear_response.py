@@ -167,15 +167,15 @@ class Response:
         return -float(changed @ self.branch[:, 1] + self.line.force[:, 0] @ change[:, 1]) / volume(self.state)
 
     @cached_property
-    def mobilised(self) -> np.ndarray:
+    def mobilisation(self) -> np.ndarray:
         """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
-        return self.line.mobilised
+        return self.line.mobilisation
 
     def sticking(self, most: int) -> np.ndarray:
         """Rows of the supported sticking contacts with the largest mobilisation, in descending order."""
         sticks = self.state.contacts.mode[: len(self.branch)] == STICK
-        rows = np.flatnonzero(self.support.contacts & sticks & np.isfinite(self.mobilised))
-        return rows[np.argsort(-self.mobilised[rows], kind="stable")][:most]
+        rows = np.flatnonzero(self.support.contacts & sticks & np.isfinite(self.mobilisation))
+        return rows[np.argsort(-self.mobilisation[rows], kind="stable")][:most]
 
     def switched(self, row: int, mode: int = SLIDE) -> np.ndarray:
         """Eigenvalues if one contact slides, or is open, while all others stay as they are [1/time²]."""

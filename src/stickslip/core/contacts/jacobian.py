@@ -67,7 +67,7 @@ class Linearisation(NamedTuple):
         return self.force_n[:, None] * self.normal - self.secant[:, None] * self.slip
 
     @property
-    def mobilised(self) -> np.ndarray:
+    def mobilisation(self) -> np.ndarray:
         """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
         bears, pull = (self.closed > 0) & (self.limit > 0), self.secant * np.linalg.norm(self.slip, axis=1)
         return np.divide(pull, self.limit, out=np.full(len(pull), np.nan), where=bears)

@@ -337,14 +337,14 @@ def _name(law: Law) -> str:
 def _describe(law: Law) -> str:
     shown = [_name(law), f"{'smooth' if law.coulomb == SMOOTH else 'sharp'} Coulomb"]
     shown += [f"{len(law.table)} materials"] if len(law.table) > 1 else []
-    for parameter, values in _given(law).items():
+    for parameter, values in _parameters(law).items():
         low, high = values.min(), values.max()
         shown.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
     shown += ["lever arms R - δ/2"] if law.properties & LEVER else []
     return ", ".join(shown)
 
 
-def _given(law: Law) -> dict[str, np.ndarray]:
+def _parameters(law: Law) -> dict[str, np.ndarray]:
     """Parameters by name, (materials, materials); those of dashpots only if any pair has them."""
     known = law.kind in USER_LAWS or 0 <= law.kind < len(NAMES)
     columns = zip(parameter_names(law) if known else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
@@ -373,7 +373,7 @@ def _rows(law: Law):
     }  # fmt: skip
     known |= {p.name: (p.unit, p.words) for p in built_in.parameters} if built_in else {}
     known |= MOMENTS[ROLLING] | MOMENTS[TWISTING] | (_VISCOUS if law.properties & VISCOUS else {})
-    given = _given(law)
+    given = _parameters(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
     yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"
     if law.coulomb == SMOOTH:

@@ -49,7 +49,7 @@ def read_commands(path: Path, until: str = "") -> Run:
         if words[0] == "variable" and len(words) > 3:
             values |= _value(words, values)
         if UNRESOLVED.search(line) and not is_log:
-            line = _substituted(line, values)
+            line = _substitute(line, values)
             words = line.partition("#")[0].split()
         if not is_log and words[0] in ("include", "if", "jump") and words[1:2] != ["SELF"]:
             run.unknown.append(" ".join(words))
@@ -73,13 +73,13 @@ def read_lines_of(path: Path) -> str:
 
 def _value(words: list[str], values: dict[str, str]) -> dict[str, str]:
     """Value of a variable that has one without running LAMMPS."""
-    name, style, first = words[1], words[2], _substituted(words[3], values).strip('"')
+    name, style, first = words[1], words[2], _substitute(words[3], values).strip('"')
     if style in ("index", "string") and name not in values:
         return {name: first}
     return {name: first} if style == "equal" and re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?", first) else {}
 
 
-def _substituted(line: str, values: dict[str, str]) -> str:
+def _substitute(line: str, values: dict[str, str]) -> str:
     return re.sub(r"\$(?:\{(\w+)\}|(\w))", lambda m: values.get(m[1] or m[2], m[0]), line)
 
 
@@ -115,7 +115,7 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
     members = np.zeros(n, bool)
     for style, *words in run.groups.get(name, [["unknown"]]):
         if style in ("type", "id") and (types if style == "type" else ids) is not None:
-            members |= _chosen(types + 1 if style == "type" else ids, words)
+            members |= _select(types + 1 if style == "type" else ids, words)
         elif style in ("union", "subtract", "intersect"):
             parts = [group_members(run, word, ids, types, n) for word in words if word != name]
             if any(part is None for part in parts) or not parts:
@@ -129,8 +129,8 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
     return members
 
 
-def _chosen(numbers: np.ndarray, words: list[str]) -> np.ndarray:
-    """Which of the numbers are meant by words such as 3, 1:10 and 2*5, or by a comparison."""
+def _select(numbers: np.ndarray, words: list[str]) -> np.ndarray:
+    """Mask of the numbers that are meant by words such as 3, 1:10 and 2*5, or by a comparison."""
     compare = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal}
     if words and words[0] in (*compare, "!="):
         return compare[words[0]](numbers, int(words[1])) if words[0] in compare else numbers != int(words[1])

@@ -30,7 +30,7 @@ from ...core.state import OPEN, SLIDE, STICK, State
 from ..sample import HUGE, NO_CONTACTS, Assumption, MemoryNote, PackingError, PackingWarning, accepted, from_arrays
 from .contact_columns import TOTAL, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
-from .lammps_restart import restored
+from .lammps_restart import restore_memory
 from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -344,7 +344,7 @@ def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State,
         return with_wall_memory(state, law, packing.force, words) if len(state.walls.mass) else (state, words)
     state = _placed_state(packing, law)
     if packing.memory is not None:
-        return restored(state, law, packing.memory), []
+        return restore_memory(state, law, packing.memory), []
     return state, [] if "pair_i" in packing.arrays else [NO_CONTACTS]
 
 

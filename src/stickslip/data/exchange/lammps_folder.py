@@ -36,7 +36,7 @@ from .lammps_laws import (
     differences,
     law_of_contacts,
     memory_layout,
-    mixed,
+    mix,
     of_release,
     wall_contact,
 )
@@ -77,7 +77,7 @@ class Plane(NamedTuple):
 
 
 class Course:
-    """What the commands of a run say of the grains: the law, walls and loads, and notes on what was not taken over."""
+    """Effects of the commands of a run on the grains: the law, walls and loads, and notes on what was not taken over."""
 
     def __init__(self, run: Run, packing: Packing, masks: dict[str, np.ndarray]):
         self.run, self.packing, self.masks = run, packing, masks
@@ -348,7 +348,7 @@ def _take_coefficients(course: Course) -> None:
     for a in range(course.kinds):
         for b in range(a + 1, course.kinds):
             if (a, b) not in course.contacts and {(a, a), (b, b)} <= set(course.contacts):
-                course.contacts[a, b] = mixed(course.contacts[a, a], course.contacts[b, b])
+                course.contacts[a, b] = mix(course.contacts[a, a], course.contacts[b, b])
 
 
 def _types(word: str, kinds: int) -> range:

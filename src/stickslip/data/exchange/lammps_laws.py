@@ -149,10 +149,10 @@ def _granular(words: list[str]) -> tuple[Contact, list[str]]:
                 properties |= SDS[key][0]
                 more |= dict(zip(SDS[key][1], map(parse_number, own), strict=True))
     contact = Contact("", damping, more, tension, properties, tuple(lacks), slots=TANGENTIAL[tangential][1])
-    return _combined(contact, normal or "hertz", tangential, numbers, rest), words
+    return _combine(contact, normal or "hertz", tangential, numbers, rest), words
 
 
-def _combined(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
+def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
     """Law with its normal and tangential models, from their coefficients."""
     law = next((law for law, model in MODELS.items() if model == (normal, tangential)), None)
     lacks, more, elastic = list(contact.lacks), dict(contact.values), ()
@@ -179,7 +179,7 @@ def _combined(contact: Contact, normal: str, tangential: str, numbers: list, res
     return contact._replace(law=law, values=values, elastic=elastic, lacks=tuple(dict.fromkeys(lacks)))
 
 
-def mixed(a: Contact, b: Contact) -> Contact:
+def mix(a: Contact, b: Contact) -> Contact:
     """Law of two types whose own laws are given, as LAMMPS mixes them: geometric means, except of elastic constants."""
     values = {name: float(np.sqrt(value * b.values.get(name, 0.0))) for name, value in a.values.items()}
     if a.elastic and b.elastic:
@@ -233,7 +233,7 @@ def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: in
 
 
 def differences(table: dict[tuple[int, int], Contact]) -> list[str]:
-    """What differs a little from LAMMPS and leaves the forces at rest unchanged."""
+    """Describe differences from LAMMPS that leave the forces at rest unchanged."""
     words = [LEVER_ARMS] if any(contact.properties & LEVER for contact in table.values()) else []
     for c in table.values():
         words += [PULL_OFF] if c.law == "jkr" else []

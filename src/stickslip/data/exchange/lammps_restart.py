@@ -358,7 +358,7 @@ def _counters(count: np.ndarray) -> np.ndarray:
     return np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
 
 
-def restored(state: State, law: Law, found: Restart) -> State:
+def restore_memory(state: State, law: Law, found: Restart) -> State:
     """State with the memory of a restart file: the grains of `state`, which are already where LAMMPS had them."""
     n = len(state.grains.radius)
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin), instant=None)
@@ -422,14 +422,14 @@ def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) 
 
 
 def _at_cap(memory: np.ndarray, rate: np.ndarray, stiffness, damping, cap) -> np.ndarray:
-    """Which moments are at their cap, spring and dashpot together as in `_slides`."""
+    """Mask of the moments at their cap, spring and dashpot together as in `_slides`."""
     dashpot = damping[:, None] * rate
     load = np.linalg.norm(stiffness[:, None] * memory + dashpot, axis=1)
     return load >= (1 - AT_LIMIT) * cap - SHARE * np.linalg.norm(dashpot, axis=1)
 
 
 def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which contacts are at the Coulomb limit, and which have one that is not zero.
+    """Masks of the contacts at the Coulomb limit, and of those whose limit is not zero.
 
     LAMMPS leaves the spring and the dashpot of a sliding contact together at the limit, with the velocities of the half
     step; at the full step, their force may have changed by a share of the dashpots' force.

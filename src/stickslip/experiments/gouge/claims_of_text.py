@@ -19,7 +19,7 @@ from .statistics import Number, combine, slope
 
 A, B, DC, PEAK_SLOPE, COLLAPSE = 0.0247, 0.0178, 5.3e-3, 0.0155, 5.0  # captions of Figs S1 and S2, inset of S2
 STIFFNESS, HOLD, BEFORE = 425.0, 1650.0, 0.02  # k̄_d; t̄_hold; V_i of Fig S2 [m/s]
-SMALLEST, SPEED, STEP = 1e-3, 25.0, 2e-8  # smallest diameter (2020 study) [m], speed [m/s], Δt of Table S1 [s]
+SMALLEST, SPEED, STEP = (1e-3, 25.0, 2e-8)  # diameter (not printed) [m]; speed [m/s]; Δt of Table S1 [s]
 ROUNDED = 0.25  # tolerance of Δt: it is printed with one digit, from 1.5e-8 to 2.5e-8
 PEAK = 0.3  # tolerance of the peak, as of all numbers of rate-and-state friction
 STUDY = "Ferdowsi and Rubin 2021, doi:10.1029/2021JB022125, abstract"
@@ -92,7 +92,8 @@ def _time_step(scenario: GougeScenario) -> Claim:
     step = collision(law, radius=SMALLEST / 2, mass=mass, speed=SPEED).duration / 100
     return claim(
         "time-step", "Text: Δt = t_col/100 at 25 m/s; Table S1: 2e-8 s", STEP, step, "s", ROUNDED,
-        f"two elastic grains of 1 mm; t_col is proportional to the diameter, and {STEP:g} s would belong to "
+        f"two elastic grains of 1 mm, a size that the paper does not print; t_col is proportional to the diameter, and "
+        f"{STEP:g} s would belong to "
         f"{1e3 * SMALLEST * STEP / step:.2f} mm", error=0.0,
     )  # fmt: skip
 

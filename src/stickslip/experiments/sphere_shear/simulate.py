@@ -211,10 +211,10 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     im = np.array([s.im_lambda.max() for s in found])
     alone = [k for k, s in enumerate(found) if len(s.pairs) == 1][-5:]  # nearest to the birth
     exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
-    born = linearise(protocol.step(clean.state, change.above).state, protocol.law).mobilised
-    mobilised = born[np.isfinite(born)]
-    at_limit = float(np.mean(mobilised > 1 - AT_LIMIT)) if len(mobilised) else 0.0
-    return Onset(change.below, change.above, offset, im, exponent, at_limit, max(mobilised, default=np.nan))
+    born = linearise(protocol.step(clean.state, change.above).state, protocol.law).mobilisation
+    mobilisation = born[np.isfinite(born)]
+    at_limit = float(np.mean(mobilisation > 1 - AT_LIMIT)) if len(mobilisation) else 0.0
+    return Onset(change.below, change.above, offset, im, exponent, at_limit, max(mobilisation, default=np.nan))
 
 
 def simulate_shear(

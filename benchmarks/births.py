@@ -1,13 +1,10 @@
-"""First complex pairs under several contact laws: a summary of many packings, which is stored with the package."""
+"""First complex pairs under several contact laws: a summary of many packings."""
 
-import csv
 from itertools import groupby
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-SUMMARY = Path(__file__).with_name("births_by_law.csv")
 DRAWS = 4000  # bootstrap draws; the ends of an interval vary by a few per cent of its width
 UNLIMITED = 1e6  # μ from which on no contact reaches the limit
 
@@ -88,14 +85,3 @@ def _summary(kind: str, coulomb: str, mu: float, rows: list[dict]) -> Births:
 def _median(values: np.ndarray) -> np.ndarray:
     """Lower median along the last axis, also of values that may be infinite."""
     return np.sort(values, axis=-1)[..., (values.shape[-1] - 1) // 2]
-
-
-def stored_births() -> dict[tuple[str, str, float], Births]:
-    """Stored summary, by (kind, coulomb, mu)."""
-    with SUMMARY.open(encoding="utf-8", newline="") as file:
-        rows = [
-            Births(r["kind"], r["coulomb"], float(r["mu"]), *(int(r[n]) for n in ("packings", "born", "limited")),
-                   *(float(r[n]) for n in Births._fields[6:]))
-            for r in csv.DictReader(file)
-        ]  # fmt: skip
-    return {(r.kind, r.coulomb, r.mu): r for r in rows}
