@@ -77,7 +77,7 @@ class Plane(NamedTuple):
 
 
 class Course:
-    """Effects of the commands of a run on the grains: the law, walls and loads, and notes on what was not taken over."""
+    """Effects of the commands of a run: the law, walls and loads, and notes on what was not taken over."""
 
     def __init__(self, run: Run, packing: Packing, masks: dict[str, np.ndarray]):
         self.run, self.packing, self.masks = run, packing, masks
