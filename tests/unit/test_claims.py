@@ -244,7 +244,7 @@ ROWS = [
 ]
 
 SUMMARY = (
-    "2 of the paper's 3 sentences are decided. "
+    "Of the paper's sentences, 3 have a row, and 2 of these are decided. "
     "1 of the paper's 9 claims is reproduced, 2 in part, 2 not, 1 refuted, 1 not refuted, 2 undecided"
 )
 
@@ -335,7 +335,7 @@ def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypat
 def test_when_all_is_well_the_terminal_says_so():
     one = [ROWS[0]]
     assert claims_report.summarize(one, SHOWS) == (
-        "1 of the paper's 1 sentences is decided.",
+        "Of the paper's sentences, 1 has a row, and 1 of these is decided.",
         "1 of the paper's 1 claims is reproduced.",
         "Every claim agrees within its tolerance.",
     )

@@ -107,7 +107,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
 
 
 def count_sentences(claims: list[Claim]) -> tuple[int, int]:
-    """Return the number of sentences of the paper, and how many of them are decided: none of their rows is undecided.
+    """Return the number of sentences of the paper that have a row, and how many of them are decided: none of their rows is undecided.
 
     Rows with the same source belong to one sentence. Variants, and rows without a value in the paper, do not count.
     """
@@ -130,7 +130,8 @@ def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str, str]:
     first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"
     first += f", {', '.join(others)}" if others else ""
     first += f"; the paper prints nothing to compare with for {lacking} more rows." if lacking else "."
-    sentences = f"{decided} of the paper's {total} sentences {'is' if decided == 1 else 'are'} decided."
+    sentences = f"Of the paper's sentences, {total} {'has' if total == 1 else 'have'} a row, and {decided} of these "
+    sentences += f"{'is' if decided == 1 else 'are'} decided."
     return sentences, first, _main_reason(judged, shows)
 
 
