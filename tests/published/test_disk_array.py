@@ -66,7 +66,8 @@ def folder(tmp_path_factory):
     told = run.stdout.partition("figures …")[2].split()
     summary, _, written = " ".join(told).partition("Written:")
     assert re.match(
-        r"Of the paper's sentences, \d+ have a row, and \d+ of these are decided\. \d+ of the paper's \d+ claims are reproduced",
+        r"Of the paper's sentences, \d+ have a row, and \d+ of these are decided\. "
+        r"\d+ of the paper's \d+ claims are reproduced",
         summary,
     )
     assert all(f" Fig {k} " in summary for k in range(2, 8))

@@ -107,7 +107,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
 
 
 def count_sentences(claims: list[Claim]) -> tuple[int, int]:
-    """Return the number of sentences of the paper that have a row, and how many of them are decided: none of their rows is undecided.
+    """Return the number of sentences that have a row, and how many of them have no undecided row.
 
     Rows with the same source belong to one sentence. Variants, and rows without a value in the paper, do not count.
     """
