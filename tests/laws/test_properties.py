@@ -40,6 +40,17 @@ LAWS = {
     "arms and rescaling": lambda **more: ss.laws.with_lever(
         ss.laws.hertz_mindlin_reff(rescaled=True, **more), "overlap"
     ),
+    "marshall": lambda **more: ss.laws.with_twisting(ss.laws.hertz_mindlin_reff(kt=0.8, **more), "marshall"),
+    "marshall and jkr": lambda **more: ss.laws.with_twisting(ss.laws.jkr(kt=0.8, work=5e-3, **more), "marshall"),
+    "marshall and linear": lambda **more: ss.laws.with_twisting(ss.laws.linear(kt=0.8, **more), "marshall"),
+    "forces": lambda **more: ss.laws.with_memory(ss.laws.hertz_mindlin_reff(kt=0.8, **more), "force"),
+    "smooth forces": lambda **more: ss.laws.with_memory(ss.laws.hertz_mindlin_reff(coulomb="smooth", **more), "force"),
+    "forces and arms": lambda **more: ss.laws.with_lever(
+        ss.laws.with_memory(ss.laws.jkr(kt=0.8, work=5e-3, **more), "force"), "overlap"
+    ),
+    "forces and rescaling": lambda **more: ss.laws.with_memory(
+        ss.laws.hertz_mindlin_reff(kt=0.8, rescaled=True, **more), "force"
+    ),
     "coeff_restitution": lambda **more: ss.laws.hertz_mindlin_reff(
         **more | {"damping": "coeff_restitution", "damping_n": 0.5}
     ),
@@ -58,7 +69,14 @@ def packed(name, dim, **more):
         count = int(state.contacts.count[0])
         mode, gap = state.contacts.mode[:count], -ss.measure.overlaps(state)
         slips = np.linalg.norm(state.contacts.slip[:count], axis=1)[(mode == ss.SLIDE) & (gap < 0)]
-        good = len(slips) and slips.min() > 0.02 and (mode == ss.STICK).any() and np.abs(gap).min() > 2e-3
+        slightest = np.linalg.norm(state.contacts.slip[:count], axis=1)[(mode == ss.STICK) & (gap < 0)].min(initial=1.0)
+        good = (
+            (name != "smooth forces" or slightest > 1e-3)
+            and len(slips)
+            and slips.min() > 0.02
+            and (mode == ss.STICK).any()
+            and np.abs(gap).min() > 2e-3
+        )
         memory = state.contacts.rolling
         if good and memory is not None:
             turned, at_cap = np.linalg.norm(memory[:count, :3], axis=1), memory[:count, 6] > 0
@@ -232,6 +250,37 @@ def test_a_wrong_arm_is_refused():
         ss.laws.with_lever(ss.laws.linear(), "centre")
 
 
+# ---- memory of forces
+
+
+@pytest.mark.parametrize("update", ["difference", "rate"])
+def test_a_sticking_contact_keeps_its_force_as_the_overlap_changes(update):
+    """F_t is that of the deepest overlap under a memory of forces; rescaled, it shrinks with √δ only."""
+    place = [[0, 0, 0], [0.98, 0, 0]]
+    deep, shallow = np.sqrt([0.04 / 0.02, 0.01 / 0.02])
+    wanted = {
+        (False, "slip"): (deep, shallow), (True, "slip"): (deep, shallow**2 / deep),
+        (False, "force"): (1.0, 1.0), (True, "force"): (1.0, shallow / deep),
+    }  # fmt: skip
+    for (rescaled, memory), factors in wanted.items():
+        law = ss.laws.with_memory(ss.laws.hertz_mindlin(kt=0.5, mu=5.0, rescaled=rescaled), memory)
+        state = ss.assembly(ss.spheres(place, 0.5))
+        state = ss.accept(state, ss.forces(state, law)[1])
+        state.contacts.slip[0] = [0, 1e-3, 0]
+        first = ss.forces(state, law)[0].force[0, 1]
+        for gap, factor in zip((0.96, 0.99), factors, strict=True):
+            rate = np.zeros((2, 6))
+            rate[1, 0] = gap - state.grains.position[1, 0]
+            control = ss.control.loads(2)._replace(free=np.zeros((2, 6), bool), rate=rate)
+            state, _, _ = ss.run(state._replace(control=control), law, 10, 0.1, slip_update=update)
+            assert ss.forces(state, law)[0].force[0, 1] / first == pytest.approx(factor, rel=1e-9)
+
+
+def test_an_unknown_memory_is_refused():
+    with pytest.raises(ValueError, match="of='work' was given: 'slip' and 'force' are allowed"):
+        ss.laws.with_memory(ss.laws.linear(), "work")
+
+
 # ---- rolling and twisting
 
 RADIUS, OVERLAP = 0.5, 0.02
@@ -316,6 +365,17 @@ def test_rolling_in_python_is_the_built_in_spring():
     state = state._replace(contacts=state.contacts._replace(stale=True, rolling=None))
     ends = [ss.run(state, ss.laws.for_pair(one, 0, 1, mu=0.3), 200, 0.02)[0] for one in (law, own)]
     np.testing.assert_allclose(ends[0].grains.angle, ends[1].grains.angle, atol=1e-12)
+
+
+def test_marshall_takes_its_numbers_from_each_pair():
+    law = ss.laws.with_twisting(ss.laws.for_pair(ss.laws.linear(kt=0.8, mu=0.6), 0, 1, mu=0.3), "marshall")
+    np.testing.assert_allclose(law.table[0, :, 5:], [[0.4, 0.4, 0.5], [0.4, 0.2, 0.5]])
+    back = twisting(law)
+    assert law_struct(law)["twist_scaled"] and not law_struct(back)["twist_scaled"]
+    with pytest.raises(ValueError, match="follow from kt and mu: leave them out"):
+        ss.laws.with_twisting(law, "marshall", k_twist=1.0)
+    with pytest.raises(ValueError, match="model='disc' was given: 'spring', 'marshall' are allowed"):
+        ss.laws.with_twisting(law, "disc")
 
 
 @pytest.mark.parametrize(

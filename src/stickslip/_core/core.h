@@ -151,6 +151,7 @@ struct Law {
   int64_t hertz;        // F_n grows as overlap^(3/2), else linearly
   int64_t uses_radius;  // stiffnesses contain √R_eff, or a user's function takes R_eff
   int64_t rescaled;     // a decreasing overlap shortens the slip
+  int64_t keeps_force;  // the memory is the force of the tangential spring: slips change as k_t does
   int64_t smooth;       // smoothed Coulomb limit
   int64_t damping;      // 0, or VELOCITY, MASS, VISCOELASTIC, or for a restitution TSUJI, RESTITUTION
   int64_t tension;      // dashpots may make a contact pull
@@ -172,6 +173,7 @@ struct Law {
   int64_t roll_at;       // column of k_roll, before mu_roll and gamma_roll, or 0: none
   int64_t roll_viscous;  // the rolling dashpot grows with F_n, and there is no cap
   int64_t twist_at;      // column of k_twist, before mu_twist and gamma_twist, or 0: none
+  int64_t twist_scaled;  // these are multiples, see `TwistScale`
   int64_t angular;       // first columns of `Contacts.rolling`, for moments and lever arms
   void *update;          // own memory at a given overlap
   double *memory;        // of a contact that closes

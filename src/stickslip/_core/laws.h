@@ -28,7 +28,11 @@ inline const double *parameters(const Law &law, int64_t a, int64_t b) {
   return law.table + (a * law.len_table + b) * law.width;
 }
 
-inline bool needs_radius(const Law &law) { return law.uses_radius || law.damping == VISCOELASTIC || law.roll_at; }
+inline bool needs_radius(const Law &law) {
+  return law.uses_radius || law.damping == VISCOELASTIC || law.roll_at || law.twist_scaled;
+}
+// Return true if the slip of a contact changes with its overlap.
+inline bool fades(const Law &law) { return law.rescaled || law.keeps_force; }
 inline bool has_moments(const Law &law) { return law.rolling || law.roll_at || law.twist_at; }
 inline bool needs_mass(const Law &law) { return law.damping >= MASS_DAMPING; }
 
@@ -58,6 +62,21 @@ inline Slopes<double> tangents(const Law &law, Parameters q, double r_eff, doubl
   if (law.slopes) return call(law.slopes, q, r_eff, overlap, 0.0);
   Elastic<Dual> found = built_in(law, q, Dual{r_eff, 0.0}, Dual{overlap, 1.0});
   return {found.force.slope, found.stiffness.slope};
+}
+
+// Factor k_t(old)/k_t by which a slip changes if the force of its spring is kept.
+inline double kept_force(const Law &law, Parameters q, double r_eff, double stiffness, double old_overlap) {
+  if (!law.keeps_force || !(stiffness > 0.0)) return 1.0;
+  double old = elastic(law, q, r_eff, old_overlap).stiffness;
+  return old > 0.0 ? old / stiffness : 1.0;
+}
+
+// Contact radius a and da/dδ: the one by which laws of LAMMPS multiply k_t, or √(δ R_eff).
+inline Slopes<double> contact_radius(const Law &law, Parameters q, double r_eff, double overlap, double stiffness,
+                                     double slope) {
+  if (law.hertz && law.uses_radius && q[KT] > 0.0) return {stiffness / q[KT], slope / q[KT]};
+  double a = overlap > 0.0 ? root(overlap * r_eff) : 0.0;
+  return {a, a > 0.0 ? 0.5 * a / overlap : 0.0};
 }
 
 inline double range(const Law &law, Parameters q, double r_eff) {

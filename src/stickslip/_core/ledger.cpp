@@ -57,10 +57,11 @@ static void store_energy(const Law &law, Vec<double> slip, End &end) {
 }
 
 // Moments with rotation memory `row`, or without if null, and the power of their dashpots; w is ω_i − ω_j.
-static void add_moments(const Law &law, double overlap, double fn, const double *row, Vec<double> w, End &end) {
+static void add_moments(const Law &law, double overlap, double fn, TwistScale scale, const double *row, Vec<double> w,
+                        End &end) {
   const Pair &pair = end.pair;
   Resistance roll = rolling_resistance(law, pair.q, pair.r_eff, overlap, fn, end.given[1]);
-  Resistance twist = twisting_resistance(law, pair.q, end.given[1]);
+  Resistance twist = twisting_resistance(law, pair.q, end.given[1], scale);
   end.roll = roll.stiffness, end.twist = twist.stiffness;
   const double along = dot(w, pair.n), turned = row && law.twist_at ? row[TWIST] : 0.0;
   const Vec<double> psi = row ? vector_at(3, row, 0) : Vec<double>{}, across = w - along * pair.n;
@@ -111,7 +112,8 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
   end.friction = length(t);
   end.power = (spring.force - fn) * vn - dot(whole - t, v);
   if (law.rate) end.created = -dot(whole, less);
-  if (has_moments(law)) add_moments(law, overlap, fn, rotations, relative_angle(dim, bodies.spin, i, j), end);
+  const TwistScale scale = twist_scale(law, q, pair.r_eff, overlap, spring, 0.0, factor * q[DAMPING_T]);
+  if (has_moments(law)) add_moments(law, overlap, fn, scale, rotations, relative_angle(dim, bodies.spin, i, j), end);
   end.force = fn * pair.n + whole;
   end.turn = -1.0 * cross(pair.n, whole);
   return end;
@@ -136,6 +138,7 @@ static void add_rotations(const LedgerStep &step, int64_t c, Kept psi, double tw
   if (step.first) return;
   double k0 = old.roll, size0 = dot(psi.old, psi.old);
   step.row[NONPOTENTIAL] += 0.25 * (size1 + size0) * (k1 - k0);
+  step.row[NONPOTENTIAL] += 0.25 * (twist[1] * twist[1] + twist[0] * twist[0]) * (now.twist - old.twist);
   Vec<double> turned = relative_angle(dim, step.now->angle, i, j) - relative_angle(dim, step.old->angle, i, j);
   if (psi.known || psi.closed) {
     double slid = length(onto_plane(now.pair.n, mid, psi.old + fraction * turned) - psi.now);
@@ -161,16 +164,16 @@ static double slid_distance(const LedgerStep &step, int64_t c, Kept slip, const 
                       (sum_of_rotations(dim, step.now->angle, i, j) - sum_of_rotations(dim, step.old->angle, i, j));
   Vec<double> increment = half * slip_increment(now.pair.n, mid, d, roll);
   double slid = length(fade * onto_plane(now.pair.n, mid, slip.old) + fraction * increment - slip.now);
-  if (step.law->rescaled && !slip.closed) return 0.0;
+  if (step.law->rescaled && !step.law->keeps_force && !slip.closed) return 0.0;
   return slid / half;  // the slid distance was shortened like the slip
 }
 
 // Energy created by a tangential spring whose stiffness or limit changed, or whose slip was rescaled.
 static double nonpotential(const Law &law, Kept slip, const End &old, const End &now, double fade) {
   double sum = 0.0;
-  if (law.rescaled) {
+  if (fades(law)) {
     sum += 0.5 * (now.friction * length(slip.now) + old.friction * length(slip.old)) * log(fade);
-    if (slip.known && !slip.closed)  // the slip has vanished: replaces the terms that follow
+    if (law.rescaled && !law.keeps_force && slip.known && !slip.closed)  // the slip has vanished: replaces the terms that follow
       sum += 0.5 * (old.given[0] * old.slope[0] + old.given[1] * old.slope[1]) - old.energy;
   }
   for (int k = 0; k < 2; ++k) sum += 0.5 * (now.slope[k] + old.slope[k]) * (now.given[k] - old.given[k]);
@@ -229,6 +232,7 @@ static void add_contact(const LedgerStep &step, int64_t m, int64_t c) {
   if (step.first) return;
   bool stays = slip.known && slip.closed, touched = slip.known || slip.closed;
   double fade = law.rescaled && stays ? contact_radius_ratio(now.depth, now.depth - old.depth) : 1.0;
+  if (law.keeps_force && stays && now.given[0] > 0.0 && old.given[0] > 0.0) fade *= old.given[0] / now.given[0];
   step.row[NONPOTENTIAL] += nonpotential(law, slip, old, now, fade) + hysteresis(law, slip, old, now);
   step.row[NONPOTENTIAL] += 0.5 * step.dt * (now.created + old.created);
   step.row[VISCOUS] += 0.5 * step.dt * (now.power + old.power);

@@ -25,7 +25,7 @@ static Tangent friction_tangent(bool smooth, double stiffness, Slopes<double> sl
 // Memory of contact c carried to the present positions; writes the slip and the way since it was committed.
 template <int DIM>
 static Transport<double> transported(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
-                                     const Linearisation &out, int64_t c) {
+                                     double stiffness, const Linearisation &out, int64_t c) {
   Transport<double> rest = {{}, {}, pair.n, 1.0};
   if (contacts.mode[c] == OPEN) return rest;
   Vec<double> rolled = surface_rotation(DIM, bodies, bodies.angle, contacts.i[c], contacts.j[c]);
@@ -40,7 +40,9 @@ static Transport<double> transported(const Law &law, const Bodies &bodies, const
     store(out.together + 3 * c, together);
   }
   store(out.before + 3 * c, slip), store(out.way + 3 * c, way), store(out.turn + 3 * c, turn);
-  return transport_slip(law, false, pair.n, pair.inverse, pair.overlap, way, turn, slip);
+  const double old = pair.overlap - overlap_increment(pair.n, pair.inverse, way);
+  const double kept = kept_force(law, pair.q, pair.r_eff, stiffness, old);
+  return transport_slip(law, false, pair.n, pair.inverse, pair.overlap, way, turn, slip, kept);
 }
 
 template <int DIM>
@@ -52,14 +54,14 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   Slopes<double> slope = tangents(law, q, r_eff, overlap);
   double limit = cap(law, q, r_eff, overlap, spring.force);
   Slopes<double> edge = cap_slopes(law, q, r_eff, overlap, spring.force);
-  Transport<double> moved = transported<DIM>(law, bodies, contacts, pair, out, c);
-  bool slid = contacts.mode[c] == SLIDE, rescaled = law.rescaled;
+  Transport<double> moved = transported<DIM>(law, bodies, contacts, pair, spring.stiffness, out, c);
+  bool slid = contacts.mode[c] == SLIDE;
   Vec<double> a = moved.slip, d = moved.increment;
-  bool slides = return_mapping<DIM>(rescaled, memory, spring.stiffness, limit, a, d, Ratio<double>{1.0, 1.0}, slid,
+  bool slides = return_mapping<DIM>(fades(law), memory, spring.stiffness, limit, a, d, Ratio<double>{1.0, 1.0}, slid,
                                     moved.fade).slides;
   bool weighted = DIM == 3 && slides && slid && limit > 0.0;
   if (weighted) {
-    Ratio<double> weight = turning_weight(rescaled, spring.stiffness, limit, a, d, moved.fade);
+    Ratio<double> weight = turning_weight(fades(law), spring.stiffness, limit, a, d, moved.fade);
     d = (weight.part / weight.whole) * d;
   }
   Vec<double> slip = a + d;
@@ -74,7 +76,11 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   out.stiffness_t[c] = spring.stiffness, out.slope_t[c] = slope.second, out.mu[c] = edge.first, out.limit[c] = limit;
   out.secant[c] = tangent.secant, out.along[c] = tangent.along;
   out.by_overlap[c] = tangent.by_overlap, out.by_force[c] = tangent.by_force;
-  out.fade[c] = moved.fade, out.fading[c] = moved.fade < 1.0 ? 0.5 * moved.fade / overlap : 0.0;
+  out.fade[c] = moved.fade;
+  const double gained = overlap_increment(pair.n, pair.inverse, vector_at(3, out.way, c));
+  if (law.rescaled && gained < 0.0) out.fading[c] = 0.5 * moved.fade / overlap;
+  if (law.keeps_force && contacts.mode[c] != OPEN && spring.stiffness > 0.0)
+    out.fading[c] -= moved.fade * slope.second / spring.stiffness;
   out.damping_n[c] = factor * q[DAMPING_N], out.damping_t[c] = factor * q[DAMPING_T];
 }
 
@@ -131,9 +137,14 @@ static void linearise_rolling(const Law &law, const Bodies &bodies, const Contac
 }
 
 static void linearise_twisting(const Law &law, const Contacts &contacts, const Pair &pair, int64_t memory,
-                               double force, double limit, const MomentLinearisation &out, int64_t c) {
+                               Elastic<double> spring, double limit, const MomentLinearisation &out, int64_t c) {
   const double *own = contacts.rolling + contacts.width_rolling * c;
-  const Resistance r = twisting_resistance(law, pair.q, limit);
+  const Slopes<double> slope = tangents(law, pair.q, pair.r_eff, pair.overlap);
+  const double factor = damping_factor(law, pair.r_eff, pair.m_eff, pair.overlap, spring.force);
+  const TwistScale scale = twist_scale(law, pair.q, pair.r_eff, pair.overlap, spring, slope.second,
+                                       law.damping ? factor * pair.q[DAMPING_T] : 0.0);
+  const Resistance r = twisting_resistance(law, pair.q, limit, scale);
+  const double growth = scale.radius > 0.0 ? scale.slope / scale.radius : 0.0;  // d ln a/dδ
   double twist = 0.0;
   if (contacts.mode[c] != OPEN) {
     Vec<double> mid = mid_normal(pair.n, pair.inverse, pair.r - vector_at(3, contacts.pair, c));
@@ -143,25 +154,27 @@ static void linearise_twisting(const Law &law, const Contacts &contacts, const P
   out.twisting[c] = r.stiffness * twist;
   if (!slides) {
     out.twisting_along[c] = r.stiffness, out.twisting_damping[c] = r.damping;
+    out.twisting_by_overlap[c] = 2.0 * growth * out.twisting[c];
     return;
   }
-  Slopes<double> edge =
-      moment_cap_slopes(law, pair.q, pair.r_eff, pair.overlap, force, pair.q[law.twist_at + 1] * (twist > 0.0 ? 1.0 : -1.0));
+  Slopes<double> edge = moment_cap_slopes(law, pair.q, pair.r_eff, pair.overlap, spring.force,
+                                          pair.q[law.twist_at + 1] * scale.radius * (twist > 0.0 ? 1.0 : -1.0));
   out.twisting_by_force[c] = edge.first;
-  out.twisting_by_overlap[c] = edge.first * tangents(law, pair.q, pair.r_eff, pair.overlap).first + edge.second;
+  out.twisting_by_overlap[c] = edge.first * slope.first + edge.second + growth * out.twisting[c];
 }
 
 template <int DIM>
 static void linearise_moment(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
                              int64_t memory, const MomentLinearisation &out, int64_t c) {
   const Parameters q = pair.q;
-  double force = elastic(law, q, pair.r_eff, pair.overlap).force, limit = cap(law, q, pair.r_eff, pair.overlap, force);
+  const Elastic<double> spring = elastic(law, q, pair.r_eff, pair.overlap);
+  const double force = spring.force, limit = cap(law, q, pair.r_eff, pair.overlap, force);
   Slopes<double> edge = {0.0, 0.0};
   if (law.rolling) edge = call(law.rolling_slopes, q, pair.r_eff, pair.overlap, force);
   else if (law.roll_at)
     edge = moment_cap_slopes(law, q, pair.r_eff, pair.overlap, force, q[law.roll_at + 1] * pair.r_eff);
   linearise_rolling<DIM>(law, bodies, contacts, pair, memory, edge, force, limit, out, c);
-  if (law.twist_at) linearise_twisting(law, contacts, pair, memory, force, limit, out, c);
+  if (law.twist_at) linearise_twisting(law, contacts, pair, memory, spring, limit, out, c);
 }
 
 void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
@@ -179,8 +192,10 @@ double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Co
   for (int64_t c = 0; c < *contacts->count; c++) {
     Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
     if (!pair.touches) continue;
+    const TwistScale scale = twist_scale(*law, pair.q, pair.r_eff, pair.overlap,
+                                         elastic(*law, pair.q, pair.r_eff, pair.overlap), 0.0, 0.0);
     double k = 2.0 * larger(rolling_stiffness(*law, pair.q, pair.r_eff, pair.overlap).first,
-                            twisting_resistance(*law, pair.q, 0.0).stiffness);
+                            twisting_resistance(*law, pair.q, 0.0, scale).stiffness);
     int64_t ends[] = {contacts->i[c], contacts->j[c]};
     for (int64_t a : ends) most = larger(most, total[a] += k * inverse_inertia[a]);
   }

@@ -74,22 +74,23 @@ struct Transport {
   Vec<T> slip;       // rotated with the contact and shortened by the law
   Vec<T> increment;  // of the slip
   Vec<T> mid;        // mid-step normal
-  T fade;            // factor by which the slip was shortened
+  T fade;            // factor by which the law changed the slip
 };
 
-// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n.
+// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n; `kept`: factor by
+// which it changes as k_t does.
 template <class T>
 inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T inverse, T overlap, Vec<T> d, Vec<T> roll,
-                                   Vec<T> s) {
+                                   Vec<T> s, T kept = T{} + 1.0) {
   Vec<T> m = rate ? n : mid_normal(n, inverse, d), o = onto_plane(n, m, s);
   Vec<T> increment = slip_increment(n, m, d, roll);
   T fade = T{} + 1.0;
-  if (law.rescaled) {
+  if (fades(law)) {
     if (rate) {  // as LAMMPS `granular` rotates its memory
       T square = dot(o, o);
       o = root(dot(s, s) / select(square > 0.0, square, fade)) * o;
     }
-    fade = contact_radius_ratio(overlap, overlap_increment(n, inverse, d));
+    fade = law.rescaled ? kept * contact_radius_ratio(overlap, overlap_increment(n, inverse, d)) : kept;
     o = fade * o;
     if (!rate) increment = (0.5 * (1.0 + fade)) * increment;
   }
@@ -104,13 +105,13 @@ inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T invers
 // times its value for a/f.
 // Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact rotation.
 template <class T>
-inline Ratio<T> turning_weight(bool rescaled, T stiffness, T limit, Vec<T> a, Vec<T> d, T fade) {
+inline Ratio<T> turning_weight(bool fades, T stiffness, T limit, Vec<T> a, Vec<T> d, T fade) {
   T scale = stiffness * stiffness, square = limit * limit;
-  Vec<T> b = rescaled ? (1.0 / fade) * a : a;
+  Vec<T> b = fades ? (1.0 / fade) * a : a;
   T change = scale * (b.x * (b.x + 2.0 * d.x) + b.y * (b.y + 2.0 * d.y) + b.z * (b.z + 2.0 * d.z));
   // the bound lets a contact sheared in the opposite direction reverse, although κ is derived for small steps
   T part = larger(0.75 * square + 0.25 * change, MIN_WEIGHT * square);
-  return {rescaled ? 2.0 * fade / (1.0 + fade) * part : part, square};
+  return {fades ? 2.0 * fade / (1.0 + fade) * part : part, square};
 }
 
 template <class T, class M>
@@ -127,7 +128,7 @@ struct Truncated {
 // truncated along a + d part/whole. One division serves all cases, because a vector division takes as long as ten
 // multiplications.
 template <int DIM, class T, class M>
-inline Truncated<T, M> return_mapping(bool rescaled, int64_t memory, T stiffness, T limit, Vec<T> a, Vec<T> d,
+inline Truncated<T, M> return_mapping(bool fades, int64_t memory, T stiffness, T limit, Vec<T> a, Vec<T> d,
                                       Ratio<T> fraction, M slid, T fade) {
   T part = fraction.part, whole = fraction.whole;
   Vec<T> b = whole * a + part * d;
@@ -137,7 +138,7 @@ inline Truncated<T, M> return_mapping(bool rescaled, int64_t memory, T stiffness
   M slides = (limit == 0.0) | over;
   if (sizeof(T) == sizeof(double) && !any(slides | (whole != 1.0))) return {b, slides};  // the same bits, sooner
   if (DIM == 3) {
-    Ratio<T> weight = turning_weight(rescaled, stiffness, limit, a, d, fade);
+    Ratio<T> weight = turning_weight(fades, stiffness, limit, a, d, fade);
     M turns = slides & slid & (limit > 0.0);
     part = select(turns, weight.part, part);
     whole = select(turns, weight.whole, whole);
@@ -213,7 +214,7 @@ inline Loads<T, M> contact_loads(const Law &law, bool rate, int64_t memory, M ho
     out = truncate_as_lammps(fn, stiffness, damping, limit, moved.slip + moved.increment, v, hold);
   } else {
     Truncated<T, M> found =
-        return_mapping<DIM>(law.rescaled, memory, stiffness, limit, moved.slip, moved.increment, fraction, slid, moved.fade);
+        return_mapping<DIM>(fades(law), memory, stiffness, limit, moved.slip, moved.increment, fraction, slid, moved.fade);
     Vec<T> slip = select(hold, moved.slip, found.slip), t = tangential_force(law.smooth, stiffness, limit, slip);
     if (law.damping) t = with_tangential_dashpot(t, damping, limit, v);
     out = {fn, t, slip, limit, found.slides};

@@ -25,9 +25,23 @@ inline Resistance rolling_resistance(const Law &law, Parameters q, double r_eff,
   return {stiffness, q[law.roll_at + 1] * r_eff * force, law.roll_viscous ? force * damping : damping};
 }
 
-inline Resistance twisting_resistance(const Law &law, Parameters q, double limit) {
+// What scaled twisting multiplies its coefficients by: a² and da²/dδ, and the tangential dashpot.
+struct TwistScale {
+  double radius, slope, damping;  // a, da/dδ
+};
+
+inline TwistScale twist_scale(const Law &law, Parameters q, double r_eff, double overlap, Elastic<double> spring,
+                              double slope, double damping) {
+  if (!law.twist_scaled) return {1.0, 0.0, 1.0};
+  Slopes<double> a = contact_radius(law, q, r_eff, overlap, spring.stiffness, slope);
+  return {a.first, a.second, damping};
+}
+
+inline Resistance twisting_resistance(const Law &law, Parameters q, double limit, TwistScale scale) {
   if (!law.twist_at) return {};
-  return {q[law.twist_at], q[law.twist_at + 1] * pressing_force(q, limit), q[law.twist_at + 2]};
+  const double a = scale.radius, square = a * a;
+  return {q[law.twist_at] * square, q[law.twist_at + 1] * a * pressing_force(q, limit),
+          q[law.twist_at + 2] * square * scale.damping};
 }
 
 // Derivatives of a cap `share` times the pressing force, with respect to F_n and to the overlap.
@@ -79,8 +93,9 @@ inline Vec<double> rolling_moment(const Law &law, Resistance r, const RotationSt
 
 // Twist of a spring truncated at its cap; `held`: it stays at its cap or below it.
 inline bool truncate_twist(Resistance r, bool held, bool slid, double &twist) {
-  bool slides = r.cap == 0.0 || (held ? slid && twist != 0.0 : r.stiffness * magnitude(twist) > r.cap);
-  if (slides) twist = twist > 0.0 ? r.cap / r.stiffness : -r.cap / r.stiffness;
+  bool slides = r.cap == 0.0 || r.stiffness == 0.0 || (held ? slid && twist != 0.0 : r.stiffness * magnitude(twist) > r.cap);
+  const double most = r.stiffness > 0.0 ? r.cap / r.stiffness : 0.0;
+  if (slides) twist = twist > 0.0 ? most : -most;
   return slides;
 }
 
@@ -93,7 +108,7 @@ inline double twisting_moment(const Law &law, Resistance r, const RotationStep &
   bool slides;
   if (law.rate) {  // spring and dashpot together
     slides = magnitude(t) >= r.cap;
-    if (slides) twist = -(t + r.damping * w) / r.stiffness;
+    if (slides && r.stiffness > 0.0) twist = -(t + r.damping * w) / r.stiffness;
   } else {
     slides = truncate_twist(r, step.memory == HELD, own[TWIST_AT_CAP] > 0.0, twist);
   }

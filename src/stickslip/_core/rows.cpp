@@ -125,9 +125,12 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
       roll = roll - mid_shortening(n, inverse, overlap, d) * turned_together(bodies.radius, i, j, roll, turned);
   }
   Vec<double> s = flat<DIM>(read(contacts.slip + 3 * c));
-  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s);
-  if (hold) moved.slip = s, moved.increment = {0.0, 0.0, 0.0};
   Elastic<double> spring = elastic(law, q, r_eff, overlap);
+  double kept = 1.0;
+  if (law.keeps_force && before != OPEN)
+    kept = kept_force(law, q, r_eff, spring.stiffness, overlap - overlap_increment(n, inverse, d));
+  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s, kept);
+  if (hold) moved.slip = s, moved.increment = {0.0, 0.0, 0.0};
   double fn = spring.force, damping = 0.0;
   if (law.damping) {
     v = law.rate && sweep.stepping ? mean : flat<DIM>(at(sweep.velocity, i) - at(sweep.velocity, j));
@@ -162,7 +165,10 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     const RotationStep step = {turned, difference<DIM>(sweep.spin, i, j), n, moved.mid, fraction, sweep.memory,
                                hold && equal(turned, {}), before != OPEN};
     Vec<double> moment = rolling_moment<DIM>(law, rolling_resistance(law, q, r_eff, overlap, fn, limit), step, own);
-    if (law.twist_at) moment = moment + twisting_moment(law, twisting_resistance(law, q, limit), step, own) * n;
+    if (law.twist_at) {
+      const TwistScale scale = twist_scale(law, q, r_eff, overlap, spring, 0.0, damping);
+      moment = moment + twisting_moment(law, twisting_resistance(law, q, limit, scale), step, own) * n;
+    }
     add_rotation<DIM>(torque_i, 1.0, moment);
     add_rotation<DIM>(torque_j, -1.0, moment);
   }

@@ -14,8 +14,8 @@ from .schema import NotNegative, Positive, ScenarioTable, split_unit
 
 OWN_PARAMETERS = {p.name for law in BY_NAME.values() for p in law.parameters}
 _ROLL, _TWIST = ({name: f"{words} [{unit}]" for name, (unit, words) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
-NEEDED = {"rolling": MODELS, "twisting": {"spring": ("k_twist", "mu_twist")}}  # coefficients, by model
-TAKEN = {"rolling": {**MODELS, "spring": (*_ROLL,)}, "twisting": {"spring": (*_TWIST,)}}
+NEEDED = {"rolling": MODELS, "twisting": {"spring": ("k_twist", "mu_twist"), "marshall": ()}}  # coefficients, by model
+TAKEN = {"rolling": {**MODELS, "spring": (*_ROLL,)}, "twisting": {"spring": (*_TWIST,), "marshall": ()}}
 SUBSTRATE = 1  # material of the wall; disks are material 0
 
 
@@ -79,7 +79,7 @@ class LawTable(LawFile):
     k_roll: Positive | None = Field(None, description=_ROLL["k_roll"])
     mu_roll: NotNegative | None = Field(None, description=_ROLL["mu_roll"])
     gamma_roll: NotNegative | None = Field(None, description=_ROLL["gamma_roll"])
-    twisting: Literal["spring"] | None = Field(
+    twisting: Literal["spring", "marshall"] | None = Field(
         None, description="model of a moment that resists twisting; without a value, there is none"
     )
     k_twist: Positive | None = Field(None, description=_TWIST["k_twist"])

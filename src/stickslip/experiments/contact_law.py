@@ -46,7 +46,7 @@ def _with_properties(law: Law, chosen: LawTable) -> Law:
     given = {name: getattr(chosen, name) or 0.0 for part in MOMENTS.values() for name in part}
     rolls, twists = ({name: given[name] for name in MOMENTS[part]} for part in (ROLLING, TWISTING))
     law = law if chosen.rolling is None else with_rolling(law, chosen.rolling, **rolls)
-    return law if chosen.twisting is None else with_twisting(law, **twists)
+    return law if chosen.twisting is None else with_twisting(law, chosen.twisting, **twists)
 
 
 def _with_restitution(law: Law, chosen: LawTable, radius: float, mass: float) -> Law:

@@ -6,6 +6,7 @@ from ..builtin_laws import BUILTIN_LAWS, NAMES
 from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
+    KEEPS_FORCE,
     LEVER,
     MASS,
     NO_TENSION,
@@ -69,6 +70,10 @@ def _check_memory(law: Law) -> None:
         raise ScenarioError(
             f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: "
             f"{STAY[3:]}"
+        )
+    if law.properties & KEEPS_FORCE:
+        raise ScenarioError(
+            f"LAMMPS was given a memory of forces, which is read from its restart files but not written: {STAY[3:]}"
         )
     if law.properties & ~LEVER:
         raise ScenarioError(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..core.arguments import checked, require_positive
-from ..core.laws.builtin import Law, damping_model, rescales
+from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
@@ -112,6 +112,10 @@ def _check(state: State, law: Law, to: float, step: float, resolution: float, mo
         raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
     if rescales(law):
         raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
+    if law.properties & KEEPS_FORCE:
+        raise ValueError(
+            "a law with a memory of forces was given: events are sought with slips; use with_memory 'slip'"
+        )
     if to > MOST_STEPS * step:
         raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
     if resolution > step:

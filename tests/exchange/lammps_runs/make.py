@@ -96,6 +96,8 @@ ADHESIVE = (
 )
 ADHESIVE += "twisting sds 20.0 0.5 0.02"
 TSUJI = "hooke 2000.0 0.6 tangential linear_history 600.0 0.5 0.4 damping tsuji"
+FORCES = "hertz/material {E} 20.0 0.3 tangential {tangential} NULL 0.5 0.4 damping viscoelastic"
+MARSHALL = f"{FORCES.format(E=1000.0, tangential='mindlin_rescale/force')} &\n  twisting marshall"
 WEIGHT = "fix g all gravity 1.0 vector 0 0 -1"
 HOOKE = "2000 ${kt} 20.0 10.0 ${mu} 1"
 VARIABLES = 'variable mu index 0.4\nvariable kt equal "2/7*2000"'
@@ -155,6 +157,26 @@ DECKS = {
         **OPEN,
     )
     + f"run 5000\n{GRAINS}run 0\nwrite_restart bouncy.restart\n",
+    "forces": START.format(
+        law=f"pair_style granular\npair_coeff 1 1 {FORCES.format(E=1000.0, tangential='mindlin/force')}\n"
+        f"pair_coeff 2 2 {FORCES.format(E=2000.0, tangential='mindlin/force')}",
+        fixes=f"fix w all wall/gran granular {FORCES.format(E=2000.0, tangential='mindlin/force')} zplane 0 NULL\n"
+        + WEIGHT,
+        large=1.2,
+        dt=0.002,
+        **OPEN,
+    )
+    + f"run 5000\n{GRAINS}run 0\nwrite_restart forces.restart\n",
+    "marshall": START.format(
+        law=f"atom_modify sort 0 0\npair_style granular\npair_coeff * * {MARSHALL}",
+        fixes=f"fix w all wall/gran granular {MARSHALL} zplane 0 NULL\n"
+        f"fix x all wall/gran granular {MARSHALL} xplane -0.7 3.7\n"
+        f"fix y all wall/gran granular {MARSHALL} yplane -0.7 3.7\n{WEIGHT}",
+        large=1.2,
+        dt=0.002,
+        **SILO,
+    )
+    + f"run 5000\n{GRAINS}run 0\nwrite_restart marshall.restart\n",
     "tsuji": START.format(
         law=f"pair_style granular\npair_coeff * * {TSUJI}",
         fixes=f"fix w all wall/gran granular {TSUJI} zplane 0 NULL\n{WEIGHT}",

@@ -24,8 +24,9 @@ DAMPING = {
     "coeff_restitution": RESTITUTION,
 }  # fmt: skip
 NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
-# properties: lever arms of grains on grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting
-LEVER, ROLLING, VISCOUS, TWISTING = 1, 2, 4, 8
+# properties: lever arms of grains on grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting,
+# whose coefficients may be multiples of a²; a memory of tangential forces
+LEVER, ROLLING, VISCOUS, TWISTING, SCALED, KEEPS_FORCE = 1, 2, 4, 8, 16, 32
 MOMENTS = {  # parameters of a property, with their units and meanings
     ROLLING: {
         "k_roll": ("force/length", "rolling stiffness over R_eff²"), "mu_roll": ("1", "rolling friction"),
@@ -55,7 +56,7 @@ class Law(NamedTuple):
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if compiled code does not know this law."""
         dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
-        known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(16)), ("kind", None)
+        known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(64)), ("kind", None)
         for name, known in known_values:
             value = getattr(self, name)
             if not isinstance(value, Integral) or (known and value not in known):
@@ -340,6 +341,7 @@ def _describe(law: Law) -> str:
     for parameter, values in _parameters(law).items():
         low, high = values.min(), values.max()
         shown.append(f"{parameter} = {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
+    shown += ["memory of forces"] if law.properties & KEEPS_FORCE else []
     shown += ["lever arms R - δ/2"] if law.properties & LEVER else []
     return ", ".join(shown)
 
@@ -352,6 +354,10 @@ def _parameters(law: Law) -> dict[str, np.ndarray]:
 
 
 _VISCOUS = {"gamma_roll": ("time/length", "rolling dashpot over R_eff² F_n")}
+_SCALED = {  # with the contact radius a
+    "k_twist": ("force/length", "twisting stiffness over a²"), "mu_twist": ("1", "largest twisting moment over a F_n"),
+    "gamma_twist": ("1", "twisting dashpot over a² times the tangential one"),
+}  # fmt: skip
 DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in words
     VELOCITY: ("force time/length", "proportional to the velocity"),
     MASS: ("1/time", "proportional to effective mass and velocity"),
@@ -372,7 +378,8 @@ def _rows(law: Law):
         "damping_t": (damping, "tangential dashpot"),
     }  # fmt: skip
     known |= {p.name: (p.unit, p.words) for p in built_in.parameters} if built_in else {}
-    known |= MOMENTS[ROLLING] | MOMENTS[TWISTING] | (_VISCOUS if law.properties & VISCOUS else {})
+    known |= MOMENTS[ROLLING] | (_VISCOUS if law.properties & VISCOUS else {})
+    known |= _SCALED if law.properties & SCALED else MOMENTS[TWISTING]
     given = _parameters(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
     yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"
@@ -383,6 +390,8 @@ def _rows(law: Law):
     for name, values in given.items():
         if name not in differ:
             yield name, float(values[0, 0]), *known.get(name, ())
+    if law.properties & KEEPS_FORCE:
+        yield "memory", "force", "", "sticking contacts keep their tangential force as the overlap changes"
     if law.properties & LEVER:
         yield "lever arms", "R - δ/2", "", "between grains; R at walls"
     if damping_model(law):

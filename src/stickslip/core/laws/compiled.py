@@ -19,9 +19,11 @@ from ..library import core
 from .builtin import (
     DAMPING_N,
     DAMPING_T,
+    KEEPS_FORCE,
     LEVER,
     NO_TENSION,
     ROLLING,
+    SCALED,
     SMOOTH,
     STEP,
     TWISTING,
@@ -71,7 +73,8 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
         "smooth": law.coulomb == SMOOTH, "damping": damping_model(law) & ~NO_TENSION,
         "tension": not law.damping & NO_TENSION, "rate": rate, "lever": bool(law.properties & LEVER),
         "angular": angular_columns(law), "roll_at": _column(law, ROLLING), "twist_at": _column(law, TWISTING),
-        "roll_viscous": bool(law.properties & VISCOUS), "len_table": len(law.table), "width": law.table.shape[2],
+        "roll_viscous": bool(law.properties & VISCOUS), "twist_scaled": bool(law.properties & SCALED),
+        "keeps_force": bool(law.properties & KEEPS_FORCE), "len_table": len(law.table), "width": law.table.shape[2],
         "table": _table(law),
     }  # fmt: skip
 

@@ -1,16 +1,31 @@
-"""Properties that any contact law can have: lever arms R − δ/2, resistance to rolling and to twisting."""
+"""Properties that any contact law can have: lever arms, a memory of forces, resistance to rolling and twisting."""
 
 import numpy as np
 
 from ..arguments import checked
 from ..text import quoted
-from .builtin import LEVER, MOMENTS, ROLLING, TWISTING, VISCOUS, Law, check_parameter, parameter_names
+from .builtin import (
+    KEEPS_FORCE,
+    KT,
+    LEVER,
+    MOMENTS,
+    MU,
+    ROLLING,
+    SCALED,
+    TWISTING,
+    VISCOUS,
+    Law,
+    check_parameter,
+    parameter_names,
+)
 from .kinds import USER_LAWS, Kind, own_memory
 
 ARMS = {"radius": 0, "overlap": LEVER}
+MEMORIES = {"slip": 0, "force": KEEPS_FORCE}
 # columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap; and with
 # twisting the twist; 1 if it was at its cap
 COLUMNS, TWISTED = 7, 2
+TWISTINGS = "spring", "marshall"
 MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "spring": ("k_roll", "mu_roll")}
 
 
@@ -41,6 +56,35 @@ def with_lever(law: Law, arm: str) -> Law:
     if arm not in ARMS:
         raise ValueError(f"arm={quoted(arm)} was given: 'radius' and 'overlap' are allowed")
     return law._replace(properties=law.properties & ~LEVER | ARMS[arm])
+
+
+@checked
+def with_memory(law: Law, of: str) -> Law:
+    """Law whose contacts remember their slip s, or the force of the tangential spring.
+
+    With a memory of the slip, F_t = −k_t(δ) s changes with the overlap. With one of the force, dF_t = −k_t(δ) ds: a
+    sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
+    also shrinks with k_t where the overlap decreases. Both are the same if k_t is constant. Contacts are evaluated by
+    rows.
+
+    Parameters
+    ----------
+    of : "slip" (as in the papers and in LAMMPS `mindlin` and `mindlin_rescale`) or "force" (as in LAMMPS
+        `mindlin/force` and `mindlin_rescale/force`)
+
+    Source
+    ------
+    Thornton, Cummins & Cleary, doi:10.1016/j.powtec.2012.08.012, Eq 18.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> ss.laws.with_memory(ss.laws.hertz_mindlin(1, 1, 1), "force")
+    Law: hertz_mindlin, sharp Coulomb, kn = 1, kt = 1, mu = 1, memory of forces
+    """
+    if of not in MEMORIES:
+        raise ValueError(f"of={quoted(of)} was given: 'slip' and 'force' are allowed")
+    return law._replace(properties=law.properties & ~KEEPS_FORCE | MEMORIES[of])
 
 
 @checked
@@ -94,14 +138,24 @@ def with_rolling(
 
 
 @checked
-def with_twisting(law: Law, *, k_twist: float, mu_twist: float, gamma_twist: float = 0.0) -> Law:
-    """Law with a moment along the normal that resists twisting, M = −k τ − γ ω_n, |k τ| and |M| ≤ μ_t P.
+def with_twisting(
+    law: Law, model: str = "spring", *, k_twist: float = 0.0, mu_twist: float = 0.0, gamma_twist: float = 0.0
+) -> Law:
+    """Law with a moment along the normal that resists twisting.
 
     The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate; P as in
-    `with_rolling`. This is LAMMPS `twisting sds`. Contacts are evaluated by rows; two dimensions have no twisting.
+    `with_rolling`, a the contact radius, and c_t the tangential dashpot:
+
+        spring    M = −k τ − γ ω_n, |k τ| and |M| ≤ μ_t P
+        marshall  M = −½ k_t a² τ − ½ c_t a² ω_n, |½ k_t a² τ| and |M| ≤ ⅔ a μ P
+
+    These are LAMMPS `twisting sds` and `twisting marshall`. With `marshall`, k_t is the parameter `kt`, as in LAMMPS;
+    Marshall multiplies that of Hertzian contacts by a. Its numbers ½ k_t, ⅔ μ and ½ become parameters of the law, those
+    of each pair of materials. Contacts are evaluated by rows; two dimensions have no twisting.
 
     Parameters
     ----------
+    model : "spring" or "marshall", which takes no numbers
     k_twist : k, positive [force length]
     mu_twist : μ_t [length]
     gamma_twist : γ [force length time]
@@ -117,9 +171,26 @@ def with_twisting(law: Law, *, k_twist: float, mu_twist: float, gamma_twist: flo
     >>> law.table[0, 0, 5:].tolist()
     [0.1, 0.02, 0.0]
     """
-    if not k_twist > 0:
-        raise ValueError(f"k_twist = {k_twist} was given: it must be positive")
-    return _with_parameters(law, TWISTING, {"k_twist": k_twist, "mu_twist": mu_twist, "gamma_twist": gamma_twist})
+    values = {"k_twist": k_twist, "mu_twist": mu_twist, "gamma_twist": gamma_twist}
+    if model not in TWISTINGS:
+        raise ValueError(f"model={quoted(model)} was given: {', '.join(map(repr, TWISTINGS))} are allowed")
+    if model == "spring":
+        if not k_twist > 0:
+            raise ValueError(f"k_twist = {k_twist} was given: it must be positive")
+        new = _with_parameters(law, TWISTING, values)
+        return new._replace(properties=new.properties & ~SCALED)
+    if any(values.values()):
+        raise ValueError(f"numbers were given with model = {model!r}, which follow from kt and mu: leave them out")
+    new = _with_parameters(law, TWISTING, values)
+    table, names = new.table.copy(), parameter_names(new)
+    for name, column in marshall_values(table[..., KT], table[..., MU]).items():
+        table[..., names.index(name)] = column
+    return new._replace(table=table, properties=new.properties | SCALED)
+
+
+def marshall_values(kt, mu) -> dict:
+    """Parameters of Marshall's twisting, as multiples of a², a P and a² c_t."""
+    return {"k_twist": kt / 2, "mu_twist": 2 / 3 * mu, "gamma_twist": 0.5}
 
 
 def _with_parameters(law: Law, part: int, values: dict[str, float]) -> Law:
@@ -143,11 +214,11 @@ def resists_rolling(law: Law) -> bool:
 
 
 def needs_rows(law: Law) -> bool:
-    """Return True if only rows evaluate a law: blocks know neither moments nor a law's own memory."""
-    return resists_rolling(law) or bool(own_memory(law.kind))
+    """Return True if only rows evaluate a law: blocks know neither moments nor a memory but that of the slip."""
+    return resists_rolling(law) or bool(own_memory(law.kind) or law.properties & KEEPS_FORCE)
 
 
 def angular_columns(law: Law) -> int:
     """Number of columns of `Contacts.rolling` for rotations; those of a law's own memory follow."""
     twisted = TWISTED if law.properties & TWISTING else 0
-    return COLUMNS + twisted if resists_rolling(law) or law.properties else 0
+    return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0

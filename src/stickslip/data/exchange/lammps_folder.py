@@ -161,9 +161,6 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     kept = [note for note in packing.words if not isinstance(note, Obstacle)]
     kept = [note for note in kept if not any(part and part in note for part in known)]
     memory = packing.memory and _with_wall_numbers(packing.memory, course)
-    if memory and any("/force" in note for note in course.words):
-        memory = memory._replace(i=memory.i[:0], j=memory.j[:0], slip=memory.slip[:0])
-        words.append(Absent("the memory of contacts, which are forces under this law, is not converted to slips"))
     law, setting = course.law or packing.law, _setting(course)
     return packing._replace(words=[*words, *kept], law=law, setting=setting, memory=memory), contacts
 

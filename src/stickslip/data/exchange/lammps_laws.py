@@ -13,10 +13,12 @@ import numpy as np
 from ...builtin_laws import BY_NAME, NAMES
 from ...core.laws.builtin import (
     DAMPING,
+    KEEPS_FORCE,
     LEVER,
     NO_TENSION,
     PARAMETERS,
     ROLLING,
+    SCALED,
     SHARP,
     TWISTING,
     Law,
@@ -24,6 +26,7 @@ from ...core.laws.builtin import (
     elastic_constants,
     parameter_names,
 )
+from ...core.laws.properties import marshall_values
 from ...core.text import parse_number
 
 MODELS = {  # normal and tangential model of `pair_style granular`
@@ -53,7 +56,7 @@ SDS = {  # coefficients of a model `sds`, in the order of LAMMPS, and the proper
     "rolling": (ROLLING, ("k_roll", "gamma_roll", "mu_roll")),
     "twisting": (TWISTING, ("k_twist", "gamma_twist", "mu_twist")),
 }  # fmt: skip
-NO_EQUAL = {"twisting marshall"}
+FORCE = "/force"  # end of the names of tangential models whose memory is the force
 RESTITUTION = ("tsuji", "coeff_restitution")
 SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # in which forces are mass times acceleration
 TSUJI_FACTOR = 2025  # the last year of releases of LAMMPS whose tsuji lacks the factor √2
@@ -138,14 +141,16 @@ def _granular(words: list[str]) -> tuple[Contact, list[str]]:
             words.pop(0)
         elif key == "tangential":
             tangential = words.pop(0)
+            properties |= KEEPS_FORCE if tangential.endswith(FORCE) else 0
             count = TANGENTIAL[tangential][0]
             rest, words = [None if w == "NULL" else parse_number(w) for w in words[:count]], words[count:]
         else:
             model = words.pop(0)
             own, words = words[: OTHERS[key][model]], words[OTHERS[key][model] :]
             damping = model if key == "damping" else damping
-            lacks += [f"{key} {model}"] if f"{key} {model}" in NO_EQUAL else []
-            if model == "sds":
+            if model == "marshall":
+                properties |= TWISTING | SCALED
+            elif model == "sds":
                 properties |= SDS[key][0]
                 more |= dict(zip(SDS[key][1], map(parse_number, own), strict=True))
     contact = Contact("", damping, more, tension, properties, tuple(lacks), slots=TANGENTIAL[tangential][1])
@@ -154,7 +159,7 @@ def _granular(words: list[str]) -> tuple[Contact, list[str]]:
 
 def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
     """Law with its normal and tangential models, from their coefficients."""
-    law = next((law for law, model in MODELS.items() if model == (normal, tangential)), None)
+    law = next((law for law, model in MODELS.items() if model == (normal, tangential.removesuffix(FORCE))), None)
     lacks, more, elastic = list(contact.lacks), dict(contact.values), ()
     if law is None:
         law = NEAREST[normal]
@@ -172,6 +177,7 @@ def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest
     if contact.damping in RESTITUTION and not (0 < damping_n <= 1):
         lacks.append(f"damping {contact.damping} with the coefficient {damping_n:g}")
         damping_n = 0.0
+    more |= marshall_values(kt, mu) if contact.properties & SCALED else {}
     lacks += [f"{name} = 0" for name in ("k_roll", "k_twist") if more.get(name, 1.0) == 0]
     if mu == 0 and (more.get("mu_roll") or more.get("mu_twist")):
         lacks.append("rolling or twisting without friction")
@@ -188,6 +194,7 @@ def mix(a: Contact, b: Contact) -> Contact:
         values["kn"] = 4 / 3 * young
         if a.elastic[2] and b.elastic[2]:
             values["kt"] = elastic_constants(young, poisson)[1]
+    values |= marshall_values(values["kt"], values["mu"]) if a.properties & SCALED else {}
     return a._replace(values=values, lacks=tuple(dict.fromkeys(a.lacks + b.lacks)))
 
 
@@ -215,6 +222,12 @@ def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:
     return np.array([contact.values.get(name) or absent.get(name, 0.0) for name in names])[None, None]
 
 
+def _model(contact: Contact, properties: int) -> tuple:
+    """What all pairs of materials of a law share; pairs without twisting may be among others."""
+    own = contact.properties if contact.properties & TWISTING else properties
+    return contact.law, contact.damping, contact.tension, contact.properties & KEEPS_FORCE, own & SCALED
+
+
 def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: int) -> tuple[Law, list[str]]:
     """Law from its pairs of materials, and what of them has no equal here; pairs that are not given never meet."""
     first = table[min(table)]
@@ -226,7 +239,7 @@ def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: in
     lacks = [words for contact in table.values() for words in contact.lacks]
     for (a, b), contact in table.items():
         values[a, b] = values[b, a] = _table(contact, names)[0, 0]
-        if (contact.law, contact.damping, contact.tension) != (first.law, first.damping, first.tension):
+        if _model(contact, properties) != _model(first, properties):
             other = f"type {b + 1}" if b < types else f"wall {b - types + 1}"
             lacks.append(f"the model of type {a + 1} and {other}, which differs from that of type {min(table)[0] + 1}")
     return law._replace(table=values), list(dict.fromkeys(lacks))

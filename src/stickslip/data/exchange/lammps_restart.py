@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...builtin_laws import BUILTIN_LAWS
 from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
-from ...core.laws.builtin import ROLLING, TWISTING, Law, parameter_names, rescales
-from ...core.laws.kinds import bridges_gaps
+from ...core.laws.builtin import KEEPS_FORCE, ROLLING, SCALED, TWISTING, Law, parameter_names, rescales
+from ...core.laws.kinds import Kind, bridges_gaps
 from ...core.laws.properties import resists_rolling
 from ...core.laws.values import evaluate
 from ...core.measure import branch_vectors, overlaps, touching
@@ -378,6 +379,10 @@ def restore_memory(state: State, law: Law, found: Restart) -> State:
     known &= mode[:count] != OPEN
     slip[:count][known] = values[place[known]]
     full = accept(bare, listed._replace(slip=slip, mode=mode, pair=pair))
+    if law.properties & KEEPS_FORCE:  # the memory of LAMMPS is the force on i
+        k = linearise(full, law, memory=FROZEN).stiffness_t[:, None]
+        slip[:count] = np.divide(-slip[:count], k, out=np.zeros((count, 3)), where=k > 0)
+        full = accept(full, full.contacts._replace(slip=slip))
     rows = touching(full)
     slides, frictional = _slides(full, law, rows)
     mode[rows[frictional]] = np.where(slides, SLIDE, STICK)[frictional]
@@ -417,8 +422,19 @@ def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) 
         own[rows, TWIST] = more[:, 3]
         along = np.einsum("ck,ck->c", spin, normal)[:, None]
         twists = values["k_twist"], values["gamma_twist"], values["mu_twist"] * pressing
+        if law.properties & SCALED:
+            radius = _contact_radius(law, state, rows, c.stiffness_t[rows], values["kt"], r_eff)
+            twists = twists[0] * radius**2, twists[1] * radius**2 * c.damping_t[rows], twists[2] * radius
         own[rows, TWIST_AT_CAP] = _at_cap(more[:, 3:], along, *twists)
     return accept(state, contacts._replace(rolling=own))
+
+
+def _contact_radius(law: Law, state: State, rows: np.ndarray, stiffness: np.ndarray, kt, r_eff) -> np.ndarray:
+    """(C,) contact radii: k_t(δ)/k_t if the law contains them, otherwise √(δ R_eff)."""
+    hertz = np.sqrt(np.maximum(overlaps(state)[rows], 0.0) * r_eff)
+    if isinstance(law.kind, Kind) or not BUILTIN_LAWS[law.kind].uses_radius:
+        return hertz
+    return np.divide(stiffness, kt, out=hertz, where=kt > 0)
 
 
 def _at_cap(memory: np.ndarray, rate: np.ndarray, stiffness, damping, cap) -> np.ndarray:
