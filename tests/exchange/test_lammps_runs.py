@@ -676,3 +676,72 @@ def test_commands_after_the_data_file_do_not_count(cases, tmp_path):
     log = (cases / "poured" / "log.lammps").read_text()
     (tmp_path / "log.lammps").write_text(f"{log}\nwrite_data end.data\nfix later all spring/self 1.0\n")
     assert not any("fix later" in note for note in ss.io.read_packing(tmp_path).notes)
+
+
+def in_poured(cases, folder, line="", name="poured.restart"):
+    """Folder with the log of a poured packing, one more command in it, and one file of grains."""
+    (folder / name).write_bytes((cases / "poured" / name).read_bytes())
+    log = (cases / "poured" / "log.lammps").read_text()
+    (folder / "log.lammps").write_text(log.replace("write_restart", f"{line}\nwrite_restart"))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "how"),
+    [
+        ("1 xy erate 1e-4 remap x", "xy erate 1e-4"),
+        ("1 x trate 2e-3 z volume remap v", "x trate 2e-3, z volume"),
+        ("1 y final 0 2 xz delta 0.1 units box", "y final 0 2, xz delta 0.1"),
+    ],
+)
+def test_a_cell_that_was_being_strained_is_judged_as_it_is(words, how, cases, tmp_path):
+    read = ss.io.read_packing(in_poured(cases, tmp_path, f"fix shear all deform {words}"))
+    assert (
+        f"fix shear (deform) was straining the cell ({how}): judged at the instant, with the cell fixed" in read.assumed
+    )
+    assert not any(isinstance(note, Obstacle) for note in read.notes)
+
+
+def test_a_run_that_left_no_later_state(cases, tmp_path):
+    """As after a crash: the only grains are those it began from."""
+    read = ss.io.read_packing(in_poured(cases, tmp_path, "read_data poured.data", "poured.data"))
+    assert any("poured.data is where the run began: it left no later state" in note for note in read.assumed)
+
+
+def test_runs_in_one_folder_are_not_mixed_silently(cases, tmp_path):
+    (in_poured(cases, tmp_path) / "poured.restart").rename(tmp_path / "other.restart")
+    (tmp_path / "log.first").write_bytes((tmp_path / "log.lammps").read_bytes())
+    read = ss.io.read_packing(tmp_path)
+    wanted = "none of log.first, log.lammps names other.restart, which may be of another run"
+    assert [note for note in read.notes if isinstance(note, Obstacle) and wanted in note]
+
+
+@pytest.mark.parametrize("plane", ["zplane nan NULL", "zplane 0 inf"])
+def test_planes_at_no_place_are_refused(plane, cases, tmp_path):
+    line = f"fix q all wall/gran hooke/history 1 1 0 0 0.5 1 {plane}"
+    notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
+    assert any("fix q (wall/gran) was not taken over" in note and "is no finite number" in note for note in notes)
+
+
+DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp ff\n0 3\n0 3\n{z}\n"
+DUMP += "ITEM: ATOMS id x y z radius\n"
+
+
+@pytest.mark.parametrize("content", [DUMP + "1 1 1 1 nan\n", DUMP + "1 1 nan 1 0.5\n", "x y z r\n0 0 0 nan\n"])
+def test_messages_name_the_file(content, tmp_path):
+    (tmp_path / "grains.txt").write_text(content.format(z="0 3"))
+    with pytest.raises(ss.packings.PackingError, match=r"grains\.txt"):
+        ss.io.read_packing(tmp_path / "grains.txt")
+
+
+@pytest.mark.parametrize("z", ["3 0", "nan 3", "0 inf"])
+def test_bounds_that_span_no_box(z, tmp_path):
+    (tmp_path / "dump").write_text(DUMP.format(z=z) + "1 1 1 1 0.5\n")
+    with pytest.raises(ss.packings.PackingError, match=r"dump .*lengths 3 3 \S+ along x y z, which must be positive"):
+        ss.io.read_packing(tmp_path / "dump")
+
+
+def test_arrays_of_objects_are_refused(tmp_path):
+    np.save(tmp_path / "p.npy", np.array([{"x": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(ss.packings.PackingError, match=r"p\.npy cannot be read"):
+        ss.io.read_packing(tmp_path / "p.npy")

@@ -76,5 +76,7 @@ def test_bad_input_is_told():
         ss.modes.density_of_states(state, CHAIN, method="kpm")
     with pytest.raises(ValueError, match="at least 1"):
         ss.modes.density_of_states(state, CHAIN, bins=0)
+    with pytest.raises(ValueError, match=r"bins = 1000000000000 makes .* use fewer bins"):
+        ss.modes.density_of_states(state, CHAIN, bins=10**12)
     with pytest.raises(ValueError, match="n = 5"):
         ss.modes.participation_ratio(np.ones((4, 1)), ss.freedom(state))

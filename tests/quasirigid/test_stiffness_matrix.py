@@ -63,10 +63,12 @@ def _components(state, law, rows):
     return np.stack([(force * normal).sum(axis=1), (force * along).sum(axis=1)], axis=1)
 
 
-def test_damping_matrix_is_that_of_the_jacobian():
-    law = make_law("linear", "sharp", damping="mass_velocity", damping_n=0.3, damping_t=0.2)
-    state = stirred(make_packing(2, seed=3), law, np.random.default_rng(3), size=0.001)
+@pytest.mark.parametrize(("mu", "slides"), [(10.0, False), (0.3, True)])
+def test_damping_matrix_is_that_of_the_jacobian(mu, slides):
+    law = make_law("linear", "sharp", mu=mu, damping="mass_velocity", damping_n=0.3, damping_t=0.2)
+    state = stirred(make_packing(2, seed=3), law, np.random.default_rng(3), size=0.05 if slides else 0.001)
     m = linear_system(state, law, rattlers=True)
+    assert m.limit.any() == slides and not m.limit.all()
     exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[1], m.free).toarray()
     np.testing.assert_allclose(damping_matrix(m).toarray(), -exact, atol=1e-13)
 

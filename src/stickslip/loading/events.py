@@ -114,7 +114,7 @@ def _check(state: State, law: Law, to: float, step: float, resolution: float, mo
         raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
     if law.properties & KEEPS_FORCE:
         raise ValueError(
-            "a law with a memory of forces was given: events are sought with slips; use with_memory 'slip'"
+            "a law with a memory of forces was given: events are sought with slips, with_memory(law, 'slip')"
         )
     if to > MOST_STEPS * step:
         raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")

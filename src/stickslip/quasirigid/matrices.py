@@ -21,7 +21,7 @@ from scipy import sparse
 
 from ..core.arguments import Numbers, checked, require_shape
 from ..core.contacts.jacobian import linearise
-from ..core.laws.builtin import SMOOTH, Law
+from ..core.laws.builtin import KEEPS_FORCE, SMOOTH, Law
 from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.readable import readable
@@ -115,7 +115,7 @@ def linear_system(
     sign = np.where(slip < 0, -1.0, 1.0)
     force = np.stack([line.force_n[rows], -sign * pull], axis=1)
     k_n, k_t = line.slope_n[rows], line.stiffness_t[rows]
-    by_overlap = line.slope_t[rows] * np.abs(slip)
+    by_overlap = line.slope_t[rows] * np.abs(slip) * (not law.properties & KEEPS_FORCE)
     springs = np.zeros((len(rows), 2, 2))
     springs[:, 0, 0], springs[:, 1, 1], springs[:, 1, 0] = k_n, k_t, -sign * by_overlap
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
@@ -201,15 +201,15 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 
 @checked
 def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
-    """(n, n) sparse c Γ cᵀ; a sliding contact has no tangential dashpot.
+    """(n, n) sparse c Γ cᵀ, the derivative of −f with respect to velocities; equal to −C for these statuses.
 
-    The Coulomb limit is that of the elastic normal force. Where it follows the normal dashpot as well, as in
-    `ss.forces` and `ss.stability`, a sliding contact has the additional term μ Γₙ, which this matrix does not contain.
+    A sliding contact has no tangential dashpot; its tangential force follows the normal one, dashpot included, by μ.
     """
     sliding = _status_of_all(matrix, sliding)
-    damping = matrix.damping.copy()
-    damping[sliding, 1] = 0.0
-    return sparse.csr_array(matrix.c @ sparse.diags_array(damping.ravel()) @ matrix.c.T)
+    damping = np.einsum("ma,ab->mab", matrix.damping, np.eye(2))
+    damping[sliding, 1, 1] = 0.0
+    damping[sliding, 1, 0] = -(matrix.sign * matrix.mu * matrix.damping[:, 0])[sliding]
+    return sparse.csr_array(matrix.c @ block_diagonal(damping) @ matrix.c.T)
 
 
 @checked

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import eigsh
 from ..core.arguments import Seed, checked
 from ..core.laws.builtin import Law
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, translations
 from .linear import suitable_threads
@@ -120,6 +121,8 @@ def density_of_states(
     """
     if method not in ("auto", "dense", "polynomials"):
         raise ValueError(f"method {method!r} was given: use auto, dense or polynomials")
+    if isinstance(bins, int | np.integer):
+        require_sizes([Size(f"bins = {bins} makes", bins, "points", "use fewer bins")])
     free = backbone(state, law)
     if not len(free):
         raise ValueError("the packing has only rattlers: a density of states needs grains that support each other")

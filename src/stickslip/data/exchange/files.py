@@ -108,6 +108,16 @@ def read_packing(path: str | Path, **options) -> Reading:
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
+    try:
+        return _read_states(path, frame, options)
+    except PackingError as problem:
+        if path.name in str(problem) or str(options.get("contacts") or "\0") in str(problem):
+            raise
+        raise PackingError(f"{path}: {problem}") from None
+
+
+def _read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:
+    """States of a file or folder, as in `read_packings`, with messages that may not name the file."""
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
     given, own = law_from_file({name: value for name, value in options.items() if value is not None})

@@ -1,6 +1,7 @@
 """Folder of a run of LAMMPS as it lies: grains and memory, with the law, walls, gravity and fixes of its commands."""
 
 import re
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
@@ -146,7 +147,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
             f"LAMMPS, or a packing"
         )
     path, run, packing = _newest_packing(files, frame)
-    words, contacts = [f"grains from {path.name}, time step {packing.step}"], None
+    words, contacts = [f"grains from {path.name}, time step {packing.step}", *_origin_notes(files, path)], None
     if packing.memory is None:
         contacts = _matching_contacts(files.contacts, packing)
         words += [f"contacts in {contacts.name}"] if contacts else []
@@ -265,10 +266,32 @@ def _matching_contacts(paths: list[Path], packing: Packing) -> Path | None:
     return None
 
 
+def _origin_notes(files: Files, grains: Path) -> list[str]:
+    """Notes on grains that a run began from, and on several runs in a folder."""
+    sources, words = files.logs or files.scripts, []
+    if grains in files.data and any(_names(path, grains.name, ("read_data",)) for path in sources):
+        words.append(Absent(f"{grains.name} is where the run began: it left no later state"))
+    if len(sources) > 1 and not any(_names(path, grains.name) for path in sources):
+        several = (
+            f"none of {', '.join(path.name for path in sources[:3])} names {grains.name}, which may be of another run"
+        )
+        words.append(Obstacle(f"{UNDECIDED}{several}: give each run a folder of its own"))
+    return words
+
+
+def _names(
+    path: Path, name: str, commands=("restart", "write_restart", "write_data", "dump", "write_dump", "read_data")
+):
+    """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
+    lines = [line.split() for line in head_text(read_content(path)).split("\n")]
+    words = [Path(word).name for line in lines if line[:1] and line[0] in commands for word in line[1:] if word != "*"]
+    return any(fnmatchcase(name, word) or name.startswith(f"{word}.") for word in words)
+
+
 def _newest_commands(files: Files, grains: Path) -> Path | None:
     """The log that names the file of the grains, or else the newest log, or else such a script."""
     for paths in (files.logs, files.scripts):
-        naming = [path for path in paths if grains.name.encode() in read_content(path)]
+        naming = [path for path in paths if _names(path, grains.name)]
         if naming or paths:
             return max(naming or paths, key=lambda path: path.stat().st_mtime)
     return None
@@ -366,9 +389,16 @@ def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
     axis = "xyz".index(kind[0])
     for word, side in zip(rest, (1.0, -1.0), strict=True):
         if word != "NULL":
-            course.walls.append(Plane(side * parse_number(word), side * np.eye(3)[axis], number))
+            course.walls.append(Plane(side * _finite(word), side * np.eye(3)[axis], number))
             own = _classic(course, contact) if words[0] == "hooke/history" else contact
             course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
+
+
+def _finite(word: str) -> float:
+    """Number of a word; ValueError if it is NaN or infinite."""
+    if not np.isfinite(value := parse_number(word)):
+        raise ValueError(f"{word} is no finite number")
+    return value
 
 
 def _classic(course: Course, contact: Contact) -> Contact:
@@ -392,7 +422,7 @@ def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None
     side = -1.0 if numbers[6:] == ["side", "out"] else 1.0
     if style != "plane" or numbers[6:] not in ([], ["side", "in"], ["side", "out"]) or len(rest) != 2:
         raise ValueError(f"only regions that are fixed planes are read, not `{' '.join([style, *numbers, *rest[2:]])}`")
-    point, normal = np.array([parse_number(w) for w in numbers[:6]]).reshape(2, 3)
+    point, normal = np.array([_finite(w) for w in numbers[:6]]).reshape(2, 3)
     normal = side * normal / np.linalg.norm(normal)
     course.walls.append(Plane(float(point @ normal), normal, number))
     course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
@@ -400,7 +430,7 @@ def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None
 
 def _take_gravity(course: Course, name: str, group: str, words: list[str]) -> None:
     size, kind, *numbers = words
-    values = [parse_number(word) for word in numbers[: {"vector": 3, "spherical": 2, "chute": 1}[kind]]]
+    values = [_finite(word) for word in numbers[: {"vector": 3, "spherical": 2, "chute": 1}[kind]]]
     members, mass = course.members(group), course.packing.arrays.get("mass")
     if not members.all() and mass is None:
         raise ValueError(f"it acts on group {group} only, and masses are not known")
@@ -412,9 +442,9 @@ def _take_gravity(course: Course, name: str, group: str, words: list[str]) -> No
         if course.packing.arrays.get("dim") == 2:  # in the plane, whatever phi
             direction = np.array([np.sin(theta), np.cos(theta), 0.0])
     if members.all():
-        course.gravity += parse_number(size) * direction
+        course.gravity += _finite(size) * direction
     else:
-        course.force[members] += parse_number(size) * mass[members, None] * direction
+        course.force[members] += _finite(size) * mass[members, None] * direction
 
 
 def _take_freeze(course: Course, name: str, group: str, words: list[str]) -> None:
@@ -436,12 +466,23 @@ def _take_addforce(course: Course, name: str, group: str, words: list[str]) -> N
         raise ValueError(f"its options `{' '.join(words[3:])}` are not read")
     if (course.frozen & course.members(group)).any():
         raise ValueError("it comes after the fix that holds some of its grains, which therefore move")
-    course.force[course.members(group)] += [parse_number(word) for word in words[:3]]
+    course.force[course.members(group)] += [_finite(word) for word in words[:3]]
+
+
+def _take_deform(course: Course, name: str, group: str, words: list[str]) -> None:
+    """Note how the cell was being strained: it is fixed here."""
+    end = next((k for k, word in enumerate(words) if word in ("remap", "flip", "units", "vmax")), len(words))
+    places = [k for k, word in enumerate(words[:end]) if word in ("x", "y", "z", "xy", "xz", "yz")]
+    if not places:
+        raise ValueError(f"`{' '.join(words)}` is not read")
+    how = ", ".join(" ".join(words[a:b]) for a, b in zip(places, [*places[1:], end], strict=True))
+    strained = f"fix {name} (deform) was straining the cell ({how})"
+    course.words.append(Assumption(f"{strained}: judged at the instant, with the cell fixed"))
 
 
 TAKEN = {
     "wall/gran": _take_wall, "wall/gran/region": _take_plane, "gravity": _take_gravity, "freeze": _take_freeze,
-    "setforce": _take_setforce, "addforce": _take_addforce,
+    "setforce": _take_setforce, "addforce": _take_addforce, "deform": _take_deform,
 }  # fmt: skip
 
 
