@@ -20,7 +20,16 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.contacts.forces import bodies
 from stickslip.core.contacts.memory import FREE, FROZEN
-from stickslip.core.laws.builtin import DAMPING, DAMPING_N, LEVER, PARAMETERS, dashpot_coefficients, with_values
+from stickslip.core.laws.builtin import (
+    DAMPING,
+    DAMPING_N,
+    LEVER,
+    PARAMETERS,
+    ROLLING,
+    dashpot_coefficients,
+    rescales,
+    with_values,
+)
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.library import core
 from stickslip.data.exchange.columns import packing_of_columns
@@ -262,8 +271,10 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
 
 def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
     """Both directions of the table of laws: inclined walls with their own friction, gravity and dashpots."""
-    for law in (LINEAR_DAMPED, REFF_DAMPED, *GRANULAR.values()):
+    for law in (LINEAR_DAMPED, REFF_DAMPED, *(law for law in GRANULAR.values() if not rescales(law))):
         state, law = between_walls(3), walls_law(law)
+        if law.properties & ROLLING:
+            state = state._replace(cell=state.cell._replace(periodic=np.zeros(3, bool)))
         leg = Leg(state, law, 0.01, 1, 1)
         check_leg(leg)
         write_input(leg, tmp_path)

@@ -24,6 +24,9 @@ GRANULAR = {
     "restitution": arms(REFF._replace(damping=9, table=np.array([[[1.0, 0.4, 0.3, 0.7, 0.5]]]))),
     "tsuji": arms(ss.laws.linear(1.0, 0.4, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.5)),
     "dmt": arms(ss.laws.dmt(1.0, 0.4, 0.3, work=1e-3, damping_n=0.3, damping_t=0.2)),
+    "forces": ss.laws.with_memory(arms(REFF), "force"),
+    "rescaled forces": ss.laws.with_memory(arms(ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.3, rescaled=True)), "force"),
+    "rolling": ss.laws.with_rolling(arms(REFF), k_roll=0.3, mu_roll=0.05),
 }
 
 
@@ -37,6 +40,19 @@ def stirred(number=200):
     state, _ = jammed(number, packing_fraction=0.66, seed=0)
     velocity, spin = np.random.default_rng(0).normal(0, 0.02, (2, number, 3))
     return fresh(state._replace(grains=state.grains._replace(velocity=velocity, spin=spin)))
+
+
+def opened():
+    """The stirred packing without periodic sides, which expands."""
+    state = stirred()
+    return fresh(state._replace(cell=ss.box(np.diag(state.cell.vectors), [False] * 3, 3)))
+
+
+def on_a_floor():
+    """Grains under gravity on a floor, with open sides."""
+    grains, size = lattice(3)
+    control = ss.control.loads(len(grains.radius), 1, gravity=[0, -0.01, 0])
+    return ss.assembly(grains, ss.flat_walls([[0, 0.02, 0]], [[0, 1, 0]]), ss.box([size] * 3, [False] * 3, 3), control)
 
 
 def stirred_disks():

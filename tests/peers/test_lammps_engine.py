@@ -10,6 +10,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.memory import FROZEN
+from stickslip.core.laws.builtin import ROLLING
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
 from stickslip.data.exchange import lammps_restart as memory
@@ -37,6 +38,8 @@ from tests.peers.lammps_scenes import (
     between_plates,
     between_walls,
     differ,
+    on_a_floor,
+    opened,
     stirred,
     under_stress,
 )
@@ -56,12 +59,15 @@ from tests.unit.test_flow import TOML
         (ss.laws.walton_braun(k_unload=2.0), "a law that only stickslip evaluates here"),
         (ss.laws.liquid_bridge(surface_tension=1e-3, volume=1e-3), "a law that only stickslip evaluates here"),
         (ss.laws.jkr(work=1e-3), "jkr, whose contacts it separates at 0.48 of the gap of pull-off"),
-        (ss.laws.with_twisting(ss.laws.linear(), k_twist=1.0, mu_twist=0.1), "whose memory it reverses"),
+        (ss.laws.with_twisting(ss.laws.linear(), k_twist=1.0, mu_twist=0.1), "whose spring it turns round"),
         (ss.laws.dmt(work=1e-3), "dmt with lever arms R"),
         (arms(ss.laws.dmt(work=1e-3, damping="tsuji", damping_n=0.5)), "dashpots that it does not have for dmt"),
         (arms(ss.laws.dmt(work=1e-3, tension=False)), "tension = false with dmt"),
         (arms(ss.laws.linear(damping="velocity", damping_t=0.1)), "damping_t but without damping_n"),
-        (ss.laws.with_rolling(arms(ss.laws.linear()), "viscous", gamma_roll=0.1), "moments of rolling or twisting"),
+        (ss.laws.with_rolling(arms(ss.laws.linear()), "viscous", gamma_roll=0.1), "rolling moment without a spring"),
+        (ss.laws.with_rolling(arms(LINEAR), k_roll=0.3, mu_roll=0.1), "whose memory it reverses"),
+        (ss.laws.with_rolling(arms(ss.laws.linear(mu=0.0)), k_roll=0.3, mu_roll=0.1), "without friction"),
+        (ss.laws.with_memory(REFF, "force"), "a memory of forces with lever arms R"),
         (ss.laws.linear(damping="tsuji", damping_n=0.5), "dashpots that it does not have"),
     ],
 )
@@ -264,12 +270,38 @@ def peer():
 @pytest.mark.parametrize("name", GRANULAR)
 def test_first_steps_of_the_granular_style(peer, name):
     """The first step agrees; later, LAMMPS keeps the length of a slip that it turns with the normal."""
-    state, law = stirred(), GRANULAR[name]
+    law = GRANULAR[name]
+    state = opened() if law.properties & ROLLING else stirred()
     for steps, most in ((1, 1e-14), (STEPS, 1e-4)):
         ours, _, _ = ss.run(state, law, steps, DT, slip_update="rate")
         theirs = run_in_lammps(state, law, steps, DT)[-1]
         assert differ(theirs.grains.velocity, ours.grains.velocity) < most
         assert differ(theirs.grains.spin, ours.grains.spin) < most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["forces", "rescaled forces"])
+def test_memory_of_forces_goes_to_lammps(peer, name):
+    law = GRANULAR[name]
+    state, _, _ = ss.run(stirred(), law, STEPS, DT, slip_update="rate")
+    ours, _, _ = ss.run(state, law, STEPS, DT, slip_update="rate")
+    compare(ours, run_in_lammps(state, law, STEPS, DT)[-1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [opened, on_a_floor])
+def test_memory_of_rolling_goes_to_lammps(peer, make):
+    """And comes back; within the step, LAMMPS keeps the lengths of what it turns with the normal."""
+    law = GRANULAR["rolling"]
+    state, _, _ = ss.run(make(), law, STEPS, DT, slip_update="rate")
+    ours, _, _ = ss.run(state, law, 1, DT, slip_update="rate")
+    theirs = run_in_lammps(state, law, 1, DT)[-1]
+    rows, others = ss.measure.touching(ours), ss.measure.touching(theirs)
+    assert differ(theirs.grains.spin, ours.grains.spin) < 1e-6
+    assert differ(theirs.contacts.rolling[others, :3], ours.contacts.rolling[rows, :3]) < 1e-5
+    without = state.contacts._replace(rolling=0 * state.contacts.rolling)
+    lost = run_in_lammps(ss.accept(state, without), law, 1, DT)[-1]
+    assert differ(lost.grains.spin, ours.grains.spin) > 1e-4
 
 
 def compare(ours, theirs):

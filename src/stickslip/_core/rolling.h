@@ -79,7 +79,7 @@ inline Vec<double> rolling_moment(const Law &law, Resistance r, const RotationSt
   if (step.kept) return rolling_load(law, r, psi, w);
   Vec<double> a = step.closed ? onto_plane(step.n, step.mid, psi) : Vec<double>{};
   Vec<double> d = onto_plane(step.n, step.mid, step.turned);
-  if (law.rate && r.damping > 0.0 && r.stiffness > 0.0) {  // spring and dashpot together
+  if (law.rate && r.stiffness > 0.0) {  // spring and dashpot together
     Loads<double, bool> out = truncate_as_lammps(0.0, r.stiffness, r.damping, r.cap, a + d, w, false);
     own[0] = out.slip.x, own[1] = out.slip.y, own[2] = out.slip.z, own[AT_CAP] = out.slides;
     return out.tangential;

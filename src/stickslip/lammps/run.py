@@ -14,11 +14,12 @@ from ..core.dynamics.coefficients import driven_bodies
 from ..core.laws.builtin import Law
 from ..core.state import OPEN, State
 from ..data.exchange.lammps_restart import (
+    Places,
     Restart,
-    history_size,
     is_complete,
     read_restart,
     restore_memory,
+    rotations,
     write_memory,
 )
 from ..data.exchange.lammps_text import read_dump
@@ -175,7 +176,8 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     """Read the state at a step, with the memory of its contacts; angles are those at the start of the leg."""
     state, path = leg.state, sample_path(leg, folder, step)
     try:
-        found = read_restart(path, walls=len(state.walls.mass), values=history_size(leg.law))
+        places = Places.of(leg.law)
+        found = read_restart(path, walls=len(state.walls.mass), values=places.size)
         if len(found.ids) != len(state.grains.radius):
             raise ValueError("a restart file that lacks grains")
     except (OSError, ValueError) as problem:
@@ -191,6 +193,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)
     grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
+    found = found._replace(more=rotations(found.more, *places[1:]), wall_more=rotations(found.wall_more, *places[1:]))
     return restore_memory(moved._replace(grains=grains), leg.law, found)
 
 

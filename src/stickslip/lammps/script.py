@@ -6,9 +6,9 @@ import numpy as np
 
 from ..builtin_laws import BY_NAME
 from ..core.dynamics.coefficients import driven_bodies
-from ..core.laws.builtin import DAMPING, NO_TENSION, Law, parameter_names
+from ..core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, Law, parameter_names
 from ..data.exchange.frame import wrapped_into
-from ..data.exchange.lammps_laws import MODELS, RESTITUTION, as_restitution
+from ..data.exchange.lammps_laws import FORCE, MODELS, RESTITUTION, SDS, as_restitution
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
 from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
 from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
@@ -127,9 +127,10 @@ def contact_commands(leg: Leg, begin: str = DATA) -> str:
         else f"# {state.cell.dim} dimensions"
     )
     load = f"read_data {DATA}" if new else f"read_restart {begin}"
+    order = "atom_modify sort 0 0\n" if leg.law.properties & ROLLING else ""  # memory would be reversed
     exclude = "".join(f" exclude type {g + 2} {g + 2}" for g in members_of(state))
     return f"""{read}
-newton off
+{order}newton off
 {load}
 reset_timestep 0
 timestep {digits(leg.dt)}
@@ -191,10 +192,16 @@ def granular_words(law: Law, values: dict[str, float]) -> str:
     kn = [values["kn"], damping_n]
     if "work" in values:
         kn = [1.5 * values["kn"], damping_n, 0.0, values["work"] / 2]
+    force = FORCE if law.properties & KEEPS_FORCE else ""
     return (
-        f"{normal} {digits(*kn)} tangential {tangential} {digits(values['kt'], share, values['mu'])} damping {damping}"
-        f"{_tension_option(law)}"
+        f"{normal} {digits(*kn)} tangential {tangential}{force} {digits(values['kt'], share, values['mu'])} "
+        f"damping {damping}{_rolling_words(law, values)}{_tension_option(law)}"
     )
+
+
+def _rolling_words(law: Law, values: dict[str, float]) -> str:
+    part, names = SDS["rolling"]
+    return f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
 
 
 def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str]]:

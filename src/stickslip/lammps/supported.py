@@ -11,12 +11,16 @@ from ..core.laws.builtin import (
     MASS,
     NO_TENSION,
     RESTITUTION,
+    ROLLING,
     SHARP,
     TSUJI,
+    TWISTING,
     VELOCITY,
     VISCOELASTIC,
+    VISCOUS,
     Law,
     damping_model,
+    parameter_names,
     rescales,
 )
 from ..core.laws.kinds import Kind
@@ -49,6 +53,7 @@ def check_law(law: Law, state: State) -> None:
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
     _check_memory(law)
+    _check_moments(law, parameters_of(law, state))
     _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
     if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
         raise ScenarioError(
@@ -71,20 +76,32 @@ def _check_memory(law: Law) -> None:
             f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: "
             f"{STAY[3:]}"
         )
-    if law.properties & KEEPS_FORCE:
+    if law.properties & TWISTING:
         raise ScenarioError(
-            f"LAMMPS was given a memory of forces, which is read from its restart files but not written: {STAY[3:]}"
+            f"LAMMPS was given twisting moments, whose spring it turns round to the direction of the present rate "
+            f"where their limit falls: {STAY[3:]}"
         )
-    if law.properties & ~LEVER:
+    granular = law.properties or BUILTIN_LAWS[law.kind].parameters
+    if granular and not law.properties & LEVER:
         raise ScenarioError(
-            f"LAMMPS was given moments of rolling or twisting, whose memory it reverses where grains cross a periodic "
-            f"boundary or change their order: {STAY[3:]}"
+            f"LAMMPS was given {describe_properties(law)} with lever arms R, and has it with R - δ/2: use "
+            f'lever = "overlap", or laws.with_lever, {STAY}'
         )
-    if BUILTIN_LAWS[law.kind].parameters and not law.properties & LEVER:
-        raise ScenarioError(
-            f'LAMMPS was given {NAMES[law.kind]} with lever arms R, and has it with R - δ/2: use lever = "overlap", '
-            f"or laws.with_lever, {STAY}"
-        )
+
+
+def describe_properties(law: Law) -> str:
+    """Name of a law that only `pair_style granular` has."""
+    names = {KEEPS_FORCE: "a memory of forces", ROLLING: "rolling moments"}
+    return next((name for part, name in names.items() if law.properties & part), NAMES[law.kind])
+
+
+def _check_moments(law: Law, q: np.ndarray) -> None:
+    """Raise ScenarioError if LAMMPS has no such rolling moments."""
+    values = dict(zip(parameter_names(law), q.tolist(), strict=True))
+    if law.properties & ROLLING and (law.properties & VISCOUS or not values["k_roll"]):
+        raise ScenarioError(f'LAMMPS was given a rolling moment without a spring: use rolling = "spring", {STAY}')
+    if law.properties & ROLLING and not values["mu"]:
+        raise ScenarioError(f"LAMMPS was given rolling moments without friction: use mu > 0, {STAY}")
 
 
 def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
@@ -122,6 +139,7 @@ def parameters_of(law: Law, state: State) -> np.ndarray:
 def check_leg(leg: Leg) -> None:
     """Raise ScenarioError if LAMMPS cannot run the conditions of a leg exactly."""
     check_law(leg.law, leg.state)
+    _check_order(leg)
     _check_cell(leg)
     _check_grains(leg.state)
     _check_groups(leg)
@@ -130,6 +148,16 @@ def check_leg(leg: Leg) -> None:
         raise ScenarioError(
             f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "
             f"fewer samples or a smaller dt"
+        )
+
+
+def _check_order(leg: Leg) -> None:
+    """Raise ScenarioError if LAMMPS would reverse the memory of rolling."""
+    periodic = leg.state.cell.periodic[: leg.state.cell.dim].any()
+    if leg.law.properties & ROLLING and (periodic or leg.ranks > 1):
+        raise ScenarioError(
+            f"LAMMPS was given rolling moments, whose memory it reverses where grains cross a periodic side or go to "
+            f"another process: use open sides and one process, {STAY}"
         )
 
 

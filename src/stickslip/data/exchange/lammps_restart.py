@@ -370,7 +370,7 @@ def restore_memory(state: State, law: Law, found: Restart) -> State:
     values, more = (np.concatenate(parts) for parts in ((found.slip, found.wall_slip), (found.more, found.wall_more)))
     order = np.argsort(theirs)
     place = np.searchsorted(theirs, key, sorter=order)
-    place = order[np.minimum(place, max(len(order) - 1, 0))] if len(order) else np.zeros(0, np.int64)
+    place = order[np.minimum(place, len(order) - 1)] if len(order) else place
     known = theirs[place] == key if len(order) else np.zeros(count, bool)
     mode, pair, slip = listed.mode.copy(), listed.pair.copy(), np.zeros_like(listed.slip)
     if bridges_gaps(law.kind):  # LAMMPS also keeps bonds of grains that are out of reach
@@ -474,9 +474,19 @@ def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tup
     return pace, v - pace[:, None] * normal
 
 
-def history_size(law: Law) -> int:
-    """Number of doubles that a pair style stores for a contact."""
-    return 4 if rescales(law) else 3
+class Places(NamedTuple):
+    """Layout of the memory of a contact in LAMMPS: its slip or force comes first."""
+
+    size: int  # number of doubles
+    rolls: int = -1  # place of the rolling displacement after the slip; -1 without
+    twists: int = -1  # place of the twist
+
+    @classmethod
+    def of(cls, law: Law) -> "Places":
+        """Layout of the memory of a law."""
+        rolls, twists = law.properties & ROLLING > 0, law.properties & TWISTING > 0
+        first = int(rescales(law))
+        return cls(3 + first + 3 * rolls + 3 * twists, first if rolls else -1, first + 3 * rolls if twists else -1)
 
 
 def wall_values(found: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -516,37 +526,41 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
     """Entries of the pair style and of the walls for each grain."""
     contacts, rows = state.contacts, touching(state)
     partners, touched = [[] for _ in range(n)], [{} for _ in range(n)]
-    more = _contact_radii(state, law, rows)
-    for row, radius in zip(rows, more, strict=True):
-        i, j, slip = int(contacts.i[row]), int(contacts.j[row]), contacts.slip[row]
+    for row, memory in zip(rows, _memory(state, law, rows), strict=True):
+        i, j = int(contacts.i[row]), int(contacts.j[row])
         if j >= n:
-            touched[i][j - n] = slip
+            touched[i][j - n] = memory
             continue
-        partners[i].append((j, [*slip, *radius]))
-        partners[j].append((i, [*-slip, *radius]))
-    found = []
+        partners[i].append((j, memory))
+        partners[j].append((i, np.append(-memory[:3], memory[3:])))
+    entries = []
     for i in range(n):
-        size = 2 + (history_size(law) + 1) * len(partners[i])
-        entry = [size, len(partners[i])]
+        entry = [2 + sum(len(memory) + 1 for _, memory in partners[i]), len(partners[i])]
         for j, memory in partners[i]:
             entry += [_bits(j + 1), *memory]
         for wall in range(walls):
-            slip = touched[i].get(wall)
-            entry += [2.0, _bits(0)] if slip is None else [6.0, _bits(1), _bits(0), *slip]
-        found.append(np.array(entry, float))
-    return found
+            memory = touched[i].get(wall)
+            entry += [2.0, _bits(0)] if memory is None else [3.0 + len(memory), _bits(1), _bits(0), *memory]
+        entries.append(np.array(entry, float))
+    return entries
 
 
-def _contact_radii(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
-    """What `mindlin_rescale` stores besides the slip, the contact radius √(δ R_eff): (rows, 1), otherwise (rows, 0)."""
-    if not rescales(law):
-        return np.zeros((len(rows), 0))
-    r, c = state.grains.radius, state.contacts
-    i, j = c.i[rows], c.j[rows]
-    place = state.grains.position
-    distance = np.linalg.norm(place[i] - place[j] + c.image[rows] @ state.cell.vectors, axis=1)
-    overlap, reduced = r[i] + r[j] - distance, r[i] * r[j] / (r[i] + r[j])
-    return np.sqrt(overlap * reduced)[:, None]
+def _memory(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
+    """(C, size) memory of contacts as LAMMPS stores it."""
+    places, own = Places.of(law), state.contacts.rolling
+    memory = np.zeros((len(rows), places.size))
+    memory[:, :3] = state.contacts.slip[rows]
+    c = linearise(state, law, memory=FROZEN) if law.properties & (KEEPS_FORCE | ROLLING) else None
+    if law.properties & KEEPS_FORCE:
+        memory[:, :3] *= -c.stiffness_t[rows, None]
+    r_eff = _pair_sizes(state, rows)[0]
+    if rescales(law):
+        memory[:, 3] = np.sqrt(overlaps(state)[rows] * r_eff)
+    if law.properties & ROLLING:
+        memory[:, 3 + places.rolls : 6 + places.rolls] = r_eff[:, None] * np.cross(own[rows, :3], c.normal[rows])
+    if law.properties & TWISTING:
+        memory[:, 3 + places.twists] = own[rows, TWIST]
+    return memory
 
 
 def _bits(number: int) -> float:
