@@ -115,7 +115,7 @@ def test_what_was_assumed_is_said(name, words, cases):
     [
         ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
         ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
-        ("dialects/packing.vtu", "is VTK as XML, which is not read: save it from ParaView as .csv or as legacy .vtk"),
+        ("dialects/packing.vtu", "is truncated, or not VTK of points (no complete XML"),
         ("dialects/empty.vtk", "has no columns: x y z"),
         ("dialects/twice.dump", "has grain 4 twice within one time step"),
         ("dialects/full.data", "could be those of sphere or full: give --atom-style sphere"),

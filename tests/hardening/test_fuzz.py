@@ -1,5 +1,6 @@
 """Mutated files: whatever is in a scenario or a packing, the command line ends with 0, or with 2 and one sentence."""
 
+import base64
 import copy
 import gc
 import json
@@ -22,6 +23,7 @@ from stickslip.data.exchange.motion import read_mode
 from stickslip.loading.packing import jammed
 from stickslip.reports.packing import check_modes
 from tests.exchange.test_lammps_runs import CASES
+from tests.exchange.test_vtk_xml import CASES as VTK_CASES
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES
 
@@ -268,13 +270,15 @@ FOREIGN = (
     "sheared/sheared.restart", "sheared/dump.grains", "sheared/grains.dump.gz", "sheared/labels.data",
     "sheared/log.lammps", "dialects/yade.txt", "dialects/pfc.csv", "dialects/mercury.data", "dialects/packing.xyz",
     "dialects/packing.vtk", "dialects/liggghts.pairs", "p.npy", "binary.vtk",
+    "binary-zlib.vtu", "appended-zlib-raw.vtp", "appended-plain-base64.vtu",
 )  # fmt: skip
 
 
 def foreign_files(folder):
     """Files of other programs, of 24 to 27 grains."""
-    with tarfile.open(CASES) as packed:
-        packed.extractall(folder, filter="data")
+    for cases in (CASES, VTK_CASES):
+        with tarfile.open(cases) as packed:
+            packed.extractall(folder, filter="data")
     state = ss.io.read_packing(folder / "sheared" / "sheared.restart").state
     place, radius = state.grains.position, state.grains.radius
     np.save(folder / "p.npy", np.column_stack([place, radius]))
@@ -320,7 +324,13 @@ def test_ten_thousand_damaged_files_of_other_programs(tmp_path):
     check_foreign(10_000, tmp_path)
 
 
+HUGE = base64.b64encode(b"\0\xca\x9a\x3b" + bytes(20))  # a billion bytes in the header of an array
 BILLION = {
+    "a.vtu": b'<VTKFile type="PolyData"><Piece><Points><DataArray type="Float64" NumberOfComponents="3" '
+    b'format="binary">'
+    + HUGE + b"</DataArray></Points></Piece></VTKFile>",
+    "b.vtu": b'<VTKFile type="PolyData" compressor="vtkZLibDataCompressor"><Piece><Points><DataArray type="Float64" '
+    b'NumberOfComponents="3" format="binary">' + HUGE + b"</DataArray></Points></Piece></VTKFile>",
     "a.vtk": b"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET POLYDATA\nPOINTS 1000000000 double\n" + bytes(600),
     "a.xyz": b'1000000000\nProperties=pos:R:3:radius:R:1\n0 0 0 1\n',
     "mercury.data": b"1000000000 0 0 0 0 1 1 1\n0 0 0 0 0 0 1 0 0 0 0 0 0 0\n",

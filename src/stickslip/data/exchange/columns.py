@@ -22,8 +22,8 @@ PLACES = (
     "p",
     "x",
 )
-MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel")
-TURNS = ("w", "omega", "spin", "angvel", "angularvelocity")
+MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel", "linvelvec")
+TURNS = ("w", "omega", "spin", "angvel", "angvelvec", "angularvelocity")
 SINGLE = {
     "radius": ("r", "rad", "radius", "radii", "ballradius"),
     "diameter": ("d", "dia", "diam", "diameter"),

@@ -4,6 +4,7 @@ NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-con
 frames become NAME_0000.vtu and so on, which ParaView opens as a series.
 """
 
+import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,6 +15,7 @@ from ...core.text import parse_numbers
 from ...extras import require
 from ..atomic import name_file_in_errors
 from ..sample import Assumption, PackingError
+from . import vtk_xml
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state, read_content
 from .frame import Frame, list_losses, wrapped_into
@@ -95,18 +97,17 @@ TYPES = {
 
 def recognize(head: bytes) -> bool:
     """Return True for legacy VTK files and for VTU and VTP."""
-    return head.lstrip().startswith(LEGACY) or b"<VTKFile" in head[:200]
+    return head.lstrip().startswith(LEGACY) or vtk_xml.MARK in head[:200]
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read the points of a legacy VTK file, with the radii in its point data."""
+    """Read the points of a VTK file, legacy or XML, with the radii in its point data."""
     only_state(path, frame)
     content = read_content(path)
-    if not content.lstrip().startswith(LEGACY):
-        raise PackingError(f"{path} is VTK as XML, which is not read: save it from ParaView as .csv or as legacy .vtk")
+    read_columns = _legacy_columns if content.lstrip().startswith(LEGACY) else vtk_xml.read_columns
     try:
-        columns = {name: _squeezed(column) for name, column in _legacy_columns(content).items()}
-    except (ValueError, IndexError, KeyError) as problem:
+        columns = {name: _squeezed(column) for name, column in read_columns(content).items()}
+    except (ValueError, IndexError, KeyError, zlib.error) as problem:
         raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
     packing = packing_of_columns(columns, path.name, path.stem)
     return [packing._replace(words=[*packing.words, Assumption(extent_note(path.name))])]
