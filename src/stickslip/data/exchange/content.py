@@ -78,6 +78,8 @@ def read_content(path: Path, size: int = -1) -> bytes:
         if type(problem).__name__ != "ZstdError":
             raise
         raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
+    if not content:
+        raise PackingError(f"{path} is compressed and has no content: it is truncated or damaged")
     if len(content) == most:
         raise PackingError(f"{path} expands by a factor above {MOST_EXPANDED}, which no packing does: it is damaged")
     return content
