@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, Quiet, app, complete_from, examples
+from .app import AsJson, Output, command, complete_from, examples
 
 
 def _example_names() -> dict[str, str]:
@@ -34,8 +34,9 @@ EXAMPLE = examples(
 DOCS = examples(("docs", "a list"), ("docs scenario/flow", "all keys of flow scenarios"))
 
 
-@app.command(epilog=EXAMPLE, short_help="List or copy the examples.")
+@command(epilog=EXAMPLE, short_help="List or copy the examples.")
 def example(
+    *,
     names: Annotated[
         list[str] | None,
         typer.Argument(metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(_example_names)),
@@ -43,8 +44,7 @@ def example(
     every: Annotated[bool, typer.Option("--all", help="Copy all examples.")] = False,
     to: Annotated[Path, typer.Option("--to", help="Folder for the copies.")] = Path("examples"),
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files.")] = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """List the examples that come with the package, or copy them: scenarios, packings, laws, input of LAMMPS."""
     from ..reports import terminal
@@ -54,9 +54,9 @@ def example(
         raise ValueError("--all was given with names: give one of them")
     known = bundled.names()
     paths = bundled.copy(*names or (), to=to, overwrite=overwrite) if names or every else []
-    if as_json:
+    if output.as_json:
         print(json_output.to_json(json_output.common_fields("example", files=paths) | {"examples": known}))
-    elif quiet:
+    elif output.quiet:
         print("\n".join(map(str, paths or known)))
     elif paths:
         terminal.show_paths(paths)
@@ -64,7 +64,7 @@ def example(
         terminal.show_pairs("Examples: stickslip example NAME copies one, --all copies all", known)
 
 
-@app.command(epilog=DOCS, short_help="Read the documentation: keys of scenarios, laws, LAMMPS.")
+@command(epilog=DOCS, short_help="Read the documentation: keys of scenarios, laws, LAMMPS.")
 def docs(
     page: Annotated[
         str | None,
@@ -88,7 +88,7 @@ def docs(
         terminal.show_pairs("Pages: stickslip docs PAGE shows one", bundled.pages())
 
 
-@app.command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
+@command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
 def cite(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No effect: only BibTeX is printed.")] = False,
@@ -106,7 +106,7 @@ def cite(
         print(text, end="")
 
 
-@app.command(epilog=DOCTOR, short_help="Check this installation.")
+@command(epilog=DOCTOR, short_help="Check this installation.")
 def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the verdict.")] = False,
     as_json: AsJson = False,

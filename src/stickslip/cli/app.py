@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple, get_type_hints
 
 import typer
 
@@ -110,6 +112,63 @@ Trust = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 
+class Output(NamedTuple):
+    """Options of what a command prints."""
+
+    quiet: Quiet = False
+    as_json: AsJson = False
+
+
+class EngineOptions(NamedTuple):
+    """Options of the engine that runs a scenario."""
+
+    engine: Engine = None
+    ranks: Ranks = None
+
+    def given(self) -> dict:
+        """Values by name, without those that were not given."""
+        return {name: value for name, value in self._asdict().items() if value is not None}
+
+
+class ProcessOptions(NamedTuple):
+    """Options of the processes of independent runs."""
+
+    workers: Workers = None
+    scheduler: Scheduler = None
+
+
+def command(**how):
+    """Make a function a command; fields of its parameters that are NamedTuples become options."""
+
+    def register(function):
+        own = signature(function).parameters.values()
+        groups = {
+            p.name: p.annotation for p in own if isinstance(p.annotation, type) and hasattr(p.annotation, "_fields")
+        }
+
+        @wraps(function)
+        def call(**given):
+            filled = {name: kind(*(given.pop(field) for field in kind._fields)) for name, kind in groups.items()}
+            return function(**given, **filled)
+
+        single = [option for p in own for option in (_options_of(p.annotation) if p.name in groups else [p])]
+        del call.__wrapped__
+        call.__signature__ = Signature([p.replace(kind=Parameter.KEYWORD_ONLY) for p in single])
+        call.__annotations__ = {p.name: p.annotation for p in single}
+        return app.command(**how)(call)
+
+    return register
+
+
+def _options_of(group: type) -> list[Parameter]:
+    """Parameters for the fields of a NamedTuple."""
+    kinds = get_type_hints(group, include_extras=True)
+    return [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=group._field_defaults[name], annotation=kinds[name])
+        for name in group._fields
+    ]
+
+
 def examples(*pairs: tuple[str, str]) -> str:
     """Help text for the end of a command's help: commands that work as typed, each with a comment."""
     lines = [f"  stickslip {words}\n      {said}" for words, said in pairs]
@@ -127,15 +186,13 @@ def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
         raise ValueError(f"{name} {got!r} is not known: use {', '.join(allowed)}{hint}")
 
 
-def finish(
-    answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], *, quiet: bool, as_json: bool
-) -> None:
+def finish(answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], output: Output) -> None:
     """Print the result of a command that writes files: a JSON object, only paths, or a summary and paths."""
-    if as_json:
+    if output.as_json:
         from ..runs import json_output
 
         print(json_output.to_json(answer()))
-    elif quiet:
+    elif output.quiet:
         print("\n".join(map(str, paths)))
     else:
         from ..reports import terminal

@@ -2,14 +2,13 @@
 
 import sys
 from functools import wraps
-from inspect import Signature, signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish, number_option, numbers_by_name
+from .app import Output, OverwriteFile, command, complete_from, examples, finish, number_option, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -50,7 +49,9 @@ CONVERT = examples(
 )
 
 
-def _packing_options(
+class PackingOptions(NamedTuple):
+    """Options of all commands that read a packing; see `read_packing`."""
+
     law: Annotated[
         str | None,
         typer.Option(
@@ -58,88 +59,96 @@ def _packing_options(
             "walton_braun or your own Python file; takes precedence over the law in FILE.",
             autocompletion=complete_from(LAWS),
         ),
-    ] = None,
-    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None,
-    kn: Annotated[float | None, number_option(help="Normal stiffness.")] = None,
-    kt: Annotated[float | None, number_option(help="Tangential stiffness.")] = None,
-    mu: Annotated[float | None, number_option(help="Friction coefficient.")] = None,
-    young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
-    poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None,
+    ] = None
+    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None
+    kn: Annotated[float | None, number_option(help="Normal stiffness.")] = None
+    kt: Annotated[float | None, number_option(help="Tangential stiffness.")] = None
+    mu: Annotated[float | None, number_option(help="Friction coefficient.")] = None
+    young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None
+    poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None
     damping: Annotated[
         str | None,
         typer.Option(
             help="velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.",
             autocompletion=complete_from(DAMPING),
         ),
-    ] = None,
-    damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None,
-    damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None,
+    ] = None
+    damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None
+    damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None
     parameter: Annotated[
         list[str] | None, typer.Option(help="Another parameter of the law, as in work=1e-3 for jkr; repeatable.")
-    ] = None,
-    i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None,
-    frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None,
-    contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None,
-    columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
+    ] = None
+    i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
+    frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
+    contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None
+    columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None
     boundary: Annotated[
         str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
-    ] = None,
-    atom_style: Annotated[
-        str | None, typer.Option(help="sphere, if a LAMMPS data file does not name its style.")
-    ] = None,
-):
-    """Options of all commands that read a packing; see `read_packing`."""
+    ] = None
+    atom_style: Annotated[str | None, typer.Option(help="sphere, if a LAMMPS data file does not name its style.")] = (
+        None
+    )
+
+    def values(self) -> dict:
+        """Options of `read_packing`."""
+        values = self._asdict()
+        return values | {"parameters": numbers_by_name(values.pop("parameter"))}
 
 
-def with_packing_options(command):
-    """Add the options of `_packing_options` to a command, which receives them as the dictionary `options`.
-
-    The command prints the units of its packing.
-    """
-    own, more = (list(signature(f).parameters.values()) for f in (command, _packing_options))
-    names = [parameter.name for parameter in more]
+def in_units_of_packing(command):
+    """Make a command print in the units of its packing."""
 
     @wraps(command)
-    def wrapper(**given):
+    def call(**given):
         from ..core.units import units_in_use
         from ..data.exchange.files import packing_units
 
-        options = {name: given.pop(name) for name in names}
-        options["parameters"] = numbers_by_name(options.pop("parameter"))
         with units_in_use(packing_units(given.get("file") or given["place"])):
-            return command(**given, options=options)
+            return command(**given)
 
-    del wrapper.__wrapped__
-    wrapper.__signature__ = Signature([*(p for p in own if p.name != "options"), *more])
-    wrapper.__annotations__ = {p.name: p.annotation for p in wrapper.__signature__.parameters.values()}
-    return wrapper
+    return call
 
 
-@app.command(epilog=STABILITY, short_help="Is this packing stable?")
-@with_packing_options
-def stability(
-    file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
-    ],
-    options: dict,
+class MethodOptions(NamedTuple):
+    """Options of the eigenvalues that are computed."""
+
     method: Annotated[
         str,
         typer.Option(
             "--method", help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS)
         ),
-    ] = "auto",
-    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest growing pair only.")] = False,
-    every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False,
+    ] = "auto"
+    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest growing pair only.")] = False
+    every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False
     certify: Annotated[
         bool, typer.Option("--certify", help="Also certify the real eigenvalues; reports the estimated time first.")
-    ] = False,
+    ] = False
+
+    def name(self, default: str) -> str:
+        """Name of the method: the one that was asked for, or else the default."""
+        flags = (("fastest", self.fastest), ("all", self.every), ("certify", self.certify))
+        asked = [name for name, on in flags if on] + [self.method] * (self.method != "auto")
+        if len(asked) > 1:
+            raise ValueError("more than one of --fastest, --all, --certify and --method was given: give one")
+        return asked[0] if asked else default
+
+
+@command(epilog=STABILITY, short_help="Is this packing stable?")
+@in_units_of_packing
+def stability(
+    *,
+    file: Annotated[
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+    ],
+    search: MethodOptions,
     settle: Annotated[
         bool, typer.Option("--settle", help="Let it come to rest under this law first; analyse that state.")
     ] = False,
     modes: Annotated[
         Path | None,
         typer.Option(
-            "--modes", help="Output file for modes; default: FILE's name with -modes.npz, in the current folder."
+            "--modes",
+            help="Output file for modes; default: FILE's name with -modes.npz, in this folder; none with --json.",
         ),
     ] = None,
     beyond: Annotated[
@@ -149,10 +158,8 @@ def stability(
         bool, typer.Option("--after", help="Also what follows the instability: bursts, or a contact that is lost.")
     ] = False,
     dashpots: Dashpots = True,
-    quiet: Quiet = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object; write modes only with --modes.")
-    ] = False,
+    output: Output,
+    options: PackingOptions,
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
@@ -165,16 +172,13 @@ def stability(
     from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
 
-    asked = [name for name, on in (("fastest", fastest), ("all", every), ("certify", certify)) if on]
-    if len(asked) + (method != "auto") > 1:
-        raise ValueError("more than one of --fastest, --all, --certify and --method was given: give one")
-    method = asked[0] if asked else "all" if modes and method == "auto" else method
+    method = search.name("all" if modes else "auto")
     shapes = modes or Path(f"{file.stem}-modes.npz")
-    if modes or not as_json:
+    if modes or not output.as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
-    with terminal.console_output(quiet=quiet, as_json=as_json):
+    with terminal.console_output(*output):
         with terminal.progress(transient=True) as tell:
-            (state, its_law, words), said = capture_warnings(read_packing, file, **options)
+            (state, its_law, words), said = capture_warnings(read_packing, file, **options.values())
             words, calm = [*words, *said], None
             if settle:
                 state, calm = stability_report.settled(state, its_law)
@@ -186,11 +190,11 @@ def stability(
 
                 more = compute_details(state, its_law, found, report=tell)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
-        why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
+        why, paths = [] if found.balanced else stability_report.likely_causes(found, options.values(), words), []
         shape = stability_report.geometry(state) if stability_report.missing_parts(words) else None
-        if modes or (not as_json and found.balanced and found.modes.shape[1]):
+        if modes or (not output.as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]
-    if as_json:
+    if output.as_json:
         from ..runs import json_output
 
         for line in words:
@@ -202,7 +206,7 @@ def stability(
                 about | stability_report.to_dict(found, more, form, calm=calm, why=why, words=words, shape=shape)
             )
         )
-    elif quiet:
+    elif output.quiet:
         print(stability_report.verdict(found, calm, words))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
@@ -213,24 +217,24 @@ def stability(
         raise typer.Exit(NO_VERDICT)
 
 
-@app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
-@with_packing_options
+@command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
+@in_units_of_packing
 def convert(
+    *,
     file: Annotated[
         Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
     ],
     to: Annotated[
         Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5.")
     ],
-    options: dict,
     modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
     mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period.")] = 48,
     amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     grow: Annotated[bool, typer.Option("--grow", help="Include the growth of the mode.")] = False,
     overwrite: OverwriteFile = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
+    options: PackingOptions,
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings, convert
@@ -238,7 +242,7 @@ def convert(
 
     (paths, words), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
-        **options,
+        **options.values(),
     )  # fmt: skip
     words = [*words, *said]
 
@@ -251,4 +255,4 @@ def convert(
 
         return json_output.common_fields("convert", files=paths) | {"notes": words}
 
-    finish(answer, paths, show, quiet=quiet, as_json=as_json)
+    finish(answer, paths, show, output)

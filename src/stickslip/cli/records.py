@@ -2,11 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
-from .app import Out, Quiet, app, check_choice, complete_from, examples, number_option
+from .app import Out, Output, check_choice, command, complete_from, examples, number_option
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -21,32 +21,47 @@ FIT = examples(
 )
 
 
-@app.command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
-def fit(
-    file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
-    law: Annotated[
-        str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))
-    ] = "both",
+class ModelOptions(NamedTuple):
+    """Options of the law that is fitted."""
+
+    law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))] = "both"
     stiffness: Annotated[
         float | None, number_option("--stiffness", help="Known stiffness, friction per displacement [1/m].")
-    ] = None,
-    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False,
+    ] = None
+    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False
     v0: Annotated[
         float | None,
         number_option("--v0", help="Velocity at which friction is mu0; default: the first velocity [m/s]."),
-    ] = None,
-    before: Annotated[
-        float | None, number_option("--before", help="Slip velocity before the record starts [m/s].")
-    ] = None,
-    detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False,
-    normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False,
+    ] = None
+    before: Annotated[float | None, number_option("--before", help="Slip velocity before the record starts [m/s].")] = (
+        None
+    )
+    detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False
+    normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False
     form: Annotated[
         str, typer.Option("--form", help="logarithmic or regularized.", autocompletion=complete_from(FORMS))
-    ] = "logarithmic",
+    ] = "logarithmic"
     free: Annotated[
         str | None,
         typer.Option("--free", help="Other parameters to fit, as in 'b2,dc2' for a second state, or 'v1', 'v2'."),
-    ] = None,
+    ] = None
+
+    def given(self) -> dict[str, float]:
+        """Parameters that are given, by name."""
+        return {name: getattr(self, name) for name in ("stiffness", "v0") if getattr(self, name) is not None}
+
+    def free_names(self) -> tuple[str, ...]:
+        """Names of the parameters that are fitted besides the usual ones."""
+        names = ["stiffness"] * self.free_stiffness + ["trend"] * self.detrend
+        names += [name.strip() for name in self.free.split(",")] if self.free else []
+        return tuple(dict.fromkeys(names))
+
+
+@command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
+def fit(
+    *,
+    file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
+    model: ModelOptions,
     columns: Annotated[
         str | None, typer.Option("--columns", help="Columns of a file without headers, as in 'time=0,friction=3'.")
     ] = None,
@@ -56,34 +71,31 @@ def fit(
     steps: Annotated[int, typer.Option("--steps", help="Longest chain of --posterior.")] = 4000,
     out: Out = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
-    quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    output: Output,
 ) -> None:
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
-    check_choice("law", law, LAWS)
-    check_choice("form", form, FORMS)
+    check_choice("law", model.law, LAWS)
+    check_choice("form", model.form, FORMS)
     from ..experiments.rate_state import fit_report
     from ..reports import terminal
     from ..runs import json_output
 
     if out is not None:
         fit_report.check_folder(out, overwrite)
-    fixed = {name: value for name, value in (("stiffness", stiffness), ("v0", v0)) if value is not None}
-    names = ["stiffness"] * free_stiffness + ["trend"] * detrend
-    names += [name.strip() for name in free.split(",")] if free else []
-    with terminal.console_output(quiet=quiet, as_json=as_json):
+    with terminal.console_output(*output):
         found = fit_report.fit_record(
-            file, laws=("aging", "slip") if law == "both" else (law,), fixed=fixed, free=tuple(dict.fromkeys(names)),
-            before=before, normal=normal, columns=columns, form=form, steps=steps if posterior else None,
+            file, laws=("aging", "slip") if model.law == "both" else (model.law,), fixed=model.given(),
+            free=model.free_names(), before=model.before, normal=model.normal, columns=columns, form=model.form,
+            steps=steps if posterior else None,
         )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
-    if as_json:
+    if output.as_json:
         print(
             json_output.to_json(
                 json_output.common_fields("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found))
             )
         )
-    elif quiet:
+    elif output.quiet:
         print("\n".join(fit_report.conclusions(found)))
     else:
         fit_report.show(found)

@@ -9,17 +9,14 @@ import typer
 
 from .app import (
     ENGINES,
-    AsJson,
-    Engine,
+    EngineOptions,
     Out,
+    Output,
     Overwrite,
-    Quiet,
-    Ranks,
-    Scheduler,
+    ProcessOptions,
     Trust,
-    Workers,
-    app,
     check_choice,
+    command,
     complete_from,
     examples,
     finish,
@@ -51,8 +48,9 @@ def _papers() -> dict[str, str]:
     return {name: one.words for name, one in papers().items()}
 
 
-@app.command(epilog=REPRODUCE, short_help="Run a paper's experiment and evaluate its claims.")
+@command(epilog=REPRODUCE, short_help="Run a paper's experiment and evaluate its claims.")
 def reproduce(
+    *,
     experiment: Annotated[
         str,
         typer.Argument(
@@ -71,11 +69,9 @@ def reproduce(
     ] = False,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    processes: ProcessOptions,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
     check_choice("experiment", experiment, _papers())
@@ -85,29 +81,28 @@ def reproduce(
             if quick
             else f"{experiment} has no --full: leave it out"
         )
-    spread = _choose_workers(workers, scheduler)
+    spread = _choose_workers(processes)
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
     from ..runs.resume import mark_reproduction
 
     chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
-    how = {"quiet": quiet, "as_json": as_json}
-    with _working_in(folder, how):
+    with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
         mark_reproduction(folder, chosen, **asked)
-        _reproduce_in("reproduce", folder, spread, how, **asked)
+        _reproduce_in("reproduce", folder, spread, output, **asked)
 
 
 @contextmanager
-def _working_in(folder: Path, how: dict):
+def _working_in(folder: Path, output: Output):
     """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.lock import lock_folder
     from ..reports import terminal
 
-    with terminal.console_output(**how), lock_folder(folder):
+    with terminal.console_output(*output), lock_folder(folder):
         try:
             yield
         except KeyboardInterrupt:
@@ -116,7 +111,7 @@ def _working_in(folder: Path, how: dict):
             raise StoppedError("stopped by the user before anything was saved: run the command again") from None
 
 
-def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
+def _reproduce_in(command: str, folder: Path, spread, output: Output, *, experiment: str, quick: bool, **asked) -> None:
     """Run or continue a paper's experiment in a folder."""
     from ..experiments.registry import papers
     from ..reports import terminal
@@ -133,30 +128,28 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
         paths = write_reproduction(folder, chosen, found)
     finish(
         lambda: json_output.describe_run(command, folder, found.main, paths, found.claims), paths,
-        lambda: show_claims(found.claims, chosen.paper.shows()), **how,
+        lambda: show_claims(found.claims, chosen.paper.shows()), output,
     )  # fmt: skip
 
 
-@app.command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
+@command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
 def run(
+    *,
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
     out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/SCENARIO.")] = None,
-    engine: Engine = None,
-    ranks: Ranks = None,
+    engine: EngineOptions,
     export: Annotated[
         Path | None,
         typer.Option(
             "--export", help="Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
         ),
     ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    processes: ProcessOptions,
     overwrite: Overwrite = False,
     trust: Trust = False,
     yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False,
     figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
     from ..data.law_file import check_law_files, trust_law_files
@@ -167,26 +160,26 @@ def run(
     if out is not None and export is not None:
         raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
     out = out or Path("results") / scenario.stem
-    tables, how = read_tables(scenario), {"quiet": quiet, "as_json": as_json}
+    tables = read_tables(scenario)
     if trust:
         trust_law_files(tables)
     if "sweep" in tables:
         if export:
             raise ValueError("--export was given with a sweep: export its members one by one")
-        tables, spread = _sweep_tables(tables, engine, ranks), _choose_workers(workers, scheduler)
-        with _working_in(out, how):
-            return _run_sweep_in("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
-    chosen = _with_engine(make_scenario(**tables), engine, ranks)
+        tables, spread = _sweep_tables(tables, engine), _choose_workers(processes)
+        with _working_in(out, output):
+            return _run_sweep_in("run", tables, out, spread, output, overwrite=overwrite, yes=yes, figures=figures)
+    chosen = _with_engine(make_scenario(**tables), engine)
     if export:
-        return _export_to(export, chosen, how, overwrite=overwrite)
+        return _export_to(export, chosen, output, overwrite=overwrite)
     check_law_files(chosen.model_dump())
-    spread = _choose_workers(workers, scheduler, chosen)
-    with _working_in(out, how):
+    spread = _choose_workers(processes, chosen)
+    with _working_in(out, output):
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
-        return _run_in("run", chosen, out, spread, how)
+        return _run_in("run", chosen, out, spread, output)
 
 
-def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
+def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
     """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
     from ..experiments.registry import experiment_of
@@ -200,17 +193,17 @@ def _export_to(folder: Path, chosen, how: dict, *, overwrite: bool) -> None:
         raise ValueError(
             f"--export was given with {what}: it writes flows and fault gouge for LAMMPS; add --engine lammps"
         )
-    with _working_in(folder, how):
+    with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
         checkpoint_in(folder, chosen).announce()
     words = f"Submit job.slurm, or run sh run.sh; then stickslip resume {folder}."
     finish(
-        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(words), **how
+        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(words), output
     )  # fmt: skip
 
 
-def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
+def _run_in(command: str, chosen, folder: Path, spread, output: Output) -> None:
     """Run or continue a scenario in a folder."""
     from ..core.units import units_in_use
     from ..experiments.registry import experiment_of
@@ -227,45 +220,43 @@ def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
     with units_in_use(chosen.named_units):
         finish(
             lambda: json_output.describe_run(command, folder, found, paths), paths, lambda: experiment.show(found),
-            **how,
+            output,
         )  # fmt: skip
 
 
-@app.command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
+@command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
 def resume(
+    *,
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    processes: ProcessOptions,
     trust: Trust = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
     from ..data.law_file import check_law_files, trust_law_files
     from ..reports import terminal
     from ..runs.resume import find_unfinished
 
-    how = {"quiet": quiet, "as_json": as_json}
-    with terminal.console_output(**how):
+    with terminal.console_output(*output):
         if find_unfinished(folder) is None:
-            return _report_finished(folder, how)
-        with _working_in(folder, how):
+            return _report_finished(folder, output)
+        with _working_in(folder, output):
             found = find_unfinished(folder)  # again, because another process may have finished in between
             if found is None:
-                return _report_finished(folder, how)
+                return _report_finished(folder, output)
             tables = found.sweep or found.scenario.model_dump()
             if trust:
                 trust_law_files(tables)
             check_law_files(tables)
-            spread = _choose_workers(workers, scheduler, found.scenario)
+            spread = _choose_workers(processes, found.scenario)
             if found.reproduction:
-                return _reproduce_in("resume", folder, spread, how, **found.reproduction)
+                return _reproduce_in("resume", folder, spread, output, **found.reproduction)
             if found.sweep:
-                return _run_sweep_in("resume", found.sweep, folder, spread, how, yes=True, figures=found.figures)
-            return _run_in("resume", found.scenario, folder, spread, how)
+                return _run_sweep_in("resume", found.sweep, folder, spread, output, yes=True, figures=found.figures)
+            return _run_in("resume", found.scenario, folder, spread, output)
 
 
-def _report_finished(folder: Path, how: dict) -> None:
+def _report_finished(folder: Path, output: Output) -> None:
     """Report that a run has finished, and list its files."""
     from ..data.checkpoint import SCENARIO
     from ..data.run_files import list_files
@@ -276,12 +267,12 @@ def _report_finished(folder: Path, how: dict) -> None:
     words, paths = f"{folder} is finished: there is nothing to resume.", list_files(folder)
     finish(
         lambda: json_output.describe_finished_run("resume", folder, read_scenario(folder / SCENARIO)), paths,
-        lambda: terminal.console.print(words), **how,
+        lambda: terminal.console.print(words), output,
     )  # fmt: skip
 
 
 def _run_sweep_in(
-    command: str, tables: dict, out: Path, spread, how: dict, *, yes: bool, figures: bool, overwrite: bool = False
+    command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, figures: bool, overwrite: bool = False
 ) -> None:
     """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
     from ..runs import json_output
@@ -291,7 +282,7 @@ def _run_sweep_in(
     chosen = sweep(**tables)
 
     def confirm() -> bool:
-        if yes or not sys.stdin.isatty() or how["as_json"] or how["quiet"]:
+        if yes or not sys.stdin.isatty() or output.as_json or output.quiet:
             if not yes:
                 raise ValueError(f"the sweep has {chosen.count} members and there is no terminal to confirm: add --yes")
             return True
@@ -306,24 +297,24 @@ def _run_sweep_in(
         json_output.describe_sweep(command, out, found, sweep_report.ranges(found)),
         sweep_report.failure_summary(found),
     )
-    if sentence and how["as_json"]:
+    if sentence and output.as_json:
         raise FailedError(sentence, json_output.to_jsonable(answer))
-    finish(lambda: answer, answer["files"], lambda: sweep_report.show(found), **how)
+    finish(lambda: answer, answer["files"], lambda: sweep_report.show(found), output)
     if sentence:
         raise RuntimeError(sentence)
     return None
 
 
-def _sweep_tables(tables: dict, engine: str | None, ranks: int | None) -> dict:
-    """Tables of a sweep, with `engine` and `ranks`, if given, in place of their own."""
-    if engine is not None:
-        check_choice("engine", engine, ENGINES)
-    given = {"engine": engine, "ranks": ranks}
-    return tables | {name: value for name, value in given.items() if value is not None}
+def _sweep_tables(tables: dict, engine: EngineOptions) -> dict:
+    """Tables of a sweep, with the engine and ranks that were given in place of their own."""
+    if engine.engine is not None:
+        check_choice("engine", engine.engine, ENGINES)
+    return tables | engine.given()
 
 
-def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
+def _choose_workers(processes: ProcessOptions, chosen=None) -> int | str | None:
     """Check the options for parallel runs and return the number of workers or the scheduler's address."""
+    workers, scheduler = processes
     if scheduler is None:
         return workers
     from ..ensemble import reach
@@ -337,13 +328,13 @@ def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> 
     return scheduler
 
 
-def _with_engine(chosen, engine: str | None, ranks: int | None):
+def _with_engine(chosen, engine: EngineOptions):
     """Return the scenario with another engine or number of MPI processes, if given."""
     from ..data.schema import require_lammps_for_ranks
 
-    given = {name: value for name, value in (("engine", engine), ("ranks", ranks)) if value is not None}
-    if engine is not None:
-        check_choice("engine", engine, ENGINES)
+    given = engine.given()
+    if engine.engine is not None:
+        check_choice("engine", engine.engine, ENGINES)
     for name in given:
         if not hasattr(chosen, "engine"):
             raise ValueError(

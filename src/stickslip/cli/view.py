@@ -1,12 +1,12 @@
 """Commands for reports with a three-dimensional view, and for movies."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, Trust, app, examples, finish, number_option
-from .packings import Dashpots, with_packing_options
+from .app import Output, OverwriteFile, Trust, command, examples, finish, number_option
+from .packings import Dashpots, PackingOptions, in_units_of_packing
 
 REPORT = examples(
     ("report examples/sheared_spheres.npz", "sheared_spheres-report.html, with the unstable mode animated"),
@@ -23,11 +23,11 @@ Settle = Annotated[bool, typer.Option("--settle", help="Let a packing come to eq
 Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")]
 
 
-@app.command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
-@with_packing_options
+@command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
+@in_units_of_packing
 def report(
+    *,
     place: Place,
-    options: dict,
     out: Annotated[
         Path | None, typer.Option("--out", help="Output file; default: report.html in the run, or FILE-report.html.")
     ] = None,
@@ -43,8 +43,8 @@ def report(
     trust: Trust = False,
     dashpots: Dashpots = True,
     overwrite: OverwriteFile = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
+    options: PackingOptions,
 ) -> None:
     """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
     from ..data.run_files import PAGE
@@ -55,9 +55,9 @@ def report(
 
     path = out or look_out.default_path(place, PAGE)
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
-    with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
+    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, dashpots=dashpots, report=tell, search=verdict,
+            place, modes=modes, options=options.values(), settle=settle, dashpots=dashpots, report=tell, search=verdict,
             trust=trust,
         )  # fmt: skip
         look.write_page(found, path, colour=colour)
@@ -72,21 +72,12 @@ def report(
     def as_object() -> dict:
         return json_output.common_fields("report", files=[path]) | {"verdict": found.verdict or None, "notes": words}
 
-    finish(as_object, [path], show, quiet=quiet, as_json=as_json)
+    finish(as_object, [path], show, output)
 
 
-@app.command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
-@with_packing_options
-def movie(
-    place: Place,
-    options: dict,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
-        ),
-    ] = None,
-    modes: Modes = None,
+class FilmOptions(NamedTuple):
+    """Options of a movie."""
+
     mode: Annotated[
         int | None,
         typer.Option(
@@ -95,22 +86,37 @@ def movie(
             metavar="N",
             help="Number of the mode, 0 for the fastest; default: the run, or mode 0 of a packing.",
         ),
+    ] = None
+    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = (
+        25
+    )
+    whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False
+    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
+    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
+
+
+@command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
+@in_units_of_packing
+def movie(
+    *,
+    place: Place,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
+        ),
     ] = None,
+    modes: Modes = None,
     settle: Settle = False,
     colour: Annotated[
         str | None,
         typer.Option("--colour", help="Quantity that colours the grains; default: speed, or mode displacement."),
     ] = None,
-    fps: Annotated[
-        int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")
-    ] = 25,
-    whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False,
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
-    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    film: FilmOptions,
     trust: Trust = False,
     overwrite: OverwriteFile = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
+    options: PackingOptions,
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..data.run_files import FILM
@@ -121,14 +127,15 @@ def movie(
 
     path = out or look_out.default_path(place, FILM)
     look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
-    look.film.check_movie(path, fps)
-    with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
+    look.film.check_movie(path, film.fps)
+    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         found = look.load_content(
-            place, modes=modes, options=options, settle=settle, report=tell,
-            search=mode is not None or not place.is_dir(), trust=trust,
+            place, modes=modes, options=options.values(), settle=settle, report=tell,
+            search=film.mode is not None or not place.is_dir(), trust=trust,
         )  # fmt: skip
         look.write_movie(
-            found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, whole=whole, report=tell
+            found, path, colour=colour, fps=film.fps, count=film.frames, amplitude=film.amplitude, mode=film.mode,
+            whole=film.whole, report=tell,
         )  # fmt: skip
     words = [found.warning] if found.warning else []
 
@@ -139,9 +146,9 @@ def movie(
     def fields() -> dict:
         return json_output.common_fields("movie", files=[path]) | {"notes": words}
 
-    finish(fields, [path], show, quiet=quiet, as_json=as_json)
+    finish(fields, [path], show, output)
 
 
-def _input_files(place: Path, modes: Path | None, options: dict) -> tuple:
+def _input_files(place: Path, modes: Path | None, options: PackingOptions) -> tuple:
     """Input files of a command."""
-    return place, modes, options["contacts"], options["law"]
+    return place, modes, options.contacts, options.law

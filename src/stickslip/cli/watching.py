@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, Quiet, app, check_choice, complete_from, examples, finish
+from .app import Output, check_choice, command, complete_from, examples, finish
 from .entry_point import StoppedError
-from .packings import with_packing_options
+from .packings import PackingOptions, in_units_of_packing
 
 METHODS = {
     "auto": "the fastest growth; of many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
@@ -22,11 +22,11 @@ WATCH = examples(
 NAME = "watch.csv"
 
 
-@app.command(epilog=WATCH, short_help="Follow the dumps of a running LAMMPS simulation.")
-@with_packing_options
+@command(epilog=WATCH, short_help="Follow the dumps of a running LAMMPS simulation.")
+@in_units_of_packing
 def watch(
+    *,
     place: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the dumps, or one dump of grains in it.")],
-    options: dict,
     once: Annotated[bool, typer.Option("--once", help="Compute the frames that are there, and end.")] = False,
     until_idle: Annotated[
         float | None,
@@ -45,8 +45,8 @@ def watch(
         bool, typer.Option("--no-contacts", help="Ignore dumps of contacts; no contact has slipped.")
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table and the page.")] = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
+    options: PackingOptions,
 ) -> None:
     """Follow the dumps of a running LAMMPS simulation: stress, contacts, softest mode and fastest pair of each frame.
 
@@ -62,12 +62,12 @@ def watch(
     from ..lammps.watch.record import watch_and_record
     from ..reports import terminal
 
-    source = open_source(place, memory=not no_contacts, **options)
+    source = open_source(place, memory=not no_contacts, **options.values())
     table = out or source.folder / NAME
-    with terminal.console_output(quiet=quiet, as_json=as_json):
+    with terminal.console_output(*output):
         done, stopped = watch_and_record(
             source, table, method=method, once=once, until_idle=until_idle, overwrite=overwrite,
-            made_from=(options["law"],),
+            made_from=(options.law,),
         )  # fmt: skip
     if stopped:
         raise StoppedError(stopped)
@@ -80,4 +80,4 @@ def watch(
         more = {"frames": len(done.rows), "newest": last._asdict(), "notes": done.notes}
         return json_output.common_fields("watch", files=paths, folder=source.folder) | more
 
-    finish(answer, paths, lambda: None, quiet=quiet, as_json=as_json)
+    finish(answer, paths, lambda: None, output)

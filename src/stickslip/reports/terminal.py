@@ -36,7 +36,7 @@ STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "p
 
 
 @contextmanager
-def console_output(*, quiet: bool = False, as_json: bool = False):
+def console_output(quiet: bool = False, as_json: bool = False):
     """Route console output to standard output, to standard error if standard output is JSON, or nowhere if `quiet`.
 
     With `as_json`, output is printed only if standard error is a terminal.
