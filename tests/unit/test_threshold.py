@@ -65,7 +65,7 @@ def test_the_lifetime_is_the_end_of_the_leg_in_which_the_block_had_slid():
     kick, duration = 0.05, 400.0
     path, protocol = path_and_protocol([0.0, 0.001])
     found = ss.protocols.kinetic_threshold(
-        path, protocol, kicks=kick, realizations=1, duration=duration, dt=0.1, workers=1, seed=25, ramp_down=False
+        path, protocol, kicks=kick, realizations=1, duration=duration, dt=0.1, workers=1, seed=25, ramps=0
     )
     for load, lifetime in zip(found.loads, found.lifetime[:, 0], strict=True):
         velocity = first_velocity(25, load, kick, 0)
@@ -174,8 +174,8 @@ def test_loads_off_the_path_are_refused():
             ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, seed=wrong)
     with pytest.raises(ValueError, match="realizations = True was given: use a whole number from 1 to"):
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, realizations=True)
-    with pytest.raises(ValueError, match="ramps = 0 was given"):
-        ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, ramps=0)
+    with pytest.raises(ValueError, match="ramps = -1 was given"):
+        ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, ramps=-1)
     with pytest.raises(ValueError, match="loads = 'all' were given: use numbers, or None for all"):
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, loads="all")
     with pytest.raises(ValueError, match="give each velocity once"):
@@ -270,7 +270,7 @@ def test_a_sample_that_slides_at_every_load_has_not_stopped(bumps):
     assert "2 of 2 still slide at 0.3, the lowest of these loads" in "; ".join(
         found.sentences
     ) and "stop between" not in "; ".join(found.sentences)
-    found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramp_down=False, **BUMPS)
+    found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramps=0, **BUMPS)
     assert found.arrest.shape == (0, 2) and np.isnan(found.arrest_range).all()
     assert "still slide" not in "; ".join(found.sentences) and "could be lowered" not in "; ".join(found.sentences)
 
@@ -281,7 +281,7 @@ def test_runs_are_independent_and_do_not_depend_on_what_else_is_run(bumps, monke
     monkeypatch.setattr(
         kinetic, "perturbed", lambda state, seed, kick: seeds.append(seed) or perturbed(state, seed, kick)
     )
-    how = BUMPS | {"duration": 40.0, "ramp_down": False, "kicks": [0.1, 0.3]}
+    how = BUMPS | {"duration": 40.0, "ramps": 0, "kicks": [0.1, 0.3]}
     both = ss.protocols.kinetic_threshold(path, protocol, loads=[0.15, 0.3], **how)
     assert len(set(seeds)) == len(seeds) == 2 * 2 * 3
     one = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], **how | {"kicks": 0.3})
@@ -306,7 +306,7 @@ def test_lifetimes_are_medians_over_all_runs_and_static_loads_are_the_smallest(m
     ])  # fmt: skip
     monkeypatch.setattr(kinetic, "_kick", lambda *task: np.array(next(told)))
     found = ss.protocols.kinetic_threshold(
-        path, protocol, kicks=0.1, realizations=3, duration=40.0, dt=0.1, workers=1, ramp_down=False
+        path, protocol, kicks=0.1, realizations=3, duration=40.0, dt=0.1, workers=1, ramps=0
     )
     assert found.lifetime[:, 0].tolist() == pytest.approx([np.nan, np.nan, 20.0, 6.0], nan_ok=True)
     assert found.slid[:, 0].tolist() == [0, 1, 2, 3] and found.lasting[:, 0].tolist() == [0, 0, 1, 2]

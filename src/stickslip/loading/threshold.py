@@ -133,7 +133,7 @@ class _Dynamics(NamedTuple):
 @checked
 def kinetic_threshold(
     path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: float,
-    dt: float, loads=None, distance: float = SLID, ramp_down: bool = True, ramps: int = 3, drag: float = 0.0,
+    dt: float, loads=None, distance: float = SLID, ramps: int = 3, drag: float = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
@@ -152,10 +152,9 @@ def kinetic_threshold(
     loads : loads of the path that are tried; default: all
     distance : by which a sample has slid: shear strain of a cell whose shear follows a stress; or else the displacement
         of a plate (rigid groups that are free to move) in mean diameters; or else the median one of all grains
-    ramp_down : whether the load is also lowered from sliding samples, through the loads that are tried; it stays at
-        each of them for a duration, and for more as long as the sample slows down. The sample has stopped unless it
-        slides throughout, as a run that lasts
-    ramps : largest number of sliding samples whose load is lowered: runs that last, at the highest load with any
+    ramps : largest number of sliding samples whose load is also lowered, through the loads that are tried: runs that
+        last, at the highest load with any. The load stays at each of them for a duration, and for more as long as the
+        sample slows down. The sample has stopped unless it slides throughout, as a run that lasts
     drag : of all runs [1/time]
     kept : where finished runs are saved; runs that it has are not repeated
     report : called as report(share done, words)
@@ -188,9 +187,9 @@ def kinetic_threshold(
     """
     require_positive(duration=duration, dt=dt, distance=distance)
     require_not_negative(drag=drag)
-    _require_count(1, realizations=realizations, ramps=ramps)
+    _require_count(1, realizations=realizations)
     require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
-    _require_count(0, seed=seed)
+    _require_count(0, seed=seed, ramps=ramps)
     if duration < LEGS * dt:
         raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
     tried = _points_at(path, loads)
@@ -225,7 +224,7 @@ def kinetic_threshold(
     slid, lasting = np.isfinite(time).sum(axis=2), lasts.sum(axis=2)
     median = np.median(np.where(np.isnan(time), np.inf, time), axis=2)
     arrest = np.zeros((0, 2))
-    if ramp_down and lasts.any():
+    if ramps and lasts.any():
         top = int(np.flatnonzero(lasts.any(axis=(1, 2)))[-1])
         chosen = [k for k in np.flatnonzero(lasts) if k // lasts[0].size == top][-int(ramps) :]
         points = tried[: top + 1]

@@ -181,7 +181,7 @@ def simulate_threshold(
     dt = _time_step(how, path[0].state, protocol.law)
     found = kinetic_threshold(
         path, protocol, loads=tried, kicks=how.velocities, realizations=how.realizations, duration=how.duration, dt=dt,
-        distance=how.distance, ramp_down=how.ramp_down, ramps=how.ramps, drag=how.drag, seed=scenario.seed,
+        distance=how.distance, ramps=how.ramps if how.ramp_down else 0, drag=how.drag, seed=scenario.seed,
         workers=workers, kept=kept and kept.of("runs"), report=lambda share, words: report("kicked runs", share, words),
     )  # fmt: skip
     return ThresholdResult(scenario, protocol.law, path, strength, found)
