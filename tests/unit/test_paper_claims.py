@@ -208,7 +208,7 @@ def test_both_estimators_of_a_front_have_an_error_that_repeated_ensembles_show()
 
 def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
     late = np.array([1.6e-5, 1.7e-5, 1.5e-5])
-    found = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), 9)
+    found = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), np.array([1.2, 1.1, 1.3]), 9)
     msd, pairs = disk_claims._arrest_claims(found)
     assert msd.id == "arrest-msd-0.030" and msd.measured == pytest.approx(1.632e-5) and msd.verdict == REPRODUCED
     assert "agrees with the reference 1.6e-05" in msd.note and "of 9 disk–disk contacts they have 1, 1, 2" in msd.note

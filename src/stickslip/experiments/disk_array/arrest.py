@@ -30,7 +30,8 @@ class Arrest(NamedTuple):
     static: np.ndarray  # (K,) M of the equilibria to which they relax [length²]
     pairs: np.ndarray  # (K,) complex pairs of these equilibria
     neighbours: np.ndarray  # (K,) disk–disk contacts of these equilibria
-    before: int  # disk–disk contacts of the equilibrium from which the run starts
+    charge: np.ndarray  # (K,) mean |t_iw| of the late states over that of the equilibrium from which the run starts
+    before: int  # disk–disk contacts of that equilibrium
 
 
 def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
@@ -44,15 +45,23 @@ def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
             end, law, duration=duration, dt=how.dt, sample=duration, drag=how.drag, spin_drag=how.spin_drag
         )
         rest, _ = protocol.settle(end, load)
-        rows.append(
-            (_msd(end, point.state), _msd(rest, point.state), len(spectrum(rest, law).pairs), _neighbours(rest))
-        )
+        rows.append((
+            _msd(end, point.state), _msd(rest, point.state), len(spectrum(rest, law).pairs), _neighbours(rest),
+            _wall_slip(end) / _wall_slip(point.state),
+        ))  # fmt: skip
     return Arrest(load, *(np.array(column) for column in zip(*rows, strict=True)), _neighbours(point.state))
 
 
 def _msd(state, start) -> float:
     """M, the sum of the squared displacements of all disks [length²]."""
     return float(((state.grains.position - start.grains.position) ** 2).sum())
+
+
+def _wall_slip(state) -> float:
+    """Mean |t_iw| of the contacts with the substrate [length]."""
+    here = touching(state)
+    here = here[state.contacts.j[here] >= len(state.grains.radius)]
+    return float(np.linalg.norm(state.contacts.slip[here], axis=-1).mean())
 
 
 def _neighbours(state) -> int:

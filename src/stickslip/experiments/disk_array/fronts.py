@@ -4,12 +4,16 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from ...core.laws.builtin import Law
 from ...core.state import SLIDE, State
 from ...loading.protocols import free_run, perturbed
 
 BOOTSTRAPS = 1000
+AROUND = (
+    200  # samples of a run on each side of a time, over which a profile is averaged: 20 periods of the fastest mode
+)
 
 
 class Transition(NamedTuple):
@@ -19,6 +23,16 @@ class Transition(NamedTuple):
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
     # velocity of the center of mass over the last third of the run; NaN unless all disks slid before it [length/time]
     velocity: float  # [length/time]
+    wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none is
+    msd_at_breach: float  # M when the first contact with the substrate reaches the Coulomb limit [length²]
+    unloading: np.ndarray  # (N,) overlap with the substrate at the breach of each disk, over that before the run
+    power: float  # p in M ∝ (t − t_b)^p over the last third of the run, t_b the first breach; NaN unless all disks slid
+    late_velocity: np.ndarray  # (2,) velocity of the center in both halves of the last third, likewise [length/time]
+    late_height: np.ndarray  # (2,) standard deviation of the height of the center in both halves [length]
+    # the following are of displacements along the row that are averaged over `AROUND` samples before and after
+    smooth_slide: np.ndarray  # (H, N) first time at which they exceed each threshold [time]
+    profile: np.ndarray  # (H, N) they minus their mean, when the mean passes each threshold [length]
+    drift: np.ndarray  # (H,) velocity of the mean then [length/time]
     time: np.ndarray  # (S,) [time]
     center: np.ndarray  # (S, 2) center of mass [length]
 
@@ -81,18 +95,68 @@ def run_transition(
     _, record, outcome = free_run(start, law, duration=duration, dt=dt, sample=sample, drag=drag, spin_drag=spin_drag)
     if outcome.broken:
         raise FloatingPointError(str(outcome))
-    along = record.position[:, :, 0] - state.grains.position[:, 0]
-    slide = crossing_times(record.time, along, thresholds) - state.time
-    late = record.time - state.time >= duration * 2 / 3
-    slides = late.sum() > 2 and bool((slide[np.argmax(thresholds)] < duration * 2 / 3).all())
-    thin = slice(None, None, max(1, len(record.time) // 500))
+    along, time = record.position[:, :, 0] - state.grains.position[:, 0], record.time - state.time
+    smooth = uniform_filter1d(along, 2 * AROUND + 1, axis=0, mode="nearest")
+    slide = crossing_times(time, along, thresholds)
+    late = time >= duration * 2 / 3
+    slides = late.sum() > 4 and bool((slide[np.argmax(thresholds)] < duration * 2 / 3).all())
+    breach = breach_times(record.events, start) - state.time
+    limits = record.events["j"][record.events["kind"] == "limit"]
+    thin = slice(None, None, max(1, len(time) // 500))
     return Transition(
-        breach_times(record.events, start) - state.time,
+        breach,
         slide,
-        float(np.polyfit(record.time[late], record.center[late, 0], 1)[0]) if slides else np.nan,
+        velocity_of(time[late], record.center[late, 0]) if slides else np.nan,
+        float(limits[0] >= along.shape[1]) if len(limits) else np.nan,
+        float(np.interp(np.nanmin(breach), time, record.msd)) if np.isfinite(breach).any() else np.nan,
+        unloading(state, time, record.position[:, :, 1], breach),
+        msd_power(time[late], record.msd[late], breach) if slides else np.nan,
+        *(late_halves(time[late], record.center[late]) if slides else np.full((2, 2), np.nan)),
+        crossing_times(time, smooth, thresholds),
+        *drift_profile(time, smooth, thresholds),
         record.time[thin],
         record.center[thin, :2],
     )
+
+
+def velocity_of(time: np.ndarray, position: np.ndarray) -> float:
+    """Slope of a line fitted to a position [length/time]."""
+    return float(np.polyfit(time, position, 1)[0])
+
+
+def unloading(state: State, time: np.ndarray, height: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Overlap of each disk with the substrate at its own time `at` (N,), over that in `state`; NaN without a time."""
+    radius, before = state.grains.radius, state.grains.position[:, 1]
+    then = [np.interp(t, time, y) if np.isfinite(t) else np.nan for t, y in zip(at, height.T, strict=True)]
+    return np.maximum(radius - then, 0.0) / (radius - before)
+
+
+def msd_power(time: np.ndarray, msd: np.ndarray, breach: np.ndarray) -> float:
+    """Exponent p of M ∝ (t − t_b)^p, t_b the first of the times `breach`; NaN unless all times are later."""
+    first = np.nanmin(breach) if np.isfinite(breach).any() else np.inf
+    return velocity_of(np.log(time - first), np.log(msd)) if time[0] > first else np.nan
+
+
+def late_halves(time: np.ndarray, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity along the row and standard deviation of the height of the center of mass, in both halves of a run."""
+    halves = np.array_split(np.arange(len(time)), 2)
+    velocity = np.array([velocity_of(time[half], center[half, 0]) for half in halves])
+    return velocity, np.array([center[half, 1].std() for half in halves])
+
+
+def drift_profile(time: np.ndarray, smooth: np.ndarray, thresholds) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements (T, N) minus their mean (H, N), and the velocity of the mean (H,), when it passes each threshold.
+
+    NaN unless the run contains `AROUND` samples before and after that time, from which the velocity follows.
+    """
+    mean = smooth.mean(axis=1)
+    profile, drift = np.full((len(thresholds), smooth.shape[1]), np.nan), np.full(len(thresholds), np.nan)
+    for k, threshold in enumerate(thresholds):
+        n = int(np.argmax(np.abs(mean) > threshold))  # zero if it never passes
+        if AROUND <= n < len(mean) - AROUND:
+            profile[k] = smooth[n] - mean[n]
+            drift[k] = (mean[n + AROUND] - mean[n - AROUND]) / (time[n + AROUND] - time[n - AROUND])
+    return profile, drift
 
 
 def row_order(state: State, start: int, *, backward: bool = False):
@@ -101,6 +165,27 @@ def row_order(state: State, start: int, *, backward: bool = False):
     order = (start + np.arange(n)) % n if not backward else (start - np.arange(n)) % n
     gap = (x[order] - x[start]) * (-1 if backward else 1)
     return order, np.mod(gap + 1e-9, state.cell.vectors[0, 0]) - 1e-9
+
+
+def drift_speed(
+    profile: np.ndarray, drift: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0
+) -> tuple[float, float] | None:
+    """Speed of the front made by disks that keep their displacements u_i (S, N) while they drift at speeds V (S,).
+
+    Disk i passes a threshold (u_start − u_i)/V after the disk where the front starts. The means of both over
+    realizations make the delays, to which a line through the start is fitted, as by `fit_front`; the error is that of
+    a bootstrap over realizations. None with fewer than two realizations.
+    """
+    whole = np.isfinite(profile).all(axis=1) & np.isfinite(drift)
+    profile, drift = profile[whole][:, order], drift[whole]
+    if len(drift) < 2:
+        return None
+    picks = np.random.default_rng(seed).integers(0, len(drift), (BOOTSTRAPS, len(drift)))
+    picks[0] = np.arange(len(drift))
+    mean = profile[picks].mean(axis=1)
+    delay = (mean[:, :1] - mean) / drift[picks].mean(axis=1)[:, None]
+    speeds = distance @ distance / (delay @ distance)
+    return float(speeds[0]), float(speeds.std())
 
 
 def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:

@@ -30,11 +30,23 @@ def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front |
     return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
 
 
-def backward_front(result: DiskArrayResult, threshold: float, loads=None) -> fronts.Front | None:
-    """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`."""
-    n, how = result.scenario.array.disks, result.scenario.sliding
-    order, distance = fronts.row_order(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
-    times = [result.sliding[load].slide[:, how.thresholds.index(threshold)] for load in loads or result.sliding]
+def backward_order(result: DiskArrayResult) -> tuple[np.ndarray, np.ndarray]:
+    """Order of the disks from the last one back to the pushed one, and their distances from the last one [length]."""
+    last = (result.scenario.load.disk - 2) % result.scenario.array.disks
+    return fronts.row_order(result.pressed, last, backward=True)
+
+
+def backward_front(
+    result: DiskArrayResult, threshold: float, loads=None, *, smooth: bool = False
+) -> fronts.Front | None:
+    """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`.
+
+    `smooth`: of displacements without their oscillation, see `fronts.Transition`.
+    """
+    how, name = result.scenario.sliding, "smooth_slide" if smooth else "slide"
+    order, distance = backward_order(result)
+    k, chosen = how.thresholds.index(threshold), loads or result.sliding
+    times = [getattr(result.sliding[load], name)[:, k] for load in chosen]
     return fronts.fit_front(np.concatenate(times), order, distance, result.scenario.seed)
 
 
@@ -72,6 +84,21 @@ def y_mode(modes: Spectrum) -> int:
     return int(np.argmax(modes.shares()[:, 1]))
 
 
+def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
+    """Wave numbers (Q,) [1/diameter] and shares (Q, n) of the motion of each mode along y, disks in a periodic row."""
+    y = modes.modes[modes.free.axis == 1]
+    n = len(y)
+    power = np.abs(np.fft.fft(y, axis=0)) ** 2
+    folded = np.array([power[q] + (power[-q] if 0 < q < n - q else 0) for q in range(n // 2 + 1)])
+    whole = power.sum(axis=0)
+    return 2 * np.pi * np.arange(len(folded)) / n, np.divide(folded, whole, out=np.zeros_like(folded), where=whole > 0)
+
+
+def exceeds(value: float, error: float, bound: float) -> bool | None:
+    """Whether a number lies above a bound; None within two standard errors of it."""
+    return None if not abs(value - bound) > 2 * error else bool(value > bound)
+
+
 def growth_error(free: FreeRun) -> float | None:
     """Half the difference between the growth rates fitted in the two halves of the window [1/time].
 
@@ -98,6 +125,29 @@ def growth_factor(free: FreeRun) -> float:
     return float(parts[-1].mean() / parts[0].mean())
 
 
+def power_law(x: np.ndarray, speed: np.ndarray, error: np.ndarray) -> tuple[float, float] | None:
+    """Exponent p of speed ∝ x^p and its standard error, widened by the misfit; None with fewer than three speeds."""
+    if len(x) < 3 or (speed <= 0).any() or np.ptp(x) == 0:
+        return None
+    x, y, w = np.log(x), np.log(speed), speed / error
+    (slope, level), covariance = np.polyfit(x, y, 1, w=w, cov="unscaled")
+    misfit = float((((y - level - slope * x) * w) ** 2).sum() / (len(x) - 2))
+    return float(slope), float(np.sqrt(covariance[0, 0] * max(1.0, misfit)))
+
+
+def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float, float] | None:
+    """Speed, and its error, of the backward front of an array that drifts with a constant profile of displacements.
+
+    See `fronts.drift_speed`; None without a run that passes the threshold.
+    """
+    how = result.scenario.sliding
+    order, distance = backward_order(result)
+    k = how.thresholds.index(threshold)
+    profile = np.concatenate([result.sliding[load].profile[:, k] for load in loads])
+    drift = np.concatenate([result.sliding[load].drift[:, k] for load in loads])
+    return fronts.drift_speed(profile, drift, order, distance, result.scenario.seed)
+
+
 class Proportion(NamedTuple):
     """Speed of the forward front against Im λ of the strongest pair, at the loads that have both."""
 
@@ -119,16 +169,8 @@ class Proportion(NamedTuple):
 
     @property
     def exponent(self) -> tuple[float, float] | None:
-        """Exponent p of V_1 ∝ (Im λ)^p and its standard error, widened by the misfit.
-
-        None with fewer than three loads.
-        """
-        if len(self.load) < 3 or (self.speed <= 0).any() or np.ptp(self.im_lambda) == 0:
-            return None
-        x, y, w = np.log(self.im_lambda), np.log(self.speed), self.speed / self.speed_error
-        (slope, level), covariance = np.polyfit(x, y, 1, w=w, cov="unscaled")
-        misfit = float((((y - level - slope * x) * w) ** 2).sum() / (len(x) - 2))
-        return float(slope), float(np.sqrt(covariance[0, 0] * max(1.0, misfit)))
+        """Exponent p of V_1 ∝ (Im λ)^p and its standard error; see `power_law`."""
+        return power_law(self.im_lambda, self.speed, self.speed_error)
 
 
 def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:

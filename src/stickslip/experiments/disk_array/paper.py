@@ -17,7 +17,8 @@ from ...loading.threshold import KineticThreshold
 from ...reports.claims import Claim, note_quick_run
 from ..realizations import Report, Task, run_realizations, silent
 from .arrest import Arrest, find_arrests, kick_array
-from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims
+from .claims import evaluate_claims
+from .printed import FRONT_LOADS, STABLE_LOAD
 from .scenario import DiskArrayScenario
 from .simulate import BIRTHS, FREE, RAMP, DiskArrayResult, add_sliding, open_checkpoint, simulate_before_sliding
 

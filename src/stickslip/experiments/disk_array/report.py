@@ -13,9 +13,9 @@ from ...figures.instability import static_and_kinetic
 from ...loading.protocols import Family
 from ...reports.terminal import console, new_table
 from ...solve.spectrum import Spectrum
-from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .paper import Reproduction
+from .printed import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .simulate import DiskArrayResult, point_at_load
 
 FIGURES = (

@@ -34,12 +34,21 @@ RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free ru
 
 
 class Ensemble(NamedTuple):
-    """Realizations of sliding at one load."""
+    """Realizations of sliding at one load; see `Transition` for each of them."""
 
     load: float
     breach: np.ndarray  # (S, N) [time]
     slide: np.ndarray  # (S, H, N) [time]
     velocity: np.ndarray  # (S,) [length/time]
+    wall_first: np.ndarray  # (S,)
+    msd_at_breach: np.ndarray  # (S,) [length²]
+    unloading: np.ndarray  # (S, N)
+    power: np.ndarray  # (S,)
+    late_velocity: np.ndarray  # (S, 2) [length/time]
+    late_height: np.ndarray  # (S, 2) [length]
+    smooth_slide: np.ndarray  # (S, H, N) [time]
+    profile: np.ndarray  # (S, H, N) [length]
+    drift: np.ndarray  # (S, H) [length/time]
     time: np.ndarray  # (T,) [time]
     center: np.ndarray  # (T, 2) of the first realization [length]
     failures: tuple[str, ...]
@@ -167,9 +176,7 @@ def run_sliding(
         good = group.successful(f"realization at push = {point.load:g}")
         out[point.load] = Ensemble(
             point.load,
-            np.array([t.breach for t in good]),
-            np.array([t.slide for t in good]),
-            np.array([t.velocity for t in good]),
+            *map(np.array, zip(*(t[: -len(("time", "center"))] for t in good), strict=True)),
             good[0].time,
             good[0].center,
             group.failures,
