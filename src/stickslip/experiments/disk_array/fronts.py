@@ -114,8 +114,8 @@ def run_transition(
         *(late_halves(time[late], record.center[late]) if slides else np.full((2, 2), np.nan)),
         crossing_times(time, smooth, thresholds),
         *drift_profile(time, smooth, thresholds),
-        record.time[thin],
-        record.center[thin, :2],
+        record.time[thin].copy(),  # not views, which would keep the whole record
+        record.center[thin, :2].copy(),
     )
 
 
