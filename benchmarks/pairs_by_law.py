@@ -2,7 +2,7 @@
 
     stickslip run examples/pairs_by_law.toml --out results/pairs
     python -m benchmarks.pairs_by_law results/pairs     # writes births.csv, and what --draw writes
-    python -m benchmarks.pairs_by_law --draw            # the figure and the table, from births.csv
+    python -m benchmarks.pairs_by_law --draw            # the figure, the table and the summary, from births.csv
 
 Every packing is in `docs/reference/pairs/births.csv`.
 """
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
+from stickslip.experiments.sphere_shear.claims_of_laws import BIRTHS
 from stickslip.figures.sphere_shear import births_by_law as births_figure
 from stickslip.figures.style import save
 
@@ -46,13 +47,26 @@ def collect(folder: Path) -> None:
 
 
 def draw() -> None:
-    """Write the figure, and the table of the page."""
+    """Write the figure, the table of the page, and the summary that the claims on the paper read."""
     packings = read_births()
     found = births_by_law(packings)
+    write_summary(found)
     save(births_figure(found, packings), OUT / "births.png")
     head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
     _, end, tail = rest.partition("<!-- end -->")
     PAGE.write_text(f"{head}{begin}\n{table(found)}\n{end}{tail}", encoding="utf-8")
+
+
+def write_summary(found: list[Births]) -> None:
+    """Write the file of `claims_of_laws`."""
+    names = ("kind", "coulomb", "mu", "packings", "born", "limited", "mobilisation")
+    with BIRTHS.open("w", encoding="utf-8", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(names)
+        out.writerows(
+            [*(getattr(one, name) for name in names[:2]), f"{one.mu:g}", *one[3:6], f"{one.mobilisation:.5g}"]
+            for one in found
+        )
 
 
 def table(found: list[Births]) -> str:

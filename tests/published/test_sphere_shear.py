@@ -29,7 +29,10 @@ snapshots = 8
 IDS = [
     "onset-strain", "im-lambda-at-birth-exponent", "pairs-at-zero-slip", "pairs-reappear", "growth-rate-ratio",
     "frequency-ratio", "growth-follows-prediction", "decades-of-growth", "spectrum-constant-until",
-    "stress-drop-one-pair", "stress-drop-later", "contacts-lost",
+    "stress-drop-one-pair", "stress-drop-later", "contacts-lost", "im-lambda-one-pair", "many-pairs-at-larger-strain",
+    "births-at-larger-strain", "symmetries-of-blocks", "trajectories-three-dimensional", "stress-around-zero",
+    "stress-amplitude-exponent", "pairs-under-a-linear-law", "pairs-without-smoothing", "pairs-before-the-limit",
+    "threshold-not-responsible", "generic-without-hamiltonian",
 ]  # fmt: skip
 
 

@@ -53,8 +53,9 @@ def sheared(single, *, reappears=(False, False), later=(), zero=(0.0, 0.0)):
         for back, none in zip(reappears, zero, strict=True)
     ]  # fmt: skip
     scenario = Made(packing=Made(dim=3), release=Made(seed_velocity=1e-13))
-    return {c.id: c for c in shear_claims.evaluate_claims(Made(paths=paths, single=list(single), later=list(later),
-                                                         scenario=scenario))}  # fmt: skip
+    result = Made(paths=paths, single=list(single), later=list(later), scenario=scenario)
+    parts = (shear_claims._path_claims, shear_claims._growth_claims, shear_claims._failure_claims)
+    return {c.id: c for part in parts for c in part(result)}
 
 
 def test_pairs_can_reappear_one_instance_is_enough_and_none_decides_nothing():

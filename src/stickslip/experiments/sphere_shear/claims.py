@@ -9,7 +9,10 @@ import numpy as np
 
 from ...core.readable import pluralize
 from ...loading.release import Released
-from ...reports.claims import CAN, Claim, claim, median_error
+from ...reports.claims import CAN, Claim, claim
+from .claims_of_laws import law_claims
+from .claims_of_motion import matrix_claim, motion_claims, number_claims
+from .medians import TOLERANCE, describe_range, known_median, median_claim
 from .simulate import ShearResult
 
 DECADES = 10.0  # decades of M over which the paper sees exponential growth
@@ -22,49 +25,15 @@ SHOWS = {
     "Fig 1": ("complex pairs along the strain", "pairs-reappear"),
     "Fig 2": ("eigenvalues during a run", "spectrum-constant-until"),
     "Fig 3": ("growth of M", "growth-rate-ratio"),
-    "Fig 4": ("trajectories: plotted, without a number", ""),
+    "Fig 4": ("trajectories of spheres", "trajectories-three-dimensional"),
     "Fig 5": ("stress through failure", "stress-drop-one-pair"),
-}
-TOLERANCE = {
-    "onset": 1.0,  # nothing is printed, and the packing fraction is not given: a factor of two
-    "exponent": 0.05,  # the next term of the expansion is of the order of the distance to the birth, some per cent
-    "pairs": 0.0,  # counts
-    "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
-    "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
-    "decades": 0.2,  # the paper says "about 10": two more or less
-    "constant": 1.0,  # nothing is printed; M grows by a factor of two between two evaluations of the spectrum
-    "drop": 1.0,  # one run of one packing: a factor of two either way
-    "contacts": 1.0,  # nothing is printed
 }
 
 
 def evaluate_claims(main: ShearResult) -> list[Claim]:
     """Evaluate all claims."""
-    return _path_claims(main) + _growth_claims(main) + _failure_claims(main)
-
-
-def _finite(values) -> list[float]:
-    return [float(v) for v in values if v is not None and np.isfinite(v)]
-
-
-def _median(values) -> float | None:
-    known = _finite(values)
-    return float(np.median(known)) if known else None
-
-
-def _range(values, form: str = "{:.3g}") -> str:
-    known = _finite(values)
-    if not known:
-        return f"none of {len(values)} packings"
-    if len(known) == 1:
-        return f"{form.format(known[0])} in one of {len(values)} packings"
-    return f"{form.format(min(known))} to {form.format(max(known))} over {len(known)} of {len(values)} packings"
-
-
-def _median_claim(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
-    """Make a claim about the median over packings, with its error."""
-    error = median_error(_finite(values))
-    return claim(id, source, paper, _median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
+    on_paths = [*_path_claims(main), *number_claims(main), matrix_claim(main)]
+    return on_paths + _growth_claims(main) + motion_claims(main) + _failure_claims(main) + law_claims()
 
 
 def _path_claims(main: ShearResult) -> list[Claim]:
@@ -76,14 +45,15 @@ def _path_claims(main: ShearResult) -> list[Claim]:
     drift = [abs(p.zero_modes - _zero_modes(p.packed.rattlers, main.scenario.packing.dim)) for p in paths]
     back = sum(p.reappears for p in paths)
     return [
-        _median_claim(
+        median_claim(
             "onset-strain", "Fig 1: first pair; no strain is printed", None, births, "strain", "onset",
             f"the packing fraction is not printed either; it is {np.median(fraction):.3g} here, with pressure "
-            f"{_range(pressures)}; onset {_range(births)}; bisected to 1e-6 from the last saved state without a pair",
+            f"{describe_range(pressures)}; onset {describe_range(births)}; bisected to 1e-6 from the last saved state "
+            f"without a pair",
         ),
-        _median_claim(
+        median_claim(
             "im-lambda-at-birth-exponent", "Fig 1: birth of a pair; no exponent is printed", None, exponents, "1",
-            "exponent", _range(exponents, "{:.4f}"), reference=0.5,
+            "exponent", describe_range(exponents, "{:.4f}"), reference=0.5,
             reference_source="when two real eigenvalues meet, they leave the real axis as a square root",
         ),
         claim(
@@ -145,24 +115,24 @@ def _growth_claims(main: ShearResult) -> list[Claim]:
     frequencies = [r and r.growth.frequency / r.corrected_frequency for r in fitted]
     constant = [r.constant[0] if r and np.isfinite(r.constant[1]) else None for r in runs]
     changed = [r.constant[1] if r else None for r in runs]
-    rate = _range([r.growth_rate if r else None for r in runs], "{:.2e}")
+    rate = describe_range([r.growth_rate if r else None for r in runs], "{:.2e}")
     said = 'Fig 3: "fitted ω_r and ω_i correspond perfectly to those expected"'
     return [
-        _median_claim(
+        median_claim(
             "growth-rate-ratio", said, 1.0, rates, "1", "rate",
             f"from states with one pair, predicted rates {rate}; ratio after Verlet's correction "
-            f"1 + (omega_r dt)^2/8: {_range(rates, '{:.6f}')}",
+            f"1 + (omega_r dt)^2/8: {describe_range(rates, '{:.6f}')}",
         ),
-        _median_claim(
+        median_claim(
             "frequency-ratio", said, 1.0, frequencies, "1", "frequency",
-            f"ratio after Verlet's correction 1 + (omega_r dt)^2/24: {_range(frequencies, '{:.8f}')}",
+            f"ratio after Verlet's correction 1 + (omega_r dt)^2/24: {describe_range(frequencies, '{:.8f}')}",
         ),
         *_decade_claims(main),
-        _median_claim(
+        median_claim(
             "spectrum-constant-until", 'Fig 2: "eigenvalues remain constant for a period of time"; no M is printed',
             None, constant, "(2 sigma_1)^2", "constant",
-            f"M at the last spectrum before the fastest Im lambda had changed by 1 %: {_range(constant)}; at the next "
-            f"one: {_range(changed)}",
+            f"M at the last spectrum before the fastest Im lambda had changed by 1 %: {describe_range(constant)}; at "
+            f"the next one: {describe_range(changed)}",
         ),
     ]  # fmt: skip
 
@@ -174,7 +144,9 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
     decades, growing = [s and s.decades for s in stretches], sum(not s.ended for s in known)
     said = 'Fig 3: "an increase in time of about 10 orders of magnitude following an oscillatory exponential growth"'
     ends = "; M " + ", ".join(f"{s.first:.0e} to {s.last:.0e}" for s in known) if known else ""
-    words = f"M within a factor of two of exp(2 omega_i t), omega_i predicted: {_range(decades, '{:.1f}')}{ends}"
+    words = (
+        f"M within a factor of two of exp(2 omega_i t), omega_i predicted: {describe_range(decades, '{:.1f}')}{ends}"
+    )
     words += f"; {growing} still grew when the run ended" if growing else ""
     return [
         claim(
@@ -182,7 +154,7 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
             0.0, f"over at least ten decades; {words}",
         ),
         claim(
-            "decades-of-growth", said, DECADES, _median(decades), "decades of M", TOLERANCE["decades"],
+            "decades-of-growth", said, DECADES, known_median(decades), "decades of M", TOLERANCE["decades"],
             f"{words}; the number depends on the initial perturbation, velocities of "
             f"{main.scenario.release.seed_velocity:g} here; the paper does not print the size of its own",
         ),
@@ -206,9 +178,10 @@ def _failure_claims(main: ShearResult) -> list[Claim]:
             "stress-drop-later", main.later, "Fig 5: none is printed for states with many pairs", None,
             {"reference": 0.22, "reference_source": "the paper's single run, from a state with one pair"},
         ),
-        _median_claim(
+        median_claim(
             "contacts-lost", 'Fig 5: "induced by granules losing contacts"; no number is printed', None, lost,
-            "contacts", "contacts", f"from later states {_range(lost)}; from one-pair states {_range(first)}",
+            "contacts", "contacts",
+            f"from later states {describe_range(lost)}; from one-pair states {describe_range(first)}",
         ),
     ]  # fmt: skip
 
@@ -230,11 +203,11 @@ def _stress_drop(
     )
     note = (
         f"the paper's 22 % is from one run; fraction of the initial shear stress, which may be near zero; relative to "
-        f"pressure {_range(to_pressure)}; {words or 'in no run did the exponential growth end'}"
+        f"pressure {describe_range(to_pressure)}; {words or 'in no run did the exponential growth end'}"
     )
     if paper is None:
         note += f"; {LEAST_DURATION}"
-    return _median_claim(id, source, paper, relative, "1", "drop", note, **reference)
+    return median_claim(id, source, paper, relative, "1", "drop", note, **reference)
 
 
 def shows() -> dict[str, tuple[str, str]]:

@@ -1,0 +1,97 @@
+"""Statements on sheared spheres: planes and funnels, oscillating stress, births, blocks of J, and the stored study."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from benchmarks import pairs_by_law
+from benchmarks.births import births_by_law
+from stickslip.experiments.sphere_shear import claims_of_laws, motion
+from stickslip.experiments.sphere_shear.claims_of_motion import late_births
+from stickslip.solve.freedom import jacobian
+
+RATE, FREQUENCY = 0.01, 0.4
+
+
+def turn(out):
+    """(1, 20, 5, 3) displacements of five grains in one turn of a spiral, and `out` times as much out of its plane."""
+    rng, time = np.random.default_rng(1), np.arange(20) * 2 * np.pi / FREQUENCY / 20
+    a, b, c = rng.normal(size=(3, 5, 3))
+    wave = np.exp(RATE * time)[:, None, None]
+    plane = a * np.cos(FREQUENCY * time)[:, None, None] + b * np.sin(FREQUENCY * time)[:, None, None]
+    return (wave * (plane + out * c * np.cos(2 * FREQUENCY * time)[:, None, None]))[None]
+
+
+def test_a_spiral_lies_in_a_plane_and_a_funnel_does_not():
+    assert motion.out_of_plane(turn(0.0)).shape == (1, 5)
+    assert motion.out_of_plane(turn(0.0)).max() < 1e-14
+    assert motion.out_of_plane(turn(1.0)).min() > 0.05
+
+
+@pytest.mark.parametrize("level", [0.0, 0.7])
+def test_mean_and_power_of_an_oscillation(level):
+    """δσ = e^{ω_i t} (level + cos ω_r t), M = e^{2 ω_i t}: mean over root mean square is level/√(level² + ½)."""
+    time = np.linspace(0.0, 200 * 2 * np.pi / FREQUENCY, 40_001)
+    grown = np.exp(RATE * time)
+    run = SimpleNamespace(
+        time=time, msd=grown**2, growth_rate=RATE, growth=SimpleNamespace(start=time[400], stop=time[-1]),
+        shear_stress=np.where(time > 0, 0.3 + 1e-9 * grown * (level + np.cos(FREQUENCY * time)), 0.3),
+    )  # fmt: skip
+    wave = motion.stress_oscillation(run)
+    assert wave.offset == pytest.approx(level / np.sqrt(level**2 + 0.5), abs=0.01)
+    assert wave.exponent == pytest.approx(0.5, abs=0.01)
+    assert motion.stress_oscillation(SimpleNamespace(growth=None)) is None
+
+
+def test_births_are_counted_where_pairs_appear():
+    path = SimpleNamespace(strain=np.array([0.0, 0.2, 0.4, 0.6, 1.0]), pairs=np.array([0, 2, 1, 4, 3]))
+    assert late_births(path) == 1.5  # two before the middle, three after it
+    without = SimpleNamespace(strain=path.strain, pairs=np.zeros(5, int))
+    assert np.isnan(late_births(without))
+
+
+def test_blocks_exchange_as_the_paper_says(monkeypatch):
+    """Also by finite differences of forces and torques; and an entry that is off is noticed."""
+    law = ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth")
+    state, _ = ss.packings.jammed(20, packing_fraction=0.7, seed=3, law=law)
+    state = ss.protocols.ramp(state, [0.0, 1e-3], ss.protocols.aqs(law))[-1].state
+    assert max(motion.block_asymmetry(state, law).values()) < 1e-14
+    c, row, step = state.contacts, ss.measure.touching(state)[0], 1e-7
+    i, j = int(c.i[row]), int(c.j[row])
+
+    def change(grain, name, axis):
+        """Derivative of force and torque over radius on both grains."""
+        loads = []
+        for sign in (1, -1):
+            moved = getattr(state.grains, name).copy()
+            moved[grain, axis] += sign * step / (state.grains.radius[grain] if name == "angle" else 1.0)
+            force, _ = ss.forces(state._replace(grains=state.grains._replace(**{name: moved})), law)
+            loads.append(np.stack([force.force, force.torque / state.grains.radius[:, None]]))
+        return (loads[0] - loads[1]) / (2 * step)
+
+    for name, signs in (("position", (1, -1)), ("angle", (-1, 1))):
+        for axis in range(3):
+            there, back = change(j, name, axis)[:, i], change(i, name, axis)[:, j]
+            for part in (0, 1):
+                np.testing.assert_allclose(there[part], signs[part] * back[part], atol=1e-6)
+
+    def damaged(*given):
+        matrix = jacobian(*given).tolil()
+        matrix[6 * i, 6 * j] *= 1 + 1e-6
+        return matrix.tocsr()
+
+    monkeypatch.setattr(motion, "jacobian", damaged)
+    assert motion.block_asymmetry(state, law)["A"] > 1e-8
+
+
+def test_more_than_half_with_its_interval():
+    assert [claims_of_laws._most(n, 60) for n in (60, 45, 30, 15, 0)] == [True, True, None, False, False]
+
+
+def test_the_stored_summary_is_that_of_the_packings(tmp_path, monkeypatch):
+    monkeypatch.setattr(pairs_by_law, "BIRTHS", tmp_path / "births.csv")
+    pairs_by_law.write_summary(births_by_law(pairs_by_law.read_births()))
+    assert (tmp_path / "births.csv").read_text() == claims_of_laws.BIRTHS.read_text()
+    assert len(claims_of_laws.stored_births()) == 14
