@@ -8,8 +8,9 @@ import pytest
 import stickslip as ss
 from benchmarks import pairs_by_law
 from benchmarks.births import births_by_law
-from stickslip.experiments.sphere_shear import claims_of_laws, motion
-from stickslip.experiments.sphere_shear.claims_of_motion import late_births
+from stickslip.experiments.sphere_shear import claims, claims_of_laws, motion
+from stickslip.experiments.sphere_shear.claims_of_motion import late_births, motion_claims, number_claims
+from stickslip.reports.claims_report import place
 from stickslip.solve.freedom import jacobian
 
 RATE, FREQUENCY = 0.01, 0.4
@@ -95,3 +96,9 @@ def test_the_stored_summary_is_that_of_the_packings(tmp_path, monkeypatch):
     pairs_by_law.write_summary(births_by_law(pairs_by_law.read_births()))
     assert (tmp_path / "births.csv").read_text() == claims_of_laws.BIRTHS.read_text()
     assert len(claims_of_laws.stored_births()) == 14
+
+
+def test_every_row_belongs_to_a_place_that_is_shown():
+    path = SimpleNamespace(strain=np.array([0.0, 1.0]), pairs=np.array([0, 1]))
+    rows = claims_of_laws.law_claims() + number_claims(SimpleNamespace(paths=[path], single=[None]))
+    assert {place(row) for row in [*rows, *motion_claims(SimpleNamespace(single=[None]))]} <= set(claims.SHOWS)

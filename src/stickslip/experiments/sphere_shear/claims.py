@@ -27,6 +27,9 @@ SHOWS = {
     "Fig 3": ("growth of M", "growth-rate-ratio"),
     "Fig 4": ("trajectories of spheres", "trajectories-three-dimensional"),
     "Fig 5": ("stress through failure", "stress-drop-one-pair"),
+    "Sec. II": ("form of the law, its smoothing and its limit", "pairs-under-a-linear-law"),
+    "Sec. V": ("generality", "generic-without-hamiltonian"),
+    "App. B": ("blocks of J", "symmetries-of-blocks"),
 }
 
 

@@ -49,22 +49,22 @@ def law_claims() -> list[Claim]:
     few = [law for law in births.values() if not law.born]
     free = smooth.born - smooth.limited
     rows = (
-        ("pairs-under-a-linear-law", 'Sec II A: "changing the analytic forms of the interaction forces [...] does not '
+        ("pairs-under-a-linear-law", 'Sec. II: "changing the analytic forms of the interaction forces [...] does not '
          'affect [the] appearance of the instability"', _most(linear.born, linear.packings),
          f"packings with a pair: {linear}; {smooth}; the strains of the first pairs differ, and so does their cause: "
          f"{at_limit}"),
-        ("pairs-without-smoothing", 'Sec II A: "do not depend on this smoothing of the tangential force"',
+        ("pairs-without-smoothing", 'Sec. II: "do not depend on this smoothing of the tangential force"',
          _most(sharp.born, sharp.packings), f"packings with a pair: {sharp}; {smooth}; "
          f"with a linear law the smoothing decides: {at_limit}"),
-        ("pairs-before-the-limit", 'Sec II A: "instabilities are often seen before any Coulomb limit is reached"',
+        ("pairs-before-the-limit", 'Sec. II: "instabilities are often seen before any Coulomb limit is reached"',
          _most(free, smooth.born), f"no contact at the limit at {free} of {smooth.born} births, where the largest "
          f"F_t/(mu F_n) is {smooth.mobilisation:.2g} at the median; {at_limit}"),
-        ("threshold-not-responsible", 'Sec II B: "the existence of a Coulomb threshold is not responsible for the '
+        ("threshold-not-responsible", 'Sec. II: "the existence of a Coulomb threshold is not responsible for the '
          'reported phenomenology"', _most(unlimited.born, unlimited.packings),
          f"packings with a pair: {unlimited}; with a linear law the limit is responsible: {bare}"),
     )  # fmt: skip
     generic = claim(
-        "generic-without-hamiltonian", 'Sec V: "as long as the dynamics is describable by forces which are not '
+        "generic-without-hamiltonian", 'Sec. V: "as long as the dynamics is describable by forces which are not '
         'derivable from a Hamiltonian, this instability should be generic"', True, not few, "", 0.0,
         f"packings with a pair under {len(births)} laws: the fewest are {min(births.values(), key=lambda b: b.born)}, "
         f"where only the rotation of the normal makes J asymmetric; {STUDY}", quantifier=ALWAYS,

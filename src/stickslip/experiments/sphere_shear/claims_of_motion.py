@@ -21,19 +21,19 @@ def number_claims(main: ShearResult) -> list[Claim]:
     many = sum(n >= MANY for n in last)
     return [
         median_claim(
-            "im-lambda-one-pair", 'Sec IV: "only a pair of complex eigenvalues, with large lambda_i = 5.87e-5"',
+            "im-lambda-one-pair", 'Fig 2: "only a pair of complex eigenvalues, with large lambda_i = 5.87e-5"',
             5.87e-5, im, "1/time^2", "im-lambda", f"the state with one pair and the fastest growth of each path: "
             f"{describe_range(im)}; it depends on pressure and strain, which are not printed",
         ),
         claim(
             "many-pairs-at-larger-strain",
-            'Sec III A: "at higher values of gamma one can easily obtain the simultaneous existence of many complex '
+            'Fig 1: "at higher values of gamma one can easily obtain the simultaneous existence of many complex '
             'eigenpairs"', True, 2 * many > len(last), "", 0.0,
             f"at least {MANY} pairs at the last strain in {many} of {len(last)} packings: {', '.join(map(str, last))}",
         ),
         median_claim(
             "births-at-larger-strain",
-            'Sec V: whether the instability "remains macroscopically relevant also for larger strains"; left open',
+            'Sec. V: whether the instability "remains macroscopically relevant also for larger strains"; left open',
             None, births, "1", "later", f"births in the second half of the path over those in the first, counted "
             f"between its states: {describe_range(births)}",
         ),
@@ -52,7 +52,7 @@ def matrix_claim(main: ShearResult) -> Claim:
     differences = [block_asymmetry(path.last, main.law) for path in main.paths]
     worst = {name: max(d[name] for d in differences) for name in "ABCD"}
     return claim(
-        "symmetries-of-blocks", "App B: A_ij = A_ji, B_ij = -B_ji, C_ij = -C_ji, D_ij = D_ji", True,
+        "symmetries-of-blocks", "App. B: A_ij = A_ji, B_ij = -B_ji, C_ij = -C_ji, D_ij = D_ji", True,
         max(worst.values()) < SYMMETRIC, "", 0.0,
         f"largest violation in the last state of {pluralize(len(differences), 'path')}, over the largest entry: "
         f"{', '.join(f'{name} {value:.0e}' for name, value in worst.items())}. A itself is not symmetric "
@@ -75,12 +75,12 @@ def motion_claims(main: ShearResult) -> list[Claim]:
             f"against time, or with a drift, a plane spiral looks like a funnel",
         ),
         claim(
-            "stress-around-zero", 'Fig 5b: "during the linear stage [...] the stress oscillates around zero"', True,
+            "stress-around-zero", 'Fig 5: "during the linear stage [...] the stress oscillates around zero"', True,
             bool(np.median(offsets) < CENTRED) if offsets else None, "", 0.0,
             f"change of the stress: mean over root mean square, both of δσ exp(-omega_i t): {describe_range(offsets)}",
         ),
         median_claim(
-            "stress-amplitude-exponent", "Fig 5b: amplitude of the stress; no exponent is printed", None, slopes, "1",
+            "stress-amplitude-exponent", "Fig 5: amplitude of the stress; no exponent is printed", None, slopes, "1",
             "stress", f"amplitude against M: {describe_range(slopes, '{:.3f}')}", reference=0.5,
             reference_source="the stress is linear in small displacements",
         ),
