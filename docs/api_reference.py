@@ -11,11 +11,19 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from stickslip.lazy import public_names
+
+
+def with_modules(namespace: str) -> tuple[str, ...]:
+    """A namespace and the modules among its names."""
+    module = import_module(f"stickslip.{namespace}")
+    inner = [name for name in module.__all__ if inspect.ismodule(getattr(module, name))]
+    return namespace, *(f"{namespace}.{name}" for name in inner)
+
+
 NAMESPACES = (
     "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
-    "experiments", "experiments.disk_array", "experiments.sphere_shear", "experiments.quasi_rigid", "experiments.gouge",
-    "experiments.flow", "experiments.rate_state", "experiments.fault", "experiments.catalogue",
-    "experiments.threshold", "io", "figures", "results", "ensemble", "examples",
+    *with_modules("experiments"), "io", *with_modules("figures"), "results", "ensemble", "examples",
 )  # fmt: skip
 
 
@@ -27,7 +35,7 @@ def full(namespace: str) -> str:
 def names(namespace: str) -> list[str]:
     """Public names of a namespace, without modules: functions, then classes, then constants."""
     module = import_module(full(namespace))
-    things = {name: getattr(module, name) for name in sorted(module.__all__) if name != "__version__"}
+    things = {name: getattr(module, name) for name in sorted(public_names(module)) if name != "__version__"}
 
     def rank(name):
         return 1 if inspect.isclass(things[name]) else 0 if callable(things[name]) else 2
@@ -82,7 +90,7 @@ def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
             text = out.pop()[0] if len(out) > 1 else ""
         out.append((text, rows))
     if len(out) == 1:
-        modules = [name for name in module.__all__ if inspect.ismodule(getattr(module, name))]
+        modules = [name for name in public_names(module) if inspect.ismodule(getattr(module, name))]
         firsts = [(n, inspect.getdoc(getattr(module, n)).split("\n")[0]) for n in names(namespace) + modules]
         out.append(("", [([name], first.rstrip(".")) for name, first in firsts]))
     return out

@@ -70,65 +70,65 @@ SECTIONS = {
     "disk-array": Section(
         "Pushed row of disks", RUN.format("disk_array"),
         {
-            "fig2_complex_pairs": 'ss.figures.complex_pairs({"ten disks": result})',
-            "fig3_mean_square_displacement": "ss.figures.mean_square_displacement(result)",
-            "fig4_trajectory": "ss.figures.trajectory(result)",
-            "fig7_center_of_mass": "ss.figures.center_of_mass(result, 0.083)",
+            "fig2_complex_pairs": 'ss.figures.disk_array.complex_pairs({"ten disks": result})',
+            "fig3_mean_square_displacement": "ss.figures.disk_array.mean_square_displacement(result)",
+            "fig4_trajectory": "ss.figures.disk_array.trajectory(result)",
+            "fig7_center_of_mass": "ss.figures.disk_array.center_of_mass(result, 0.083)",
         },
     ),
     "sphere-shear": Section(
         "Sheared packing of spheres", RUN.format("sphere_shear") + "\nrun = next(r for r in result.later if r)",
         {
-            "fig2_spectrum_in_time": "ss.figures.spectrum_in_time(run)",
-            "fig3_growth": "ss.figures.growth(run)",
-            "fig4_trajectories": "ss.figures.trajectories(run, dim=3)",
-            "fig5_stress": "ss.figures.stress_through_failure(run)",
+            "fig2_spectrum_in_time": "ss.figures.sphere_shear.spectrum_in_time(run)",
+            "fig3_growth": "ss.figures.sphere_shear.growth(run)",
+            "fig4_trajectories": "ss.figures.sphere_shear.trajectories(run, dim=3)",
+            "fig5_stress": "ss.figures.sphere_shear.stress_through_failure(run)",
         },
     ),
     "quasi-rigid": Section(
         "Quasi-rigid loading", RUN.format("simple_shear") + "\none = result.tested[0]",
         {
-            "fig1_curves": 'ss.figures.curves(result.tested, "shear")',
+            "fig1_curves": 'ss.figures.quasi_rigid.curves(result.tested, "shear")',
             "fig2_statuses": "ss.figures.packing(one.path.points[-1].state, one.law)",
-            "fig3_cone": "ss.figures.cone(one, mu=0.5)",
-            "fig4_stiffness": "ss.figures.stiffness(one)",
+            "fig3_cone": "ss.figures.quasi_rigid.cone(one, mu=0.5)",
+            "fig4_stiffness": "ss.figures.quasi_rigid.stiffness(one)",
         },
     ),
     "flow": Section(
         "Column collapse", RUN.format("column_collapse"),
         {
-            "fig1_snapshots": "ss.figures.snapshots(result)",
-            "fig2_time_series": "ss.figures.time_series(result)",
+            "fig1_snapshots": "ss.figures.flow.snapshots(result)",
+            "fig2_time_series": "ss.figures.flow.time_series(result)",
         },
     ),
     "plane-shear": Section(
         "Plane shear", RUN.format("plane_shear"),
         {
-            "fig1_snapshots": "ss.figures.snapshots(result)",
-            "fig2_time_series": "ss.figures.time_series(result)",
+            "fig1_snapshots": "ss.figures.flow.snapshots(result)",
+            "fig2_time_series": "ss.figures.flow.time_series(result)",
             "forces": 'ss.figures.packing(result.frames[-1], result.law, colour="pressure", width=7.0)',
         },
     ),
     "gouge": Section(
         "Fault gouge", RUN.format("gouge"),
         {
-            "fig1_steady_sliding": "ss.figures.steady_sliding(result.realizations, result.scenario.grains.mean)",
-            "fig7_sample": "ss.figures.sample(result.realizations[0], result.scenario)",
+            "fig1_steady_sliding": "ss.figures.gouge.steady_sliding(result.realizations, result.scenario.grains.mean)",
+            "fig7_sample": "ss.figures.gouge.sample(result.realizations[0], result.scenario)",
         },
     ),
     "rate-state": Section(
         "Rate-and-state friction", RUN.format("rate_state") + FIT,
         {
-            "fig1_history": "ss.figures.slid(result.history, result.recorded, result.legs)",
-            "fit": "ss.figures.fitted(data, fits)",
+            "fig1_history": "ss.figures.rate_state.slid(result.history, result.recorded, result.legs)",
+            "fit": "ss.figures.rate_state.fitted(data, fits)",
         },
     ),
     "fault": Section(
         "Earthquake cycles on a fault", RUN.format("fault"),
         {
-            "fig1_slip": "ss.figures.slip_contours(result.history)",
-            "fig2_velocity": "ss.figures.max_slip_velocity(result.history)",
-            "fig3_stations": "ss.figures.station_series(result.history)",
+            "fig1_slip": "ss.figures.fault.slip_contours(result.history)",
+            "fig2_velocity": "ss.figures.fault.max_slip_velocity(result.history)",
+            "fig3_stations": "ss.figures.fault.station_series(result.history)",
         },
     ),
     "threshold": Section(

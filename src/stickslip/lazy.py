@@ -102,10 +102,22 @@ def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:
 
 
 def _namespaces(root: str) -> dict[str, list[str]]:
-    """Public names of each namespace."""
-    module = import_module(root)
-    spaces = [one for one in module.__all__ if inspect.ismodule(getattr(module, one))]
-    return {space: list(getattr(module, space).__all__) for space in spaces}
+    """Public names of each namespace, and of those within experiments and figures."""
+    spaces = _modules(import_module(root))
+    within = {f"{name}.{inner}": module for name, space in spaces.items() for inner, module in _modules(space).items()}
+    return {name: public_names(module) for name, module in (spaces | within).items()}
+
+
+def _modules(space) -> dict:
+    """Modules among the public names of a module, by name."""
+    public = {name: getattr(space, name) for name in getattr(space, "__all__", ())}
+    return {name: value for name, value in public.items() if inspect.ismodule(value)}
+
+
+def public_names(module) -> list[str]:
+    """Public names of a module: those that it lists, or else those that it defines."""
+    own = [name for name, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
+    return list(getattr(module, "__all__", [name for name in own if not name.startswith("_")]))
 
 
 def _closest(name: str, known: Iterable[str]) -> list[str]:

@@ -1,5 +1,7 @@
 """Types of results, for annotations and `isinstance`, with the functions that return them.
 
+Those of an experiment are in its own namespace, as `experiments.flow.FlowResult`.
+
 Stability
     Spectrum, Stability     `spectrum`, `stability`
     ComplexPairs, FastestPair, BirthForm    functions of `modes` for complex pairs
@@ -13,6 +15,7 @@ Loading
     PackingInfo, Poured     `packings.jammed` and `packings.compressed`; `packings.poured`
     Record, Ledger          `run`
     Collision               `laws.collision`
+    Deposit, PlaneShear     `experiments.flow.deposit`, `experiments.flow.plane_shear`
 
 Quasi-rigidity
     LinearSystem, ContactStatus, Verdict, Complementarity, Apex     functions of `quasirigid`
@@ -25,9 +28,7 @@ Friction
     Sliding, Mean, Healing, HoldResponse, Nucleation    functions of `friction`
     FaultHistory, FaultEvents       `friction.simulate_fault`
 
-Experiments
-    CatalogueResult, DiskArrayResult, ShearResult, ShearPath, QuasiResult, GougeResult  `simulate`
-    FlowResult, FlowSeries, Deposit, PlaneShear, SliderResult, FaultResult, ThresholdResult     `simulate`
+Sweeps
     Sweep, SweepResult      `sweep`, `run_sweep`
 
 Files

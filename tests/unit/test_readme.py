@@ -108,7 +108,7 @@ def test_an_attribute_that_does_not_exist_names_the_nearest_one(space, wrong, ne
 
 
 def test_a_name_in_two_namespaces_names_both():
-    words = r"did you mean stickslip\.figures\.complex_pairs or stickslip\.modes\.complex_pairs\?"
+    words = r"did you mean stickslip\.modes\.complex_pairs or stickslip\.figures\.disk_array\.complex_pairs\?"
     with pytest.raises(AttributeError, match=words):
         stickslip.complex_pairs  # noqa: B018
 

@@ -111,7 +111,8 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     try:
         return _read_states(path, frame, options)
     except PackingError as problem:
-        if path.name in str(problem) or str(options.get("contacts") or "\0") in str(problem):
+        named = (path.name, *filter(None, (options.get("contacts"), options.get("law"))))
+        if any(Path(str(name)).name in str(problem) for name in named):
             raise
         raise PackingError(f"{path}: {problem}") from None
 
