@@ -40,27 +40,6 @@ def law_words(one: Births) -> str:
     return f"{name}, {one.coulomb}, μ = {one.mu:g}" if one.mu < UNLIMITED else f"{name}, no limit"
 
 
-def wilson(count: int, total: int) -> tuple[float, float]:
-    """95 % interval of a share.
-
-    Source
-    ------
-    Wilson, doi:10.1080/01621459.1927.10502953.
-
-    Examples
-    --------
-    >>> wilson(0, 60)[1] < 0.061
-    True
-    """
-    z = 1.959964
-    middle, spread = (
-        count / total + z**2 / (2 * total),
-        z * np.sqrt(count * (total - count) / total**3 + z**2 / (4 * total**2)),
-    )
-    scale = 1 + z**2 / total
-    return max(0.0, float((middle - spread) / scale)), min(1.0, float((middle + spread) / scale))
-
-
 def births_by_law(rows: list[dict]) -> list[Births]:
     """Summarise packings, given as dictionaries with kind, coulomb, mu, strain (NaN: no pair), at_limit and so on."""
     return [_summary(*law, list(group)) for law, group in groupby(rows, lambda r: (r["kind"], r["coulomb"], r["mu"]))]

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.experiments.sphere_shear.claims_of_laws import BIRTHS
+from stickslip.experiments.sphere_shear.claims_of_laws import BIRTHS, share_interval
 from stickslip.figures.sphere_shear import births_by_law as births_figure
 from stickslip.figures.style import save
 
-from .births import UNLIMITED, Births, births_by_law, law_words, wilson
+from .births import UNLIMITED, Births, births_by_law, law_words
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/pairs", ROOT / "docs/pairs_by_law.md"
@@ -86,7 +86,7 @@ def _row(one: Births) -> str:
 
 
 def _share(count: int, total: int) -> str:
-    low, high = wilson(count, total)
+    low, high = share_interval(count, total)
     return f"{count} of {total} ({low:.2f}–{high:.2f})"
 
 

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from benchmarks.births import births_by_law, wilson
+from benchmarks.births import births_by_law
 from benchmarks.pairs_by_law import PAGE, read_births, table
 from stickslip.core.contacts.jacobian import linearise
+from stickslip.experiments.sphere_shear.claims_of_laws import share_interval
 
 
 def test_interval_of_a_share_solves_the_quadratic_equation_of_wilson():
     for count, total in ((0, 60), (7, 60), (30, 60), (60, 60)):
-        for end in wilson(count, total):
-            expected = 1.959964**2 * end * (1 - end) / total
+        for end in share_interval(count, total):
+            expected = 1.959963984540054**2 * end * (1 - end) / total
             assert (count / total - end) ** 2 == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 

@@ -8,7 +8,8 @@ import pytest
 import stickslip as ss
 from benchmarks import pairs_by_law
 from benchmarks.births import births_by_law
-from stickslip.experiments.sphere_shear import claims, claims_of_laws, motion
+from stickslip.core.state import volume
+from stickslip.experiments.sphere_shear import claims, claims_of_laws, claims_of_protocol, motion
 from stickslip.experiments.sphere_shear.claims_of_motion import late_births, motion_claims, number_claims
 from stickslip.reports.claims_report import place
 from stickslip.solve.freedom import jacobian
@@ -26,9 +27,23 @@ def turn(out):
 
 
 def test_a_spiral_lies_in_a_plane_and_a_funnel_does_not():
-    assert motion.out_of_plane(turn(0.0)).shape == (1, 5)
-    assert motion.out_of_plane(turn(0.0)).max() < 1e-14
-    assert motion.out_of_plane(turn(1.0)).min() > 0.05
+    wide, flat = motion.axis_ratios(turn(0.0))
+    assert flat.shape == (1, 5)
+    assert flat.max() < 1e-14
+    assert wide.min() > 0.05
+    assert motion.axis_ratios(turn(1.0))[1].min() > 0.05
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.5])
+def test_axes_of_an_ellipse_that_drifts_along_its_normal(rise):
+    """Σcos² = Σsin² = T/2 over a turn: the singular values are √(T/2), b √(T/2) and √T times the drift."""
+    angle = 2 * np.pi * np.arange(12) / 12
+    path = np.stack([np.cos(angle), 0.8 * np.sin(angle), np.full(12, rise)], axis=1)[None, :, None]
+    wide, flat = motion.axis_ratios(path)
+    assert wide[0, 0] == pytest.approx(0.8)
+    assert flat[0, 0] == pytest.approx(np.sqrt(2) * rise, abs=1e-15)
+    line = motion.axis_ratios(path * [1.0, 0.0, 0.0])
+    assert max(part.max() for part in line) < 1e-15
 
 
 @pytest.mark.parametrize("level", [0.0, 0.7])
@@ -58,7 +73,11 @@ def test_blocks_exchange_as_the_paper_says(monkeypatch):
     law = ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth")
     state, _ = ss.packings.jammed(20, packing_fraction=0.7, seed=3, law=law)
     state = ss.protocols.ramp(state, [0.0, 1e-3], ss.protocols.aqs(law))[-1].state
-    assert max(motion.block_asymmetry(state, law).values()) < 1e-14
+    differences = motion.block_asymmetry(state, law)
+    assert differences.pop("axes") > 1e-5
+    assert max(differences.values()) < 1e-14
+    slipless = state._replace(contacts=state.contacts._replace(slip=0 * state.contacts.slip))
+    assert motion.block_asymmetry(slipless, law)["axes"] < 1e-14
     c, row, step = state.contacts, ss.measure.touching(state)[0], 1e-7
     i, j = int(c.i[row]), int(c.j[row])
 
@@ -102,3 +121,29 @@ def test_every_row_belongs_to_a_place_that_is_shown():
     path = SimpleNamespace(strain=np.array([0.0, 1.0]), pairs=np.array([0, 1]))
     rows = claims_of_laws.law_claims() + number_claims(SimpleNamespace(paths=[path], single=[None]))
     assert {place(row) for row in [*rows, *motion_claims(SimpleNamespace(single=[None]))]} <= set(claims.SHOWS)
+
+
+def test_time_of_sound_and_modes_that_drag_overdamps():
+    """c = √(G/ρ) = √(0.08/0.5) = 0.4: a diameter takes 2.5; of five modes, two are zero and one has ω ≤ η_0/2."""
+    state, _ = ss.packings.jammed(20, packing_fraction=0.7, seed=3)
+    mass = np.full(20, 0.5 * volume(state) / 20)
+    state = state._replace(grains=state.grains._replace(mass=mass))
+    path = SimpleNamespace(strain=np.array([0.0, 1e-4, 1.0]), shear_stress=np.array([1.0, 1.0 + 8e-6, 9.0]), last=state)
+    assert claims_of_protocol.sound_time(path) == pytest.approx(2.5)
+    half = claims_of_protocol.DRAG / 2
+    modes = np.array([0.0, 1e-13, (0.9 * half) ** 2, (1.1 * half) ** 2, 1.0])
+    assert claims_of_protocol.overdamped(modes) == pytest.approx((1 / 3, 0.9 * half))
+
+
+@pytest.mark.parametrize(("dim", "freedoms"), [(2, 2), (3, 5)])
+@pytest.mark.parametrize("squeeze", [1.0, 0.8])
+def test_the_statistic_of_isotropic_normals_is_a_chi_square(dim, freedoms, squeeze, monkeypatch):
+    rng, state = np.random.default_rng(0), SimpleNamespace(cell=SimpleNamespace(dim=dim))
+    values = []
+    for normal in rng.normal(size=(400, 150, 3)) * [1.0, squeeze, dim == 3]:
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        monkeypatch.setattr(claims_of_protocol, "touching", lambda _, n=normal: n)
+        monkeypatch.setattr(claims_of_protocol, "fabric", lambda _, n=normal: n.T @ n / len(n))
+        values.append(claims_of_protocol.isotropy_statistic(state))
+    spread = np.sqrt(2 * freedoms / 400)  # of the mean of 400 values
+    assert (abs(np.mean(values) - freedoms) < 4 * spread) == (squeeze == 1.0)

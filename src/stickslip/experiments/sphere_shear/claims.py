@@ -12,6 +12,7 @@ from ...loading.release import Released
 from ...reports.claims import CAN, Claim, claim
 from .claims_of_laws import law_claims
 from .claims_of_motion import matrix_claim, motion_claims, number_claims
+from .claims_of_protocol import protocol_claims
 from .medians import TOLERANCE, describe_range, known_median, median_claim
 from .simulate import ShearResult
 
@@ -28,6 +29,7 @@ SHOWS = {
     "Fig 4": ("trajectories of spheres", "trajectories-three-dimensional"),
     "Fig 5": ("stress through failure", "stress-drop-one-pair"),
     "Sec. II": ("form of the law, its smoothing and its limit", "pairs-under-a-linear-law"),
+    "Sec. III": ("drag that finds equilibria", "dynamics-overdamped"),
     "Sec. V": ("generality", "generic-without-hamiltonian"),
     "App. B": ("blocks of J", "symmetries-of-blocks"),
 }
@@ -35,7 +37,7 @@ SHOWS = {
 
 def evaluate_claims(main: ShearResult) -> list[Claim]:
     """Evaluate all claims."""
-    on_paths = [*_path_claims(main), *number_claims(main), matrix_claim(main)]
+    on_paths = [*_path_claims(main), *number_claims(main), matrix_claim(main), *protocol_claims(main)]
     return on_paths + _growth_claims(main) + motion_claims(main) + _failure_claims(main) + law_claims()
 
 

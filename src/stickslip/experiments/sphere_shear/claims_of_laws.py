@@ -26,7 +26,10 @@ class Births(NamedTuple):
 
     def __str__(self) -> str:
         limit = f"{self.coulomb}, mu = {self.mu:g}" if self.mu < UNLIMITED else "no limit"
-        return f"{self.kind.removesuffix('_mindlin')}, {limit}: {self.born} of {self.packings}"
+        low, high = share_interval(self.born, self.packings)
+        return (
+            f"{self.kind.removesuffix('_mindlin')}, {limit}: {self.born} of {self.packings} ({low:.2f} to {high:.2f})"
+        )
 
 
 def stored_births() -> dict[tuple[str, str, float], Births]:
@@ -67,13 +70,26 @@ def law_claims() -> list[Claim]:
         "generic-without-hamiltonian", 'Sec. V: "as long as the dynamics is describable by forces which are not '
         'derivable from a Hamiltonian, this instability should be generic"', True, not few, "", 0.0,
         f"packings with a pair under {len(births)} laws: the fewest are {min(births.values(), key=lambda b: b.born)}, "
-        f"where only the rotation of the normal makes J asymmetric; {STUDY}", quantifier=ALWAYS,
+        f"where only the rotation of the normal makes J asymmetric. This law has a U(delta, t), and is Hamiltonian by "
+        f"App. A; under all others at least {min(b.born for b in births.values() if b != bare)} have one; {STUDY}",
+        quantifier=ALWAYS,
     )  # fmt: skip
     return [*(claim(id, said, True, value, "", 0.0, f"{note}; {STUDY}")
               for id, said, value, note in rows), generic]  # fmt: skip
 
 
+def share_interval(count: int, total: int) -> tuple[float, float]:
+    """95 % interval of a share.
+
+    Source
+    ------
+    Wilson, doi:10.1080/01621459.1927.10502953.
+    """
+    low, high = binomtest(count, total).proportion_ci(method="wilson")
+    return float(low), float(high)
+
+
 def _most(count: int, total: int) -> bool | None:
     """Whether more than half of all cases are so; None if the 95 % interval of the share contains a half."""
-    low, high = binomtest(count, total).proportion_ci(method="wilson")
+    low, high = share_interval(count, total)
     return None if low <= 0.5 <= high else bool(low > 0.5)

@@ -16,6 +16,7 @@ TOLERANCE = {
     "contacts": 1.0,  # nothing is printed
     "im-lambda": 1.0,  # one state, chosen by the authors among those with a single pair: a factor of two
     "later": 1.0,  # nothing is printed
+    "drag": np.sqrt(10) - 1,  # "of the order of": the nearest power of ten
     "stress": 0.1,  # a tenth of the exponent: M oscillates by a factor of two or so about its exponential
 }
 

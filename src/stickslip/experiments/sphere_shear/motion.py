@@ -1,4 +1,4 @@
-"""What grows in a run from a complex pair: whether trajectories are plane, and how the stress oscillates."""
+"""What grows in a run from a complex pair: whether trajectories are plane spirals, and how the stress oscillates."""
 
 from typing import NamedTuple
 
@@ -13,8 +13,10 @@ from ...solve.freedom import freedom, jacobian
 PARTS = 10  # of the window of the fit, in each of which the amplitude of the stress is taken
 
 
-def out_of_plane(turns: np.ndarray) -> np.ndarray:
-    """Third over first singular value of every grain's displacements in a turn, (L, H): 0 if it moves in a plane.
+def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Second and third over first singular value of every grain's displacements in a turn, (L, H) each.
+
+    The second is 0 on a line, the third in a plane.
 
     The motion of a single pair is Re(c e^{iωt}) with a complex vector c for each grain, so that a grain moves in the
     plane of Re c and Im c, which contains its position at rest.
@@ -24,7 +26,7 @@ def out_of_plane(turns: np.ndarray) -> np.ndarray:
     turns : (L, T, H, 3) displacements from rest, T samples of each turn [length]
     """
     values = np.linalg.svd(turns.transpose(0, 2, 1, 3), compute_uv=False)
-    return values[..., 2] / values[..., 0]
+    return values[..., 1] / values[..., 0], values[..., 2] / values[..., 0]
 
 
 class Oscillation(NamedTuple):
@@ -51,7 +53,7 @@ def block_asymmetry(state: State, law: Law) -> dict[str, float]:
     """Largest violation of the symmetries of J under exchange of two grains, over the largest entry of the block.
 
     A = ∂F/∂r and D = ∂(T/R)/∂(R·angle) are the same for (i, j) and (j, i); C = ∂F/∂(R·angle) and B = ∂(T/R)/∂r change
-    sign.
+    sign. "axes" is that of A under exchange of its axes, which a tangential force violates.
 
     Source
     ------
@@ -63,8 +65,10 @@ def block_asymmetry(state: State, law: Law) -> dict[str, float]:
     full = jacobian(state, law, free).toarray().reshape(len(state.grains.radius), width, -1, width)
     there, back = full[c.i[rows], :, c.j[rows]], full[c.j[rows], :, c.i[rows]]
     move, turn = slice(0, dim), slice(dim, None)
+    a = there[:, move, move]
+    axes = float(np.abs(a - a.transpose(0, 2, 1)).max() / np.abs(a).max())
     blocks = {"A": (move, move, 1), "B": (turn, move, -1), "C": (move, turn, -1), "D": (turn, turn, 1)}
-    return {
+    return {"axes": axes} | {
         name: float(np.abs(there[:, a, b] - sign * back[:, a, b]).max() / np.abs(there[:, a, b]).max())
         for name, (a, b, sign) in blocks.items()
     }
