@@ -72,7 +72,8 @@ def read_columns(content: bytes) -> dict[str, np.ndarray]:
         raise ValueError(f"no complete XML: {problem}") from None
     kind = root.get("type", "")
     if kind not in ("UnstructuredGrid", "PolyData"):
-        raise ValueError(f"VTK of type {kind}: UnstructuredGrid and PolyData are read")
+        hint = ": it names other files, give one of those" if kind.startswith("P") else ""
+        raise ValueError(f"VTK of type {kind}{hint or ': UnstructuredGrid and PolyData are read'}")
     compressor = root.get("compressor", "vtkZLibDataCompressor")
     if compressor != "vtkZLibDataCompressor":
         raise ValueError(f"compressed by {compressor}: only vtkZLibDataCompressor is read")
