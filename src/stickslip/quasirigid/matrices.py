@@ -25,7 +25,7 @@ from ..core.laws.builtin import KEEPS_FORCE, SMOOTH, Law
 from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.readable import readable
-from ..core.state import SLIDE, State
+from ..core.state import OPEN, SLIDE, State
 from ..solve.freedom import Freedom, cell_geometric_terms, freedom, incidence
 from .walls import append_wall_rotations
 
@@ -98,7 +98,12 @@ def linear_system(
             )
         loose[: len(state.grains.radius)] = rattlers
     elif not rattlers:
-        loose[: len(state.grains.radius)] = loose_grains(state, 2)
+        parted = np.zeros(len(state.contacts.mode), bool)  # such as those of rattlers that a path moved aside
+        parted[rows] = ~line.normal[rows].any(axis=1)
+        modes = np.where(parted, OPEN, state.contacts.mode)
+        loose[: len(state.grains.radius)] = loose_grains(
+            state._replace(contacts=state.contacts._replace(mode=modes)), 2
+        )
     rows = rows[~(loose[state.contacts.i[rows]] | loose[state.contacts.j[rows]])]
     free = freedom(state).without(loose)
     count = len(line.normal)
