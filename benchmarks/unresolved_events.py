@@ -1,0 +1,67 @@
+"""What unresolved events of packings without friction have in common, for `docs/catalogue.md`.
+
+    python -m benchmarks.unresolved_events        # 32 packings of the catalogue: a quarter of an hour, one process
+
+For each event, the contact or gap that is nearest to touching in the last stable state is sought, and whether one of
+its grains almost floats, so that it is not among the grains whose eigenvalues count. The table of the page is written.
+"""
+
+from collections import Counter
+from unittest.mock import patch
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.experiments.catalogue.simulate import shear_sample
+from stickslip.loading import events
+from stickslip.loading.event_class import Break
+from stickslip.loading.event_types import EventKind
+
+from .catalogue import PAGE, RUNS
+
+PACKINGS, PER_PART = 32, 4
+MARK = "<!-- written by python -m benchmarks.unresolved_events -->\n"
+NEAR = 1e-8  # distance from touching, in units of the mean diameter, that a strain of the last bracket covers
+
+
+def nearest(found: Break) -> tuple[float, bool]:
+    """Distance from touching of the nearest contact or gap before an event, and whether one of its grains floats."""
+    state, supported = found.last.state, found.last.response.support.grains
+    contacts, overlap = state.contacts, ss.measure.overlaps(state)[: int(state.contacts.count[0])]
+    row = int(np.argmin(np.abs(overlap)))
+    return float(abs(overlap[row])), not (supported[contacts.i[row]] and supported[contacts.j[row]])
+
+
+def collect() -> list[tuple[EventKind, float, bool]]:
+    """Kind, distance and floating grain of every event of the packings."""
+    rows, describe = [], events.describe
+
+    def observe(found, step, bracket):
+        event = describe(found, step, bracket)
+        rows.append((event.kind, *nearest(found)))
+        return event
+
+    with patch.object(events, "describe", observe):
+        for part in range(PACKINGS // PER_PART):
+            scenario = RUNS["frictionless"].scenario(part)
+            for seed in range(scenario.seed, scenario.seed + PER_PART):
+                shear_sample(scenario, seed, lambda share, words: None)
+                print(seed, Counter(kind.name for kind, *_ in rows), flush=True)
+    return rows
+
+
+def table(rows: list[tuple[EventKind, float, bool]]) -> str:
+    """Format the table of the page."""
+    text = "| class | events | nearest contact or gap is of a grain that almost floats | and within 1e-8 |\n"
+    text += "|---|---|---|---|\n"
+    for kind in dict.fromkeys(kind for kind, *_ in rows):
+        mine = [(distance, floats) for one, distance, floats in rows if one is kind]
+        near = sum(floats and distance < NEAR for distance, floats in mine)
+        text += f"| `{kind.name.lower()}` | {len(mine)} | {sum(floats for _, floats in mine)} | {near} |\n"
+    return text
+
+
+if __name__ == "__main__":
+    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
+    _, end, tail = rest.partition("<!-- end -->")
+    PAGE.write_text(f"{head}{begin}\n{table(collect())}\n{end}{tail}", encoding="utf-8")
