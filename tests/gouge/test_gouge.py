@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
-from stickslip.core.laws.builtin import LEVER, ROLLING, TWISTING
+from stickslip.core.laws.builtin import KEEPS_FORCE, LEVER, ROLLING, TWISTING
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
 from stickslip.experiments.gouge import measures, statistics
@@ -225,7 +225,7 @@ def test_several_branches_start_along_one_slide(tmp_path):
 
 
 MOMENTS = {
-    "lever": "overlap", "rolling": "spring", "k_roll": 1e6, "mu_roll": 0.2,
+    "lever": "overlap", "memory": "force", "rolling": "spring", "k_roll": 1e6, "mu_roll": 0.2,
     "twisting": "spring", "k_twist": 0.1, "mu_twist": 1e-4,
 }  # fmt: skip
 
@@ -235,7 +235,7 @@ def test_a_killed_realization_goes_on_from_its_branches(moments, tmp_path, monke
     """What a branch has finished is not run again, and the result is that of a run that was not stopped."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
     chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0, law=LAW | moments)
-    assert gouge_law(chosen, 0.5).properties == (LEVER | ROLLING | TWISTING if moments else 0)
+    assert gouge_law(chosen, 0.5).properties == (KEEPS_FORCE | LEVER | ROLLING | TWISTING if moments else 0)
     from stickslip.experiments.gouge import simulate as gouge_ensemble
 
     whole, calls = gouge_ensemble.run_branch, []

@@ -73,6 +73,9 @@ class LawTable(LawFile):
     lever: Literal["radius", "overlap"] | None = Field(
         None, description="lever arms of tangential forces: radius, R, also if it has no value; overlap, R − δ/2"
     )
+    memory: Literal["slip", "force"] | None = Field(
+        None, description="memory of contacts: slip, also if it has no value; force, as in LAMMPS mindlin/force"
+    )
     rolling: Literal["constant", "viscous", "spring"] | None = Field(
         None, description="model of a moment that resists rolling; without a value, there is none"
     )

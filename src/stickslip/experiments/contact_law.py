@@ -4,7 +4,7 @@ import numpy as np
 
 from ..builtin_laws import BY_NAME
 from ..core.laws.builtin import KN, MOMENTS, ROLLING, TWISTING, Law, for_pair, with_values
-from ..core.laws.properties import with_lever, with_rolling, with_twisting
+from ..core.laws.properties import with_lever, with_memory, with_rolling, with_twisting
 from ..data.law_file import load_law
 from ..data.law_schema import SUBSTRATE, LawTable
 from ..data.sample import law_by_name
@@ -41,8 +41,9 @@ def _built_in(chosen: LawTable) -> Law:
 
 
 def _with_properties(law: Law, chosen: LawTable) -> Law:
-    """Law with the lever arms and moments of a law table."""
+    """Law with the lever arms, the memory and the moments of a law table."""
     law = law if chosen.lever is None else with_lever(law, chosen.lever)
+    law = law if chosen.memory is None else with_memory(law, chosen.memory)
     given = {name: getattr(chosen, name) or 0.0 for part in MOMENTS.values() for name in part}
     rolls, twists = ({name: given[name] for name in MOMENTS[part]} for part in (ROLLING, TWISTING))
     law = law if chosen.rolling is None else with_rolling(law, chosen.rolling, **rolls)
