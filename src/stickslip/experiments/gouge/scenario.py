@@ -60,7 +60,8 @@ class GougeGrains(ScenarioTable):
 @takes(
     "hertz_mindlin_reff", "hertz_mindlin_reff_rescaled", young=50e9, poisson=0.3, mu=0.5, damping_n=None,
     damping_ratio=0.5, restitution=None, reading=None, size=None, speed=None, tension=True, lever=None, memory=None,
-    rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None, gamma_twist=None, si=True,
+    rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,
+    gamma_twist=None, si=True,
 )  # fmt: skip
 class GougeLaw(LawTable):
     """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021, with its defaults.
