@@ -288,3 +288,28 @@ def _rest(dim, seed):
         return ss.relax(ss.packings.disk_array(8 + seed, press=5e-5, push=1e-4, gap=-1e-3), law)[0], law
     state, _ = ss.packings.jammed(14, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)
     return ramp(state, np.arange(0, 5 + seed) * 1e-3, aqs(law))[-1].state, law
+
+
+@pytest.mark.parametrize(("spin", "rests"), [([0, 5.0, 0], True), ([5.0, 0, 0], False)])
+def test_a_grain_that_spins_about_its_contact_moves_nothing(spin, rests):
+    """As `fix viscous` of LAMMPS leaves grains, which does not act on rotations."""
+    grains = ss.spheres([[0, 0.49, 0]], [0.5], mass=[1.0], spin=[spin])
+    load = ss.control.loads(1, 1, gravity=[0, -1e-3, 0])
+    state = ss.assembly(grains, ss.flat_walls([[0, 0, 0]], [[0, 1, 0]]), ss.box([5] * 3, [False] * 3, 3), load)
+    law = ss.laws.linear(kn=0.1, kt=0.05)
+    state = ss.accept(state, ss.forces(state, law)[1])
+    found = ss.stability(state, law)
+    assert found.balanced == rests
+    assert rests or any("motion: the grains move, at up to 2.5" in cause for cause in found.causes)
+
+
+def test_torques_that_do_not_balance_name_moments_if_there_are_any(sheared):
+    def causes(law):
+        state = sheared._replace(control=ss.control.loads(24))
+        state.control.torque[:, 0] = 1e-4
+        return " ".join(ss.measure.likely_causes(state, law))
+
+    assert "lever arms: forces balance" in causes(SHARP) and "R, are those of this law" in causes(SHARP)
+    rolling = ss.laws.with_rolling(SHARP, k_roll=0.1, mu_roll=0.1)
+    assert "moments: forces balance" in causes(rolling)
+    assert "R − δ/2, are those of this law" in causes(ss.laws.with_lever(SHARP, "overlap"))

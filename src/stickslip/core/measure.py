@@ -76,6 +76,21 @@ def overlaps(state: State) -> np.ndarray:
     return reach - np.linalg.norm(branch_vectors(state), axis=1)
 
 
+def contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity of i relative to j, a grain or a wall, at contacts: normal part (M,), tangential vector (M, 3).
+
+    The flow of a deforming cell is included; `normal` points from j to i.
+    """
+    grains, n = state.grains, len(state.grains.radius)
+    speed = np.concatenate([grains.velocity, state.walls.velocity])
+    turn = np.concatenate([grains.radius[:, None] * grains.spin, np.zeros((len(state.walls.mass), 3))])
+    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    flow = np.where((j < n)[:, None], branch_vectors(state)[rows] @ state.cell.rate.T, 0.0)
+    v = speed[i] - speed[j] + flow - np.cross(turn[i] + turn[j], normal)
+    pace = np.einsum("ck,ck->c", v, normal)
+    return pace, v - pace[:, None] * normal
+
+
 @checked
 def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     """Elastic force on body i of every pair in the list, (C, 3), zero where open [force].

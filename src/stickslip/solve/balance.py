@@ -7,8 +7,8 @@ from scipy.sparse.csgraph import connected_components
 from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, linearise
-from ..core.laws.builtin import Law
-from ..core.measure import Committed, overlaps, volume
+from ..core.laws.builtin import LEVER, ROLLING, TWISTING, Law
+from ..core.measure import Committed, contact_velocity, overlaps, volume
 from ..core.state import SLIDE, STICK, Contacts, State
 from .linearised import LinearisedState, linearised
 
@@ -82,18 +82,32 @@ def _local_force_scales(here: LinearisedState) -> np.ndarray:
 def motion_imbalance(here: LinearisedState) -> float:
     """Force change caused by the motion, v √(m k) for a spring k that stops a mass m, over the mean contact force.
 
-    The largest value over all grains that are not rattlers. Velocities are relative to their mean if nothing holds
-    the grains in place.
+    The largest value over all grains that are not rattlers.
     """
-    state, still = here.state, ~here.loose
-    if not (len(here.rows) and still.any()):
-        return 0.0
-    grains, velocity = state.grains, state.grains.velocity[still]
-    if not len(state.walls.mass) and state.control.free[: len(still), : state.cell.dim].all():
-        velocity = velocity - np.average(velocity, axis=0, weights=grains.mass[still])
-    turning = np.linalg.norm(grains.spin[still], axis=1) * grains.radius[still]
-    speed = np.maximum(np.linalg.norm(velocity, axis=1), turning)
-    return _ratio(float((speed * np.sqrt(grains.mass[still] * here.mean_stiffness)).max()), here.mean_force)
+    push = _speeds(here) * np.sqrt(here.state.grains.mass * here.mean_stiffness)
+    return _ratio(float(push.max(initial=0.0)), here.mean_force)
+
+
+def _speeds(here: LinearisedState) -> np.ndarray:
+    """(N,) speeds of grains: of their centers, or relative to a neighbor at the contact if that is more; 0 of rattlers.
+
+    A grain that spins about the normals of its contacts moves nothing there. Velocities are relative to their mean if
+    nothing holds the grains in place; those of walls and of the cell do not count.
+    """
+    state, still, rows = here.state, ~here.loose, here.rows
+    if not (len(rows) and still.any()):
+        return np.zeros(len(still))
+    velocity, walls = state.grains.velocity, state.walls
+    if not len(walls.mass) and state.control.free[: len(still), : state.cell.dim].all():
+        velocity = velocity - np.average(velocity[still], axis=0, weights=state.grains.mass[still])
+    resting = walls._replace(velocity=np.zeros_like(walls.velocity)), state.cell._replace(rate=np.zeros((3, 3)))
+    fixed = state._replace(walls=resting[0], cell=resting[1])
+    pace, slip = contact_velocity(fixed, rows, here.line.normal[rows])
+    speed = np.append(np.linalg.norm(velocity, axis=1), np.zeros(len(walls.mass)))
+    between = here.supported[rows]
+    for ends in (state.contacts.i[rows], state.contacts.j[rows]):
+        np.maximum.at(speed, ends[between], np.hypot(pace, np.linalg.norm(slip, axis=1))[between])
+    return speed[: len(still)] * still
 
 
 def _ratio(part: float, whole: float) -> float:
@@ -140,8 +154,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     if free and not (state.cell.periodic.any() or len(state.walls.mass) or acts):
         found.append("no cell: no periodic box, walls or loads hold the grains together")
     if motion_imbalance(here) > BALANCED_BELOW:
-        speed = np.linalg.norm(state.grains.velocity, axis=1).max()
-        found.append(f"motion: the grains move, the fastest at {speed:.2g}")
+        found.append(f"motion: the grains move, at up to {_speeds(here).max():.2g} relative to each other or in space")
     found += _load_causes(here)
     lost, error = _precision_loss(state)
     share = _ratio(here.mean_stiffness * error, here.mean_force)
@@ -169,7 +182,7 @@ def _load_causes(here: LinearisedState) -> list[str]:
         force = force - mass * pull
     loose = np.abs(force).max(axis=1) > small
     if not loose.any() and (np.abs(torque) > small).any():
-        found.append("lever arms: forces balance, torques do not, as where other lever arms than R act (R − δ/2)")
+        found.append(_torque_cause(here.law))
     place, radius = state.grains.position[free], state.grains.radius[free]
     for axis in np.flatnonzero(~state.cell.periodic[: state.cell.dim]) if 0 < loose.mean() <= 0.7 else ():
         for side, words in ((-1.0, "lowest"), (1.0, "highest")):
@@ -179,6 +192,17 @@ def _load_causes(here: LinearisedState) -> list[str]:
                     f"a wall: the {loose.sum()} grains whose forces do not balance are the {words} along {'xyz'[axis]}"
                 )
     return found
+
+
+def _torque_cause(law: Law) -> str:
+    """Reason why torques do not balance although forces do."""
+    if law.properties & (ROLLING | TWISTING):
+        return (
+            "moments: forces balance, torques do not, as where the memory of rolling or twisting is not that of the "
+            "packing at rest; LAMMPS reverses it where grains cross a periodic side"
+        )
+    arms = "R − δ/2, are those of this law; R" if law.properties & LEVER else "R, are those of this law; R − δ/2"
+    return f"lever arms: forces balance, torques do not, as where other lever arms act ({arms} is the other)"
 
 
 def _precision_loss(state: State) -> tuple[str, float]:

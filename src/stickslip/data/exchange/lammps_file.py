@@ -24,7 +24,7 @@ from ...core.contacts.forces import forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import SHARP, Law, damping_model
-from ...core.measure import branch_vectors, touching
+from ...core.measure import branch_vectors, contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
 from ..sample import HUGE, NO_CONTACTS, Assumption, MemoryNote, PackingError, PackingWarning, accepted, from_arrays
@@ -201,7 +201,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     rows, entries, sign = _match_pairs(state, pairs)
     _check_columns(pairs, branch_vectors(state)[rows], entries, sign)
     c = linearise(state, law)
-    vn, vt = relative_velocity(state, rows, c.normal[rows])
+    vn, vt = contact_velocity(state, rows, c.normal[rows])
     tangential = sign[:, None] * pairs.tangential[entries]
     stiffness = c.stiffness_t[rows, None]
     pull = tangential + c.damping_t[rows, None] * vt
@@ -218,15 +218,6 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
     # where dashpots bear a part of the force, LAMMPS leaves the slip of what slides below the limit
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
-
-
-def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity of i relative to j at contacts between grains: normal part (M,) and tangential vector (M, 3)."""
-    grains, i, j = state.grains, state.contacts.i[rows], state.contacts.j[rows]
-    turn = grains.radius[:, None] * grains.spin
-    v = grains.velocity[i] - grains.velocity[j] - np.cross(turn[i] + turn[j], normal)
-    vn = np.einsum("ck,ck->c", v, normal)
-    return vn, v - vn[:, None] * normal
 
 
 def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: np.ndarray) -> None:

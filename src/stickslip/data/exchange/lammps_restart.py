@@ -22,7 +22,7 @@ from ...core.laws.builtin import KEEPS_FORCE, ROLLING, SCALED, TWISTING, Law, pa
 from ...core.laws.kinds import Kind, bridges_gaps
 from ...core.laws.properties import resists_rolling
 from ...core.laws.values import evaluate
-from ...core.measure import branch_vectors, overlaps, touching
+from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError
 from .content import HEAD, Packing, only_state, read_content
@@ -454,24 +454,12 @@ def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.nd
         return np.zeros(0, bool), np.zeros(0, bool)
     c, contacts = linearise(state, law, memory=FROZEN), state.contacts
     mu = c.mu[rows]
-    pace, tangent = _contact_velocity(state, rows, c.normal[rows])
+    pace, tangent = contact_velocity(state, rows, c.normal[rows])
     spring = -c.stiffness_t[rows, None] * contacts.slip[rows]
     dashpot = c.damping_t[rows, None] * tangent
     limit = np.abs(c.limit[rows] - mu * c.damping_n[rows] * pace)
     slack = SHARE * (np.linalg.norm(dashpot, axis=1) + mu * c.damping_n[rows] * np.abs(pace))
     return np.linalg.norm(spring - dashpot, axis=1) >= (1 - AT_LIMIT) * limit - slack, limit > 0
-
-
-def _contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity of i relative to j, a grain or a wall, at contacts: normal part (M,) and tangential vector (M, 3)."""
-    grains, n = state.grains, len(state.grains.radius)
-    speed = np.concatenate([grains.velocity, state.walls.velocity])
-    turn = np.concatenate([grains.radius[:, None] * grains.spin, np.zeros((len(state.walls.mass), 3))])
-    i, j = state.contacts.i[rows], state.contacts.j[rows]
-    flow = np.where((j < n)[:, None], branch_vectors(state)[rows] @ state.cell.rate.T, 0.0)
-    v = speed[i] - speed[j] + flow - np.cross(turn[i] + turn[j], normal)
-    pace = np.einsum("ck,ck->c", v, normal)
-    return pace, v - pace[:, None] * normal
 
 
 class Places(NamedTuple):

@@ -9,12 +9,12 @@ import numpy as np
 
 from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import SHARP, damping_model
-from ...core.measure import touching
+from ...core.measure import contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import SLIDE
 from ..atomic import replace_atomically
 from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
-from .lammps_file import ORDER, relative_velocity
+from .lammps_file import ORDER
 from .lammps_text import VOLUME
 
 
@@ -80,7 +80,7 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     rows = touching(state)
     rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
     c = linearise(state, law)
-    vn, vt = relative_velocity(state, rows, c.normal[rows])
+    vn, vt = contact_velocity(state, rows, c.normal[rows])
     normal = (c.force_n[rows] - c.damping_n[rows] * vn)[:, None] * c.normal[rows]
     tangential = pairs["tangential"] - c.damping_t[rows, None] * vt
     length = np.linalg.norm(pairs["branch"], axis=1)
