@@ -756,3 +756,19 @@ def test_arrays_of_objects_are_refused(tmp_path):
     np.save(tmp_path / "p.npy", np.array([{"x": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(ss.packings.PackingError, match=r"p\.npy cannot be read"):
         ss.io.read_packing(tmp_path / "p.npy")
+
+
+@pytest.mark.parametrize("before", ["pair_style", "run", "units"])
+def test_a_log_that_another_one_began_goes_on_with_its_commands(before, cases, tmp_path):
+    """The command `log` begins a file without a head; what was set before it counts."""
+    lines = (cases / "poured" / "log.lammps").read_text().split("\n")
+    k = next(k for k, line in enumerate(lines) if line.split()[:1] == [before])
+    (tmp_path / "log.lammps").write_text("\n".join([*lines[:k], "log rest.log", ""]))
+    (tmp_path / "rest.log").write_text("\n".join(lines[k:]))
+    (tmp_path / "poured.restart").write_bytes((cases / "poured" / "poured.restart").read_bytes())
+    read, whole = ss.io.read_packing(tmp_path), ss.io.read_packing(cases / "poured")
+    assert any("from rest.log" in note for note in read.notes)
+    assert (read.law.table == whole.law.table).all()
+    assert (read.state.walls.point == whole.state.walls.point).all()
+    assert (read.state.control.gravity == whole.state.control.gravity).all()
+    assert len(read.notes) == len(whole.notes)

@@ -1,6 +1,7 @@
 """Commands of a run of LAMMPS, from its log or its input script: what holds at the end of it."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 from .content import read_lines
 
 LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
+RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 
 
@@ -27,8 +29,11 @@ class Run(NamedTuple):
 
 
 def recognize_log(text: str) -> bool:
-    """Return True for a log, in which LAMMPS repeats its commands with the values of variables."""
-    return bool(LOG.search(text[:200]))
+    """Return True for a log, in which LAMMPS repeats its commands with the values of variables.
+
+    One that a command `log` began has no line with the version.
+    """
+    return bool(LOG.search(text[:200]) or RAN.search(text))
 
 
 def recognize_script(text: str) -> bool:
@@ -36,9 +41,12 @@ def recognize_script(text: str) -> bool:
     return bool(re.search(r"(?m)^\s*(pair_style|atom_style|read_data|read_restart)\s", text))
 
 
-def read_commands(path: Path, until: str = "") -> Run:
-    """Replay the commands of a log or an input script, up to the one that wrote the file named `until`."""
-    text = read_lines_of(path)
+def read_commands(path: Path, until: str = "", before: Sequence[Path] = ()) -> Run:
+    """Replay the commands of a log or an input script, up to the one that wrote the file named `until`.
+
+    `before` are logs of the same run that were written before this one.
+    """
+    text = "\n".join(map(read_lines_of, (*before, path)))
     version = re.match(r"LAMMPS \(\d+ \w+ (\d{4})", text)
     run = Run(path.name, [], [], {}, {}, {}, {}, [], int(version[1]) if version else 0)
     values, is_log = {}, recognize_log(text)

@@ -191,7 +191,7 @@ def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, 
     """File of the newest grains that can be read, the commands of its run, and the packing."""
     path = _newest_grains(files, frame)
     source = _newest_commands(files, path)
-    run = None if source is None else read_commands(source, path.name)
+    run = None if source is None else read_commands(source, path.name, _logs_before(source, files.logs))
     try:
         return path, run, _read_grains(path, files, frame, run)
     except PackingError as problem:
@@ -295,6 +295,14 @@ def _newest_commands(files: Files, grains: Path) -> Path | None:
         if naming or paths:
             return max(naming or paths, key=lambda path: path.stat().st_mtime)
     return None
+
+
+def _logs_before(log: Path, logs: list[Path]) -> list[Path]:
+    """Logs that LAMMPS wrote in the same run before a command `log` began this one, the first one first."""
+    before = [path for path in logs if path != log and _names(path, log.name, ("log",))]
+    if len(before) != 1:
+        return []
+    return [*_logs_before(before[0], [path for path in logs if path != log]), *before]
 
 
 def _take_over(course: Course) -> None:
