@@ -34,6 +34,7 @@ def test_the_page_has_the_table_of_the_stored_packings():
     assert table(births_by_law(packings)) in PAGE.read_text(encoding="utf-8")
 
 
+@pytest.mark.filterwarnings("ignore::stickslip.solve.equilibrate.UnstableEquilibriumWarning")
 @pytest.mark.parametrize(
     ("kind", "coulomb", "mu"),
     [
