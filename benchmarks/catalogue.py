@@ -41,7 +41,8 @@ PICTURES = {
     "eigenvalue": "Square of the smallest eigenvalue before saddle nodes, and that across contacts that slide",
     "classes": "Classes of events by contact law",
     "drops": "Distributions of stress drops and jumps",
-    "roc": "ROC curves of the predictors for every contact law",
+    "roc": "ROC curves of the predictors, by contact law",
+    "roc_later": "ROC curves of laws that were run later, with more packings",
 }
 
 
@@ -66,7 +67,7 @@ RUNS = {  # with moderate friction the first events come late
     "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 16),
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24, strain=0.02),  # many events of a packing are alike
     "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 4, strain=0.4),
-    "smooth-0.5": Run(DISKS, {"coulomb": "smooth", "mu": 0.5}, 4, strain=0.4),
+    "smooth-0.5": Run(DISKS, {"coulomb": "smooth", "mu": 0.5}, 10, strain=0.4),  # a packing may have 25 events
     "spheres-smooth-0.5": Run(SPHERES, {"coulomb": "smooth", "mu": 0.5}, 1, 20),
     "spheres-sharp-0.5": Run(SPHERES, {"coulomb": "sharp", "mu": 0.5}, 1, 20),
 }
@@ -106,24 +107,38 @@ def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:
     return events, steps
 
 
+def stored(laws, out: Path = OUT) -> dict[str, Table]:
+    """Return the events in the reference of laws that are not among the given ones, without their number of parts."""
+    if not (out / "events.csv").is_file():
+        return {}
+    table, fresh = read_table(out / "events.csv"), {_plain(law) for law in laws}
+    return {
+        label: {name: column for name, column in rows_of(table, table["law"] == _plain(label)).items() if name != "law"}
+        for label in _labels()
+        if _plain(label) not in fresh and (table["law"] == _plain(label)).any()
+    }
+
+
 def write_reference(folder: Path, out: Path = OUT) -> None:
-    """Write tables, figures and summary of what is finished."""
+    """Write tables, figures and summary of what is finished; laws that are not in the folder keep theirs."""
     events, steps = gathered(folder)
     out.mkdir(parents=True, exist_ok=True)
     found = {law: skills(steps[law], events[law], SHEAR["window"]) for law in events}
-    whole = joined_tables([(_plain(law), table) for law, table in events.items()], "law")
-    write_table(out / "events.csv", {name: column for name, column in whole.items() if name != "part"}, digits=7)
-    _write_skills(out / "skill.csv", found)
+    kept, bare = stored(events, out), {law: _without(table, "part") for law, table in events.items()}
+    every = {label: (bare | kept)[label] for label in _labels() if label in bare or label in kept}
+    whole = joined_tables([(_plain(law), table) for law, table in every.items()], "law")
+    write_table(out / "events.csv", whole, digits=7)
+    _write_skills(out / "skill.csv", found, kept)
     save(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")
-    save(figures.classes({law: class_counts(table) for law, table in events.items()}), out / "classes.png")
-    save(figures.drops(events), out / "drops.png")
+    save(figures.classes({law: class_counts(table) for law, table in every.items()}), out / "classes.png")
+    save(figures.drops(every), out / "drops.png")
     curves = [[one for one in found[law] if np.isfinite(one.roc.area)] for law in found]
-    save(figures.roc_curves(curves, list(found)), out / "roc.png")
+    save(figures.roc_curves(curves, list(found)), out / ("roc_later.png" if kept else "roc.png"))
     for name, target in (("slips.csv", "slips.csv"), ("fig8_slips.png", "slips.png")):
         if (folder / "gouge" / name).is_file():
             shutil.copy(folder / "gouge" / name, out / target)
     if out == OUT:
-        _fill_page(_progress(folder) + summary(events, steps, found))
+        _fill_page(summary(every, steps, found))
 
 
 def estimate_again(out: Path = OUT) -> None:
@@ -153,11 +168,19 @@ def estimate_again(out: Path = OUT) -> None:
     save(figures.classes(counts), out / "classes.png")
 
 
-def _progress(folder: Path) -> str:
-    """Sentence about the parts that are not finished; empty without any."""
-    parts = [folder / f"{name}-{part}" / "events.csv" for name, run in RUNS.items() for part in range(run.parts)]
-    done = sum(path.is_file() for path in parts)
-    return "" if done == len(parts) else f"{done} of {len(parts)} parts of the run have been made.\n\n"
+def _labels() -> list[str]:
+    """Labels of all laws."""
+    return list(dict.fromkeys(law_label(run.scenario(0)) for run in RUNS.values()))
+
+
+def _without(table: Table, name: str) -> Table:
+    return {key: column for key, column in table.items() if key != name}
+
+
+def _page_rows(law: str) -> list[str]:
+    """Rows of a law in the tables of the page: classes, and areas."""
+    text = PAGE.read_text(encoding="utf-8").partition(MARK)[2]
+    return [line for line in text.split("\n") if line.startswith(f"| {_plain(law)} |")]
 
 
 def _fill_page(text: str) -> None:
@@ -172,8 +195,10 @@ def _plain(label: str) -> str:
     return label.replace("$\\mu$", "μ").replace(",", "")
 
 
-def _write_skills(path: Path, found: dict[str, list[Skill]]) -> None:
-    lines = ["law,predictor,area,low,high,steps,followed,packings"]
+def _write_skills(path: Path, found: dict[str, list[Skill]], kept) -> None:
+    names = tuple(f"{_plain(law)}," for law in kept)
+    old = path.read_text(encoding="utf-8").split("\n")[1:] if names else []
+    lines = ["law,predictor,area,low,high,steps,followed,packings", *(line for line in old if line.startswith(names))]
     for law, several in found.items():
         lines += [
             f"{_plain(law)},{s.predictor},{s.roc.area:.4f},{s.low:.4f},{s.high:.4f},{s.steps},{s.followed},{s.packings}"
@@ -185,8 +210,8 @@ def _write_skills(path: Path, found: dict[str, list[Skill]]) -> None:
 def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, list[Skill]]) -> str:
     """Tables of the page, in Markdown."""
     total = sum(len(table["strain"]) for table in events.values())
-    rows = [_row_of_classes(law, table, steps[law]) for law, table in events.items()]
-    areas = [_row_of_areas(law, several) for law, several in found.items()]
+    rows = [_row_of_classes(law, t, steps[law]) if law in found else _page_rows(law)[0] for law, t in events.items()]
+    areas = [_row_of_areas(law, found[law]) if law in found else _page_rows(law)[1] for law in events]
     return "\n".join(
         [
             f"{total} events. Numbers of events by class, median exponent p of λ ∝ (γ_c − γ)^p at saddle nodes with "
@@ -206,7 +231,11 @@ def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, 
             "",
             _published(found),
             "",
-            *(f"![{words}](reference/catalogue/{name}.png)\n" for name, words in PICTURES.items()),
+            *(
+                f"![{words}](reference/catalogue/{name}.png)\n"
+                for name, words in PICTURES.items()
+                if (OUT / f"{name}.png").is_file()
+            ),
         ]
     )
 
@@ -239,8 +268,9 @@ def _row_of_areas(law: str, several: list[Skill]) -> str:
 def _published(found: dict[str, list[Skill]]) -> str:
     """Sentence about the published statement that eigenvalues announce nothing."""
     law = next((law for law in found if law.startswith("linear, sharp")), None)
-    if law is None:
-        return ""
+    if law is None:  # as the page has it
+        lines = PAGE.read_text(encoding="utf-8").split("\n")
+        return next((line for line in lines if line.startswith("Ishima et al.")), "")
     by = {one.predictor: one for one in found[law]}
     flat, switch, rate, loss = (by[name] for name in ("softest", "switch", "nonaffine_rate", "loss_ahead"))
     inside = "contains" if flat.low <= 0.5 <= flat.high else "does not contain"
