@@ -297,9 +297,9 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     old = len(law.table)
     table[:old, :old] = law.table
     for name, value in parameters.items():
-        check_parameter(name, value, names, _names_of_any_sign(law))
+        check_parameter(name, value, _given_names(law), _names_of_any_sign(law))
         table[a, b, names.index(name)] = table[b, a, names.index(name)] = value
-    return _checked_values(law._replace(table=table))
+    return _checked_values(_derive_twisting(law._replace(table=table)))
 
 
 def laws_equal(a: Law, b: Law) -> bool:
@@ -311,9 +311,31 @@ def with_values(law: Law, **parameters) -> Law:
     """Law with other parameters between all materials."""
     names, table = parameter_names(law), law.table.copy()
     for name, value in parameters.items():
-        check_parameter(name, value, names, _names_of_any_sign(law))
+        check_parameter(name, value, _given_names(law), _names_of_any_sign(law))
         table[..., names.index(name)] = value
-    return _checked_values(law._replace(table=table))
+    return _checked_values(_derive_twisting(law._replace(table=table)))
+
+
+def marshall_values(kt, mu) -> dict:
+    """Parameters of Marshall's twisting, as multiples of a², a P and a² c_t."""
+    return {"k_twist": kt / 2, "mu_twist": 2 / 3 * mu, "gamma_twist": 0.5}
+
+
+def _derive_twisting(law: Law) -> Law:
+    """Law whose twisting, if it is Marshall's, follows from kt and mu, for the pairs of materials that have it."""
+    if not law.properties & SCALED:
+        return law
+    names, table = parameter_names(law), law.table.copy()
+    twists = table[..., names.index("gamma_twist")] > 0
+    for name, values in marshall_values(table[..., KT], table[..., MU]).items():
+        table[..., names.index(name)] = np.where(twists, values, table[..., names.index(name)])
+    return law._replace(table=table)
+
+
+def _given_names(law: Law) -> tuple[str, ...]:
+    """Names of the parameters that do not follow from others."""
+    derived = MOMENTS[TWISTING] if law.properties & SCALED else {}
+    return tuple(name for name in parameter_names(law) if name not in derived)
 
 
 def rescales(law: Law) -> bool:

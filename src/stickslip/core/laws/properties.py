@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...builtin_laws import BUILTIN_LAWS
 from ..arguments import checked
 from ..text import quoted
 from .builtin import (
@@ -16,6 +17,7 @@ from .builtin import (
     VISCOUS,
     Law,
     check_parameter,
+    marshall_values,
     parameter_names,
 )
 from .kinds import USER_LAWS, Kind, own_memory
@@ -64,8 +66,8 @@ def with_memory(law: Law, of: str) -> Law:
 
     With a memory of the slip, F_t = −k_t(δ) s changes with the overlap. With one of the force, dF_t = −k_t(δ) ds: a
     sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
-    also shrinks with k_t where the overlap decreases. Both are the same if k_t is constant. Contacts are evaluated by
-    rows.
+    also shrinks with k_t where the overlap decreases. Contacts are evaluated by rows. Under a built-in law whose k_t is
+    constant both are the same, and the law is returned as it is.
 
     Parameters
     ----------
@@ -84,7 +86,8 @@ def with_memory(law: Law, of: str) -> Law:
     """
     if of not in MEMORIES:
         raise ValueError(f"of={quoted(of)} was given: 'slip' and 'force' are allowed")
-    return law._replace(properties=law.properties & ~KEEPS_FORCE | MEMORIES[of])
+    constant = not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].exponent == 1
+    return law._replace(properties=law.properties & ~KEEPS_FORCE | (0 if constant else MEMORIES[of]))
 
 
 @checked
@@ -186,11 +189,6 @@ def with_twisting(
     for name, column in marshall_values(table[..., KT], table[..., MU]).items():
         table[..., names.index(name)] = column
     return new._replace(table=table, properties=new.properties | SCALED)
-
-
-def marshall_values(kt, mu) -> dict:
-    """Parameters of Marshall's twisting, as multiples of a², a P and a² c_t."""
-    return {"k_twist": kt / 2, "mu_twist": 2 / 3 * mu, "gamma_twist": 0.5}
 
 
 def _with_parameters(law: Law, part: int, values: dict[str, float]) -> Law:

@@ -5,8 +5,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, PARAMETERS, Law
-from ...core.laws.kinds import Kind
+from ...core.laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    KEEPS_FORCE,
+    KN,
+    KT,
+    LEVER,
+    MU,
+    NO_TENSION,
+    PARAMETERS,
+    ROLLING,
+    TWISTING,
+    Law,
+)
+from ...core.laws.kinds import Kind, own_memory
+from ...core.laws.properties import resists_rolling
 from ...core.state import State
 from ...core.units import Units, current_units, units_from
 from .. import archive
@@ -21,6 +35,10 @@ CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
 OPTIONAL = ("mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
 UNITS = "units"  # optional: "SI", or names of length, mass and time
+PROPERTIES = {
+    LEVER: "lever arms R − δ/2", KEEPS_FORCE: "memory of forces", ROLLING: "rolling moments",
+    TWISTING: "twisting moments",
+}  # fmt: skip
 LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # optional: the law of the packing
 
 
@@ -44,18 +62,19 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
     own = isinstance(law.kind, Kind) or law.table.shape[2] > len(PARAMETERS)
     lost = list_losses(rest, law=len(law.table) > 1 or own)
-    if state.contacts.rolling is not None:
-        lost.append("the memory of rolling or of the law")
+    if state.contacts.rolling is not None and (resists_rolling(law) or own_memory(law.kind)):
+        lost.append("the memory of rolling, twisting or of the law")
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")
-    if law.properties:
-        lost.append("the lever arms and moments of the law")
+    left = [f"the {words} of the law" for part, words in PROPERTIES.items() if law.properties & part]
+    lost += left
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
-        arrays |= {"assumed": list(frame.assumed)} if frame.assumed else {}
+        assumed = [*frame.assumed, *(f"{words} are left out: .npz does not store them" for words in left)]
+        arrays |= {"assumed": assumed} if assumed else {}
     with replace_atomically(Path(path)) as part:
         np.savez(part, **arrays)
     return words + ([f".npz does not store {', '.join(lost)}"] if lost else [])

@@ -30,6 +30,7 @@ NOUNS = {
     "cell": core.Cell,
     "contacts": core.Contacts,
     "control": core.Control,
+    "instant": core.Instant,
 }
 
 
@@ -94,7 +95,7 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
     if frame.moving:
         return {META: _json_chunk({"schema": SCHEMA, "moving": True})}
     chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
-    for noun in NOUNS:
+    for noun in [noun for noun in NOUNS if getattr(frame.state, noun) is not None]:
         for name, value in getattr(frame.state, noun)._asdict().items():
             if value is None:
                 continue
@@ -162,9 +163,12 @@ def _read_frame(path, file, number: int) -> Packing:
     for noun, kind in NOUNS.items():
         there = [name for name in kind._fields if f"{noun}/{name}" in meta["shapes"]]
         fields = {name: _read_array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
-        parts[noun] = restore_contacts(fields) if kind is core.Contacts else kind(**fields)
+        if fields:  # forces of a run with dashpots are there or not
+            parts[noun] = restore_contacts(fields) if kind is core.Contacts else kind(**fields)
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
+    if "instant" in parts:
+        parts["instant"] = parts["instant"]._replace(mark=int(parts["instant"].mark))
     state = State(**parts, time=float(meta["time"]))
     check(state)
     words = [repeated_note(words) for words in meta.get("assumed", ())]

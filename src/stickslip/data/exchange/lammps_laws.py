@@ -24,9 +24,9 @@ from ...core.laws.builtin import (
     Law,
     dashpot_coefficients,
     elastic_constants,
+    marshall_values,
     parameter_names,
 )
-from ...core.laws.properties import marshall_values
 from ...core.text import parse_number
 
 MODELS = {  # normal and tangential model of `pair_style granular`

@@ -97,7 +97,7 @@ TYPES = {
 
 def recognize(head: bytes) -> bool:
     """Return True for legacy VTK files and for VTU and VTP."""
-    return head.lstrip().startswith(LEGACY) or vtk_xml.MARK in head[:200]
+    return head.lstrip().startswith(LEGACY) or (head.lstrip().startswith(b"<") and vtk_xml.MARK in head)
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:

@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...core.text import parse_numbers
-from .content import MOST_EXPANDED
 
+MOST_EXPANDED = 100  # times the size of the file that arrays may have
 MARK, END = b"<VTKFile", b"</VTKFile>"
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
@@ -27,7 +27,7 @@ class _Source(NamedTuple):
     header: np.dtype  # of the numbers of bytes that precede data
     order: str  # of bytes, < or >
     packed: bool  # by zlib
-    most: int  # bytes that an array may have
+    most: int  # bytes that the numbers of all further arrays may have
 
     def take(self, at: int, count: int) -> tuple[bytes, int]:
         """Decode `count` bytes, and return them with the place after them."""
@@ -45,6 +45,9 @@ class _Source(NamedTuple):
         """Bytes of the array that begins at a place."""
         first, width = int(self.sizes(at, 1)[0]), self.header.itemsize
         if not self.packed:
+            alone = at + 4 * -(-width // 3)  # some programs encode the number of bytes by itself
+            if self.base64 and self.content[alone - 1 : alone] == b"=":
+                return self.take(alone, first)[0]
             return self.take(at, width + first)[0][width:]
         _, begin = self.take(at, (3 + first) * width)
         compressed = self.sizes(at, 3 + first)[3:]
@@ -64,12 +67,14 @@ def read_columns(content: bytes) -> dict[str, np.ndarray]:
     ValueError
         if the file is damaged, is of another kind or compressed otherwise than by zlib, in a few words
     """
-    head, mark, tail = content.rstrip().partition(b"<AppendedData")
-    complete = tail.endswith(END) or not mark
+    head, mark, tail = content.partition(b"<AppendedData")
+    complete = END in tail or not mark
     try:
         root = ElementTree.fromstring(head + (END if mark and complete else b""))
     except ElementTree.ParseError as problem:
         raise ValueError(f"no complete XML: {problem}") from None
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]  # without namespaces
     kind = root.get("type", "")
     if kind not in ("UnstructuredGrid", "PolyData"):
         hint = ": it names other files, give one of those" if kind.startswith("P") else ""
@@ -81,8 +86,13 @@ def read_columns(content: bytes) -> dict[str, np.ndarray]:
     header = np.dtype(TYPES[root.get("header_type", "UInt32")]).newbyteorder(order)
     coded = b"base64" in tail.partition(b">")[0]
     appended = tail[tail.find(b"_") + 1 :]
-    source = _Source(appended, coded, header, order, "compressor" in root.attrib, MOST_EXPANDED * len(content))
-    pieces = [_piece(piece, source) for piece in root.iter("Piece")]
+    packed, most = "compressor" in root.attrib, MOST_EXPANDED * len(content) + 2**20
+    source = _Source(appended, coded, header, order, packed, most)
+    pieces = []
+    for piece in root.iter("Piece"):
+        columns = _piece(piece, source)
+        source = source._replace(most=source.most - sum(column.nbytes for column in columns.values()))
+        pieces += [columns] if len(columns.get("points", ())) else []
     names = [name for name in pieces[0] if all(name in piece for piece in pieces)] if pieces else []
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in names}
 
@@ -92,16 +102,29 @@ def _piece(piece: ElementTree.Element, source: _Source) -> dict[str, np.ndarray]
     places, data = piece.find("Points/DataArray"), piece.findall("PointData/DataArray")
     arrays = {"points": places} if places is not None else {}
     arrays |= {array.get("Name", ""): array for array in data}
-    return {name: _array(array, source) for name, array in arrays.items() if array.get("type") in TYPES}
+    columns, left = {}, source.most
+    for name, array in arrays.items():
+        if array.get("type") in TYPES:
+            columns[name] = _array(array, source._replace(most=left))
+            left -= columns[name].nbytes
+            if left < 0:
+                raise ValueError(f"arrays of more than {MOST_EXPANDED} times the size of the file")
+    count = len(columns.get("points", ()))
+    if int(piece.get("NumberOfPoints", count)) != count:
+        raise ValueError(f"{piece.get('NumberOfPoints')} points are declared, but there are {count}")
+    return columns
 
 
 def _array(array: ElementTree.Element, source: _Source) -> np.ndarray:
     """Values of an array, (N,) or (N, components)."""
-    text, form, width = array.text or "", array.get("format", "ascii"), int(array.get("NumberOfComponents") or 1)
+    text, form = array.text or "", array.get("format", "ascii").lower()
+    width = int(array.get("NumberOfComponents") or 1)
     if form == "ascii":
         values = parse_numbers(text.split())
     else:
+        dtype = np.dtype(TYPES[array.get("type", "")]).newbyteorder(source.order)
+        source = source._replace(most=(source.most // 8 + 1) * dtype.itemsize)  # they become doubles
         inline = source._replace(content=re.sub(rb"\s", b"", text.encode()), base64=True)
         content = source.array(int(array.get("offset", ""))) if form == "appended" else inline.array(0)
-        values = np.frombuffer(content, np.dtype(TYPES[array.get("type", "")]).newbyteorder(source.order)).astype(float)
+        values = np.frombuffer(content, dtype).astype(float)
     return values.reshape(-1, width) if width > 1 else values
