@@ -32,6 +32,7 @@ from stickslip.core.laws.builtin import (
 )
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.library import core
+from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
@@ -772,3 +773,39 @@ def test_a_log_that_another_one_began_goes_on_with_its_commands(before, cases, t
     assert (read.state.walls.point == whole.state.walls.point).all()
     assert (read.state.control.gravity == whole.state.control.gravity).all()
     assert len(read.notes) == len(whole.notes)
+
+
+def test_two_logs_that_name_the_grains_with_other_laws(cases, tmp_path):
+    """Not the newest one silently: copies have other dates."""
+    in_poured(cases, tmp_path)
+    log = (tmp_path / "log.lammps").read_text()
+    (tmp_path / "log.old").write_text(log)
+    assert not [note for note in ss.io.read_packing(tmp_path).notes if "keep one of them" in note]
+    (tmp_path / "log.old").write_text(log.replace(" 0.4 1", " 0.9 1"))
+    notes = ss.io.read_packing(tmp_path).notes
+    wanted = "log.lammps and log.old name poured.restart with different laws or fixes"
+    assert [note for note in notes if isinstance(note, Obstacle) and wanted in note]
+
+
+@pytest.mark.parametrize(("plane", "behind"), [("zplane 2 NULL", True), ("zplane -9 NULL contacts", False)])
+def test_grains_behind_a_wall_are_told(plane, behind, cases, tmp_path):
+    line = f"fix q all wall/gran granular hooke 2000 20 tangential linear_history 600 0.5 0.4 {plane}"
+    notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
+    assert any("behind the wall of fix q" in note for note in notes if isinstance(note, Obstacle)) == behind
+    assert not any("was not taken over" in note for note in notes if "fix q" in note)
+
+
+def test_memory_that_is_written_is_read_again(cases, tmp_path):
+    """The template's own memory is another one."""
+    for run in ("forces", "sheared"):
+        read = ss.io.read_packing(cases / run)
+        state, path = read.state, cases / run / f"{run}.restart"
+        turned = state._replace(contacts=state.contacts._replace(slip=-0.5 * state.contacts.slip))
+        lammps_restart.write_memory(path, tmp_path / "new.restart", turned, read.law)
+        walls = len(state.walls.mass)
+        size = lammps_restart.Places.of(read.law).size
+        new = lammps_restart.read_restart(tmp_path / "new.restart", walls=walls, values=size)
+        again = lammps_restart.restore_memory(state, read.law, new)
+        rows = ss.measure.touching(state)
+        scale = np.abs(state.contacts.slip[rows]).max()
+        np.testing.assert_allclose(again.contacts.slip[rows], turned.contacts.slip[rows], atol=1e-9 * scale)

@@ -7,7 +7,7 @@ import stickslip as ss
 from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import driver
-from stickslip.core.laws.builtin import ROLLING, TWISTING
+from stickslip.core.laws.builtin import ROLLING, TWISTING, with_values
 from stickslip.core.laws.compiled import law_struct
 from stickslip.data import archive
 from tests.conftest import make_packing, stirred
@@ -441,3 +441,43 @@ def test_without_restitution_there_are_no_dashpots_and_more_than_one_is_refused(
         ss.laws.for_pair(law, 0, 1, damping_n=2.0)
     with pytest.raises(ValueError, match="a coefficient of restitution already"):
         ss.laws.with_restitution(law, 0.5, radius=0.5, mass=1.0, speed=0.1)
+
+
+def test_marshall_s_twisting_follows_from_kt_and_mu_whenever_they_change():
+    """Between two materials and everywhere; pairs without twisting stay without."""
+    plain = ss.laws.linear(kt=0.8, mu=0.6)
+    changed = ss.laws.for_pair(ss.laws.with_twisting(plain, "marshall"), 0, 1, mu=0.06, kt=0.4)
+    known = ss.laws.with_twisting(ss.laws.for_pair(plain, 0, 1, mu=0.06, kt=0.4), "marshall")
+    np.testing.assert_array_equal(changed.table, known.table)
+    bare = known._replace(table=known.table.copy())
+    bare.table[0, 1, 5:] = bare.table[1, 0, 5:] = 1.0, 0.0, 0.0
+    table = with_values(bare, mu=0.3).table
+    assert table[0, 0, 6] == pytest.approx(0.2) and table[0, 1, 5:].tolist() == [1.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="a law has no parameter 'k_twist'"):
+        ss.laws.for_pair(known, 0, 1, k_twist=0.3)
+
+
+def test_a_memory_of_forces_is_that_of_slips_where_kt_is_constant():
+    law = ss.laws.linear(kt=0.8)
+    assert ss.laws.with_memory(law, "force") == law
+    assert ss.laws.with_memory(ss.laws.dmt(work=1e-3), "force").properties
+
+
+def test_events_are_not_sought_with_a_memory_of_forces():
+    law = ss.laws.with_memory(ss.laws.hertz_mindlin_reff(mu=0.5), "force")
+    with pytest.raises(ValueError, match="a memory of forces was given: events are sought with slips"):
+        ss.protocols.find_events(ss.packings.jammed(20, packing_fraction=0.9, dim=2, seed=1)[0], law, to=1e-3, drag=0.1)
+
+
+def test_files_keep_or_name_what_a_run_with_dashpots_and_a_memory_of_forces_has(tmp_path):
+    law = ss.laws.with_memory(ss.laws.hertz_mindlin_reff(damping_n=0.2, damping_t=0.1), "force")
+    begin = stirred(ss.packings.jammed(20, packing_fraction=0.7, seed=1)[0], law, np.random.default_rng(3))
+    state, _, _ = ss.run(begin, law, 20, 0.01)
+    ss.io.write_packing(tmp_path / "p.gsd", state, law)
+    again = ss.run(ss.io.read_packing(tmp_path / "p.gsd").state, law, 20, 0.01)[0]
+    assert (again.grains.position == ss.run(state, law, 20, 0.01)[0].grains.position).all()
+    notes = ss.io.write_packing(tmp_path / "p.npz", state, law)
+    assert notes == [".npz does not store the memory of forces of the law"]
+    assert ss.io.read_packing(tmp_path / "p.npz").assumed == [
+        "left out, as .npz does not store it: the memory of forces of the law"
+    ]

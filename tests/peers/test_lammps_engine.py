@@ -77,6 +77,15 @@ def test_a_law_that_lammps_does_not_have_is_refused(law, words):
     assert "\n" not in str(found.value)
 
 
+def test_rolling_on_several_processes_and_no_samples_are_refused():
+    law = ss.laws.with_rolling(arms(LINEAR), k_roll=0.3, mu_roll=0.1)
+    check_leg(Leg(opened(), law, DT, STEPS, 1))
+    with pytest.raises(ScenarioError, match="go to another process: use open sides and one process"):
+        check_leg(Leg(opened(), law, DT, STEPS, 1, ranks=2))
+    with pytest.raises(ScenarioError, match="samples = 0 was given: use at least 1"):
+        check_leg(Leg(opened(), law, DT, STEPS, 0))
+
+
 def test_a_law_of_a_user_is_refused():
     law = ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"kn": 1.0})
     with pytest.raises(ScenarioError, match="a law that only stickslip evaluates here"):

@@ -11,10 +11,11 @@ from tests.derivatives.test_free_cell import packed
 from tests.derivatives.test_jacobian import sample
 
 
-@pytest.mark.parametrize("law_name", ["linear", "hertz_mindlin", "hertz_mindlin_reff"])
+@pytest.mark.parametrize("law_name", ["linear", "hertz_mindlin", "hertz_mindlin_reff", "forces"])
 @pytest.mark.parametrize("seed", range(3))
 def test_stiffness_is_minus_the_jacobian_in_stick_and_in_slip(law_name, seed):
-    state, law = sample(law_name, "sharp", 2, seed)
+    state, law = sample("hertz_mindlin" if law_name == "forces" else law_name, "sharp", 2, seed)
+    law = ss.laws.with_memory(law, "force") if law_name == "forces" else law
     m = linear_system(state, law, rattlers=True)
     assert 0 < m.limit.sum() < m.count
     k, exact = stiffness_matrix(m).toarray(), jacobian(state, law, m.free).toarray()

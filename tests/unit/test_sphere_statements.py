@@ -132,7 +132,7 @@ def test_time_of_sound_and_modes_that_drag_overdamps():
     assert claims_of_protocol.sound_time(path) == pytest.approx(2.5)
     half = claims_of_protocol.DRAG / 2
     modes = np.array([0.0, 1e-13, (0.9 * half) ** 2, (1.1 * half) ** 2, 1.0])
-    assert claims_of_protocol.overdamped(modes) == pytest.approx((1 / 3, 0.9 * half))
+    assert claims_of_protocol.damping_shares(modes) == pytest.approx((1 / 3, 0.9 * half))
 
 
 @pytest.mark.parametrize(("dim", "freedoms"), [(2, 2), (3, 5)])

@@ -125,7 +125,7 @@ class EngineOptions(NamedTuple):
     engine: Engine = None
     ranks: Ranks = None
 
-    def given(self) -> dict:
+    def values(self) -> dict:
         """Values by name, without those that were not given."""
         return {name: value for name, value in self._asdict().items() if value is not None}
 
@@ -141,6 +141,7 @@ def command(**how):
     """Make a function a command; fields of its parameters that are NamedTuples become options."""
 
     def register(function):
+        """Expand the groups of a function's options, and make it a command."""
         own = signature(function).parameters.values()
         groups = {
             p.name: p.annotation for p in own if isinstance(p.annotation, type) and hasattr(p.annotation, "_fields")

@@ -46,7 +46,7 @@ class ModelOptions(NamedTuple):
         typer.Option("--free", help="Other parameters to fit, as in 'b2,dc2' for a second state, or 'v1', 'v2'."),
     ] = None
 
-    def given(self) -> dict[str, float]:
+    def fixed_values(self) -> dict[str, float]:
         """Parameters that are given, by name."""
         return {name: getattr(self, name) for name in ("stiffness", "v0") if getattr(self, name) is not None}
 
@@ -84,7 +84,7 @@ def fit(
         fit_report.check_folder(out, overwrite)
     with terminal.console_output(*output):
         found = fit_report.fit_record(
-            file, laws=("aging", "slip") if model.law == "both" else (model.law,), fixed=model.given(),
+            file, laws=("aging", "slip") if model.law == "both" else (model.law,), fixed=model.fixed_values(),
             free=model.free_names(), before=model.before, normal=model.normal, columns=columns, form=model.form,
             steps=steps if posterior else None,
         )  # fmt: skip

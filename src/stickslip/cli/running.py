@@ -309,7 +309,7 @@ def _sweep_tables(tables: dict, engine: EngineOptions) -> dict:
     """Tables of a sweep, with the engine and ranks that were given in place of their own."""
     if engine.engine is not None:
         check_choice("engine", engine.engine, ENGINES)
-    return tables | engine.given()
+    return tables | engine.values()
 
 
 def _choose_workers(processes: ProcessOptions, chosen=None) -> int | str | None:
@@ -332,7 +332,7 @@ def _with_engine(chosen, engine: EngineOptions):
     """Return the scenario with another engine or number of MPI processes, if given."""
     from ..data.schema import require_lammps_for_ranks
 
-    given = engine.given()
+    given = engine.values()
     if engine.engine is not None:
         check_choice("engine", engine.engine, ENGINES)
     for name in given:

@@ -144,6 +144,8 @@ def check_leg(leg: Leg) -> None:
     _check_grains(leg.state)
     _check_groups(leg)
     _check_walls(leg)
+    if leg.samples < 1:
+        raise ScenarioError(f"samples = {leg.samples} was given: use at least 1")
     if leg.samples > leg.steps:
         raise ScenarioError(
             f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "

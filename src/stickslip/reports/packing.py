@@ -150,8 +150,9 @@ def geometry(state: State) -> Geometry:
 
 def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
-    known, law = list(found.causes[:-1]), "another law than that of the packing"  # the last cause says no more of it
-    known += [note.removeprefix(UNDECIDED) for note in words if isinstance(note, Absent | Obstacle)]
+    law = "another law than that of the packing"
+    acts, lacks = ([n.removeprefix(UNDECIDED) for n in words if isinstance(n, kind)] for kind in (Obstacle, Absent))
+    known = [*acts, *found.causes[:-1], *lacks]  # the last cause says no more than `law`
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any(getattr(note, "of_law", False) for note in words)
     if given:

@@ -73,7 +73,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
-        assumed = [*frame.assumed, *(f"{words} are left out: .npz does not store them" for words in left)]
+        assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {words}" for words in left)]
         arrays |= {"assumed": assumed} if assumed else {}
     with replace_atomically(Path(path)) as part:
         np.savez(part, **arrays)

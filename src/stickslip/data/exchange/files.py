@@ -186,7 +186,7 @@ def _chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool)
     """Law that was given, or that of the packing with the numbers that were given; the defaults if there is neither."""
     its = packing.law
     numbers = isinstance(its, Law) and own is None and {*given} <= {*parameter_names(its)}
-    if numbers and (not given or packing.setting):
+    if numbers:
         return with_values(its, **given)
     law = own or lammps_law(its | given if isinstance(its, dict) else given, memory=memory)
     if packing.setting and isinstance(its, Law):  # types and walls, each a material

@@ -271,17 +271,25 @@ def _origin_notes(files: Files, grains: Path) -> list[str]:
     sources, words = files.logs or files.scripts, []
     if grains in files.data and any(_names(path, grains.name, ("read_data",)) for path in sources):
         words.append(Absent(f"{grains.name} is where the run began: it left no later state"))
-    if len(sources) > 1 and not any(_names(path, grains.name) for path in sources):
-        several = (
-            f"none of {', '.join(path.name for path in sources[:3])} names {grains.name}, which may be of another run"
+    naming = [path for path in sources if _names(path, grains.name)]
+    if len(sources) > 1 and not naming:
+        several = ", ".join(path.name for path in sources[:3])
+        doubt = f"none of {several} names {grains.name}, which may be of another run: give each run a folder of its own"
+        words.append(Obstacle(f"{UNDECIDED}{doubt}"))
+    runs = [read_commands(path, grains.name, _logs_before(path, files.logs)) for path in naming]
+    laws = [(run.pair_style, run.pair_coeff, run.fixes) for run in runs]
+    if any(law != laws[0] for law in laws):
+        several = " and ".join(path.name for path in naming[:3])
+        words.append(
+            Obstacle(f"{UNDECIDED}{several} name {grains.name} with different laws or fixes: keep one of them")
         )
-        words.append(Obstacle(f"{UNDECIDED}{several}: give each run a folder of its own"))
     return words
 
 
-def _names(
-    path: Path, name: str, commands=("restart", "write_restart", "write_data", "dump", "write_dump", "read_data")
-):
+FILING = ("restart", "write_restart", "write_data", "dump", "write_dump", "read_data")  # commands that name files
+
+
+def _names(path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:
     """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
     lines = [line.split() for line in head_text(read_content(path)).split("\n")]
     words = [Path(word).name for line in lines if line[:1] and line[0] in commands for word in line[1:] if word != "*"]
@@ -390,6 +398,7 @@ def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
     """Flat walls of `fix wall/gran`, each with its own row in the law's table."""
     number = course.wall_number(name)
     contact, (kind, *rest) = wall_contact(words[0], words[1:])
+    rest = rest[:-1] if rest[-1:] == ["contacts"] else rest  # adds output only
     if kind not in ("xplane", "yplane", "zplane") or len(rest) != 2 or not course.members(group).all():
         raise ValueError(
             f"only fixed planes that touch all grains are read, not `{' '.join([kind, *rest])}` of group {group}"
@@ -397,9 +406,20 @@ def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
     axis = "xyz".index(kind[0])
     for word, side in zip(rest, (1.0, -1.0), strict=True):
         if word != "NULL":
-            course.walls.append(Plane(side * _finite(word), side * np.eye(3)[axis], number))
+            _add_wall(course, name, Plane(side * _finite(word), side * np.eye(3)[axis], number))
             own = _classic(course, contact) if words[0] == "hooke/history" else contact
             course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
+
+
+def _add_wall(course: Course, name: str, wall: Plane) -> None:
+    """Add a wall; grains behind it are between the walls of no packing here."""
+    course.walls.append(wall)
+    behind = int((course.packing.arrays["position"] @ wall.normal < wall.height).sum())
+    if behind:
+        course.obstacle(
+            f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them out on the other side or "
+            f"not at all, and here a wall is solid behind its surface"
+        )
 
 
 def _finite(word: str) -> float:
@@ -427,12 +447,13 @@ def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None
     number = course.wall_number(name)
     contact, rest = wall_contact(words[0], words[1:])
     style, *numbers = course.run.regions[rest[rest.index("region") + 1]]
+    rest = rest[:-1] if rest[-1:] == ["contacts"] else rest
     side = -1.0 if numbers[6:] == ["side", "out"] else 1.0
     if style != "plane" or numbers[6:] not in ([], ["side", "in"], ["side", "out"]) or len(rest) != 2:
         raise ValueError(f"only regions that are fixed planes are read, not `{' '.join([style, *numbers, *rest[2:]])}`")
     point, normal = np.array([_finite(w) for w in numbers[:6]]).reshape(2, 3)
     normal = side * normal / np.linalg.norm(normal)
-    course.walls.append(Plane(float(point @ normal), normal, number))
+    _add_wall(course, name, Plane(float(point @ normal), normal, number))
     course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
 
 

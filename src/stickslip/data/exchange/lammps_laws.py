@@ -223,7 +223,7 @@ def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:
 
 
 def _model(contact: Contact, properties: int) -> tuple:
-    """What all pairs of materials of a law share; pairs without twisting may be among others."""
+    """Law, damping and properties that all pairs of materials share; pairs without twisting may be among others."""
     own = contact.properties if contact.properties & TWISTING else properties
     return contact.law, contact.damping, contact.tension, contact.properties & KEEPS_FORCE, own & SCALED
 

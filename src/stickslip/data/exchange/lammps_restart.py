@@ -478,7 +478,7 @@ class Places(NamedTuple):
 
 
 def wall_values(found: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which contacts with walls exist, their slip, and the values after it.
+    """Mask of the contacts with walls that exist, their slip, and the values after it.
 
     Of laws with bonds, a number that tells whether they exist comes first.
     """

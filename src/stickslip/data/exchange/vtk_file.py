@@ -106,14 +106,14 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     content = read_content(path)
     read_columns = _legacy_columns if content.lstrip().startswith(LEGACY) else vtk_xml.read_columns
     try:
-        columns = {name: _squeezed(column) for name, column in read_columns(content).items()}
+        columns = {name: _squeeze(column) for name, column in read_columns(content).items()}
     except (ValueError, IndexError, KeyError, zlib.error) as problem:
         raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
     packing = packing_of_columns(columns, path.name, path.stem)
     return [packing._replace(words=[*packing.words, Assumption(extent_note(path.name))])]
 
 
-def _squeezed(column: np.ndarray) -> np.ndarray:
+def _squeeze(column: np.ndarray) -> np.ndarray:
     return column[:, 0] if column.ndim == 2 and column.shape[1] == 1 else column
 
 

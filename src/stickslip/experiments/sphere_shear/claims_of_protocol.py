@@ -24,7 +24,7 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
     )
     times = [sound_time(path) for path in main.paths]
     spectra = [spectrum(path.last, main.law, modes=False).eigenvalues for path in main.paths]
-    shares, softest = zip(*map(overdamped, spectra), strict=True)
+    shares, softest = zip(*map(damping_shares, spectra), strict=True)
     return [
         median_claim(
             "drag-time-over-sound-time", said, 1.0, [1 / (DRAG * time) for time in times], "1", "drag",
@@ -47,7 +47,7 @@ def sound_time(path: ShearPath) -> float:
     return float(DIAMETER * np.sqrt(density / modulus)) if modulus > 0 else np.nan
 
 
-def overdamped(eigenvalues: np.ndarray) -> tuple[float, float]:
+def damping_shares(eigenvalues: np.ndarray) -> tuple[float, float]:
     """Share of the modes with ω ≤ η_0/2, without zero modes, and the smallest ω [1/time]."""
     size = np.abs(eigenvalues)
     frequency = np.sqrt(size[size > ZERO_BELOW * size.max()])
