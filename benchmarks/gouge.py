@@ -26,9 +26,9 @@ CELLS = {"gouge, 500 mobile grains": 1, "gouge, 4500 mobile grains": 3}  # copie
 def scene(copies: int) -> tuple[Path, int]:
     """Return a file with a scenario and the state from which its legs start, and the number of grains."""
     from stickslip import scenario
+    from stickslip.core.dynamics.run import own_engine
     from stickslip.core.state import empty_contacts
-    from stickslip.experiments.gouge import lammps
-    from stickslip.experiments.gouge.protocol import STICKSLIP
+    from stickslip.experiments.gouge.protocol import slide_leg
     from stickslip.experiments.gouge.sample import prepare_sample
 
     whole = scenario(
@@ -36,21 +36,23 @@ def scene(copies: int) -> tuple[Path, int]:
     )  # fmt: skip
     path = STORE / f"gouge-{whole.digest[:16]}-{copies}-{SCHEMA}.pickle"
     if path.exists():
-        _, place = pickle.loads(path.read_bytes())
-        return path, len(place.gouge.state.grains.radius)
+        _, gouge = pickle.loads(path.read_bytes())
+        return path, len(gouge.state.grains.radius)
     if copies > 1:
-        _, place = pickle.loads(scene(1)[0].read_bytes())
+        _, gouge = pickle.loads(scene(1)[0].read_bytes())
         size = {"length": copies * whole.cell.length, "width": copies * whole.cell.width}
         whole = whole.model_copy(update={"cell": whole.cell.model_copy(update=size)})
-        gouge = copied(place.gouge, copies)._replace(area=whole.area)
+        gouge = copied(gouge, copies)._replace(area=whole.area)
     else:
         console.print("gouge: preparing a sample, once; takes a minute")
-        gouge = STICKSLIP.start(whole, prepare_sample(whole, whole.seed))
-        gouge, _ = STICKSLIP.leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
+        gouge = prepare_sample(whole, whole.seed)
+        leg = slide_leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
+        ((state, _),) = own_engine().pieces(leg)
+        gouge = gouge._replace(state=state)
     STORE.mkdir(parents=True, exist_ok=True)
     state = gouge.state
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))
-    path.write_bytes(pickle.dumps((whole.text, lammps.start(whole, gouge._replace(state=bare)))))
+    path.write_bytes(pickle.dumps((whole.text, gouge._replace(state=bare))))
     return path, len(gouge.state.grains.radius)
 
 

@@ -17,11 +17,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import stickslip as ss
+from stickslip.core.dynamics.run import own_engine
 from stickslip.core.measure import elastic_energy
 from stickslip.ensemble import run_members
 from stickslip.experiments.gouge import measures
 from stickslip.experiments.gouge.dimensionless import stiffness
-from stickslip.experiments.gouge.protocol import STICKSLIP, load_point_lead, run_trunk
+from stickslip.experiments.gouge.protocol import load_point_lead, run_trunk
 from stickslip.experiments.gouge.sample import attach_spring, gouge_law
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import simulate_gouge
@@ -66,7 +67,7 @@ def run_hold(place, law_table: dict, dt: float, seconds: float, ledger: bool):
 
 def places(scenario: GougeScenario):
     """States of the trunk from which holds start."""
-    return [one.place for one in run_trunk(scenario, scenario.seed, STICKSLIP, lambda *_: None).branches]
+    return [one.place for one in run_trunk(scenario, scenario.seed, own_engine(1), lambda *_: None).branches]
 
 
 def rows(cases, *, seconds: float, ledger: bool) -> None:

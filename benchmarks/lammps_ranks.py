@@ -52,7 +52,7 @@ def rows() -> list[dict]:
     """One row per number of ranks above one, with the speed of one rank as the peer."""
     import os
 
-    from stickslip.lammps.leg import Leg
+    from stickslip.core.dynamics.engine import Leg
     from stickslip.lammps.process import LOG, require_lammps
     from stickslip.lammps.run import run_leg
 

@@ -12,6 +12,7 @@ fit_growth      growth rate and frequency fitted to M(t)
 kinetic_threshold   load from which on kicked samples slide, and at which sliding ones stop
 find_events     discontinuities of quasi-static shear, bracketed and classified
 release         undamped run from an unstable state, with snapshots of its spectrum
+lammps_engine   LAMMPS as the engine of `run`
 run_in_lammps   run in LAMMPS, with MPI; contact memory goes there and comes back
 """
 

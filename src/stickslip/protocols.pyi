@@ -1,3 +1,4 @@
+from .lammps.run import lammps_engine as lammps_engine
 from .lammps.run import run_in_lammps as run_in_lammps
 from .loading.events import find_events as find_events
 from .loading.protocols import Protocol as Protocol

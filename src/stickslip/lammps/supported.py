@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..builtin_laws import BUILTIN_LAWS, NAMES
+from ..core.dynamics.engine import Leg
 from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
@@ -28,7 +29,7 @@ from ..core.state import State
 from ..data.exchange.lammps_laws import MODELS
 from ..data.schema import ScenarioError
 from .cell import needs_forces, tilts_of
-from .leg import Leg, inertia_factor, is_held, members_of
+from .leg import inertia_factor, is_held, members_of
 
 MAX_KNOTS = 64  # of the course of a velocity within one leg
 STAY = 'or use engine = "stickslip"'
@@ -146,7 +147,7 @@ def check_leg(leg: Leg) -> None:
     _check_walls(leg)
     if leg.samples < 1:
         raise ScenarioError(f"samples = {leg.samples} was given: use at least 1")
-    if leg.samples > leg.steps:
+    if leg.samples > leg.steps and not leg.every:
         raise ScenarioError(
             f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "
             f"fewer samples or a smaller dt"

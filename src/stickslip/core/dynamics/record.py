@@ -19,6 +19,7 @@ OBSERVABLES: dict[str, tuple[int, ...]] = {  # by field of `Record`: shape; comp
     "fabric": (3, 3), "momentum_flux": (3, 3), "coordination": (), "held_coordination": (), "rattlers": (),
     "cell": (3, 3),
 }  # fmt: skip
+PER_SAMPLE = (*OBSERVABLES, *(f"group_{name}" for name in GROUPS), "position", "angle")  # fields with T rows
 _ENDS = np.cumsum([math.prod(shape) for shape in OBSERVABLES.values()]).tolist()
 _COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
 

@@ -1,5 +1,7 @@
 """Velocity Verlet with optional drag."""
 
+from collections.abc import Iterator
+from functools import partial
 from math import prod
 
 import numpy as np
@@ -14,9 +16,10 @@ from ..sizes import Size, require_sizes
 from ..state import State
 from .coefficients import driven_bodies, make_plan, movable
 from .driver import run_steps
+from .engine import Engine, Leg
 from .last_forces import matching_instant, with_mark
 from .ledger import open_books
-from .record import OBSERVABLES, allocate_buffers, make_record
+from .record import OBSERVABLES, PER_SAMPLE, Record, allocate_buffers, make_record
 from .timestep import check_time_step, stable_time_step
 
 MOST_STEPS = 10**15  # of a run
@@ -39,6 +42,7 @@ def run(
     reference: np.ndarray | None = None,
     slip_update: str = "difference",
     threads: int | None = None,
+    engine: Engine | None = None,
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
@@ -66,6 +70,7 @@ def run(
         contact is set so that spring and dashpot together are at the limit. "rate" is first order in dt where contacts
         rotate, close or have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
+    engine : another program that runs the same steps: see `protocols.lammps_engine`. It knows `drag` and `every` only
 
     Returns
     -------
@@ -96,6 +101,13 @@ def run(
     require_not_negative(drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     steps, every, dt = int(steps), int(every), float(dt)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
+    if engine is not None:
+        asked = {
+            "spin_drag": spin_drag is not None, "probes": np.size(probes), "events": events, "ledger": ledger,
+            "tolerance": tolerance, "reference": reference is not None,
+        }  # fmt: skip
+        leg = Leg(state, law, dt, steps, drag=drag, every=every)
+        return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
@@ -124,6 +136,39 @@ def run(
         how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
     record = make_record(writing, done, books, end.cell)
     return end, record, Outcome(ends.get(code, finished), residual, done, worst, how)
+
+
+def own_engine(threads: int | None = None) -> Engine:
+    """Return `run` as an engine; it raises RuntimeError, with a one-sentence message, if a run fails."""
+    return Engine(partial(_pieces, threads))
+
+
+def _pieces(threads: int | None, leg: Leg) -> Iterator[tuple[State, Record]]:
+    """Run a leg; see `Engine`."""
+    state, done = leg.state, 0
+    for step in [leg.steps] if leg.every else leg.sample_steps:
+        options = {"drag": leg.drag, "every": leg.every, "threads": threads}
+        state, record, outcome = run(state, leg.law, step - done, leg.dt, **options)
+        if not outcome.ok:
+            raise RuntimeError(f"the run ended at time {state.time:.6g}: {outcome}")
+        done = step
+        yield state, record
+
+
+def _run_elsewhere(engine: Engine, leg: Leg, asked: list[str]) -> tuple[State, Record, Outcome]:
+    """Run a leg with another engine."""
+    if asked:
+        raise ValueError(f"{' and '.join(asked)} were given with another engine, which has drag and every only")
+    ((end, record),) = engine.pieces(leg)
+    return end, record, Outcome(Status.DONE, np.nan, leg.steps)
+
+
+def record_of(states: list[State], leg: Leg) -> Record:
+    """Record whose samples are states that another engine has computed during a leg."""
+    start = leg.state.grains.position
+    rows = [run(state, leg.law, 0, leg.dt, every=1, reference=start)[1] for state in states]
+    each = {name: np.concatenate([getattr(row, name) for row in rows]) for name in PER_SAMPLE if rows}
+    return run(leg.state, leg.law, 0, leg.dt)[1]._replace(**each)
 
 
 def _check_arguments(

@@ -1,9 +1,7 @@
 """Simulation of a flow: grains are poured, and the stages run in chunks between samples, with progress reports."""
 
 import time
-from collections.abc import Iterator
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +10,8 @@ import numpy as np
 from ...core.contacts.forces import forces, unbalanced_forces
 from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import without_walls
-from ...core.dynamics.run import run
+from ...core.dynamics.engine import Engine
+from ...core.dynamics.run import own_engine
 from ...core.laws.builtin import Law
 from ...core.measure import contact_forces, coordination, elastic_energy, least_supports, touching
 from ...core.readable import readable
@@ -25,7 +24,7 @@ from ..realizations import Report, silent
 from . import EXPERIMENT
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
-from .stages import FlowEngine, StagePart, stage_conditions, with_controls
+from .stages import stage_conditions, stage_leg, with_controls
 
 BINS = 24  # of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
@@ -139,7 +138,7 @@ def _load_pieces(checkpoint: Checkpoint) -> list[Piece]:
 
 
 def _run_stage(
-    scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, engine: FlowEngine, report: Report
+    scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, engine: Engine, report: Report
 ) -> None:
     """Run the rest of a stage; `keep` appends to the pieces."""
     stage, edges = scenario.stages[number], _bin_edges(start)
@@ -147,9 +146,9 @@ def _run_stage(
     count = sample_count(stage, scenario)
     every = max(1, round(scenario.samples / scenario.frames))
     total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
-    part = StagePart(number, conditions, state, begin, done, count, stage.duration)
-    with closing(engine.states(part)) as states:
-        for k, state in enumerate(states, start=done):
+    leg = stage_leg(scenario, start, number, conditions, state, begin, done)
+    with closing(engine.pieces(leg)) as states:
+        for k, (state, _) in enumerate(states, start=done):
             rows.append(_measure(state, start, conditions.walls, number, edges))
             words, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
             over = (rests and engine.stops) or k + 1 == count
@@ -185,7 +184,7 @@ def _bin_edges(start: Poured) -> np.ndarray:
     return np.linspace(height.min(), height.max(), BINS + 1)
 
 
-def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, threads: int | None) -> FlowEngine:
+def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, threads: int | None) -> Engine:
     """Return the engine of a scenario.
 
     Raises
@@ -196,29 +195,10 @@ def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, thre
         If it is not installed. The message says how to install it.
     """
     if scenario.engine == "stickslip":
-        return FlowEngine(partial(_run_here, start, threads), True)
+        return own_engine(threads)
     from .lammps import engine
 
     return engine(scenario, start, folder)
-
-
-def _run_here(start: Poured, threads: int | None, part: StagePart) -> Iterator[State]:
-    """Yield the states at the samples of a stage, run with this package's engine."""
-    state = part.state
-    for target in part.targets:
-        state = _advance(state, start, part.conditions.drag, target, threads)
-        yield state
-
-
-def _advance(state: State, start: Poured, drag: float, target: float, threads) -> State:
-    """Advance the state to the target time, to within half a time step."""
-    steps = round((target - state.time) / start.dt)
-    if steps < 1:
-        return state
-    state, _, outcome = run(state, start.law, steps, start.dt, drag=drag, threads=threads)
-    if not outcome.ok:
-        raise RuntimeError(f"the run ended at time {state.time:.6g}: {outcome}")
-    return state
 
 
 def _measure(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:

@@ -1,13 +1,13 @@
-"""Conditions in the stages of a flow: motion of walls and plates, gravity and drag."""
+"""Stages of a flow: motion of walls and plates, gravity and drag, and the leg that an engine runs."""
 
-from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from ...core.control import driven, time_dependent
+from ...core.dynamics.engine import Leg, Wave
 from ...core.state import State, loads
-from .pouring import Poured, initial_plate_force, inward_sign
+from .pouring import Poured, initial_plate_force, inward_sign, sample_count
 from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
 KNOTS = 32  # per period of shaking, with linear velocity in between: the error is at most 0.5 %
@@ -20,30 +20,6 @@ class StageConditions(NamedTuple):
     motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
     gravity: tuple[float, ...]
     drag: float
-
-
-class StagePart(NamedTuple):
-    """Rest of a stage."""
-
-    number: int  # of the stage
-    conditions: StageConditions
-    state: State  # from which it continues
-    begin: float  # of the stage [time]
-    done: int  # samples
-    count: int  # samples of the whole stage
-    duration: float  # of the whole stage [time]
-
-    @property
-    def targets(self) -> list[float]:
-        """Times of the remaining samples."""
-        return [self.begin + (k + 1) * self.duration / self.count for k in range(self.done, self.count)]
-
-
-class FlowEngine(NamedTuple):
-    """Engine that runs the stages."""
-
-    states: Callable[[StagePart], Iterator[State]]  # -> the state at each remaining sample
-    stops: bool  # whether a stage may end at rest, before its duration
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
@@ -131,3 +107,38 @@ def with_controls(state: State, start: Poured, conditions: StageConditions, unti
                 control.rate[rows, k] = 1.0
                 control = time_dependent(control, rows, way[2] + times, values, axes=[k])
     return state._replace(control=control)
+
+
+def stage_leg(
+    scenario: FlowScenario,
+    start: Poured,
+    number: int,
+    conditions: StageConditions,
+    state: State,
+    begin: float,
+    done: int = 0,
+) -> Leg:
+    """Return what remains of a stage that began at a time, after a number of its samples."""
+    stage = scenario.stages[number]
+    before = round((state.time - begin) / start.dt)
+    steps = round((begin + stage.duration - state.time) / start.dt)
+    walls = tuple(start.walls.index(name) for name in conditions.walls)
+    return Leg(
+        state, start.law, start.dt, steps, sample_count(stage, scenario) - done, conditions.drag, before=(done, before),
+        walls=walls, waves=_waves(state, start, conditions), number=number, ranks=scenario.ranks,
+    )  # fmt: skip
+
+
+def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
+    """Return the courses that are sines, which LAMMPS evaluates as such, by their column in the control."""
+    found, n = {}, len(state.grains.radius)
+    for name, axes in conditions.motion.items():
+        if name not in (*conditions.walls, *start.plates):
+            continue
+        row = start.plates[name][0] if name in start.plates else n + conditions.walls.index(name)
+        for axis, way in axes.items():
+            if way[0] == "velocity" and isinstance(way[1], Shaking):
+                shaking = way[1]
+                column = int(state.control.follows[row, AXES.index(axis)])
+                found[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
+    return found

@@ -6,11 +6,12 @@ start from copies of its state, so they can run in parallel.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.control import factors_at
+from ...core.dynamics.engine import Engine, Leg
 from ...core.dynamics.record import Record
 from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
@@ -25,6 +26,7 @@ from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 DECADE = 20  # samples of a hold in each decade of time
 TRUNK = "trunk"  # name of the pieces of an unfinished trunk
 CHUNK = 100  # samples between two progress reports
+SKIN = 0.02  # of LAMMPS's neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
 Tell = Callable[[float, str], None]
 
 
@@ -73,7 +75,7 @@ class Branch(NamedTuple):
     part: int  # entry of the protocol
     number: int  # number of the state along the slide
     before: float  # velocity of the load point [m/s]
-    place: Any  # state as represented by the engine
+    place: Gouge
 
 
 class Trunk(NamedTuple):
@@ -104,20 +106,6 @@ class Realization(NamedTuple):
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
 
-class Engine(NamedTuple):
-    """Functions with which an engine runs legs.
-
-    `start` begins with a settled sample, `leg` runs a number of steps at a velocity, and `state` converts a place to a
-    State. A place returned by `start` or `leg` remains valid: legs may branch from it, even in another process.
-    """
-
-    start: Callable[[GougeScenario, Gouge], Any]  # -> place
-    leg: Callable[[GougeScenario, Any, float, int], tuple[Any, Series]]  # place, velocity, steps -> place, series
-    state: Callable[[Any], Any]  # place -> State
-    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J]
-    nouns: tuple[type, ...]  # classes of the NamedTuples in a place
-
-
 def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Checkpoint | None = None) -> Trunk:
     """Prepare one sample and take it through the slides of the protocol.
 
@@ -131,7 +119,7 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
     RuntimeError
         If the sample does not settle, does not become steady, or becomes unstable.
     """
-    kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
+    kept = kept and kept._replace(nouns=(Gouge, Series))
     return slide_trunk(scenario, settled_sample(scenario, seed, tell, kept), engine, tell, kept)
 
 
@@ -148,12 +136,12 @@ def slide_trunk(
     scenario: GougeScenario, gouge: Gouge, engine: Engine, tell: Tell, kept: Checkpoint | None = None
 ) -> Trunk:
     """Take a settled sample through the slides of the protocol; arguments as in `run_trunk`."""
-    legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration)
-    place, tests, found = engine.start(scenario, gouge), [], []
+    legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration, f"{scenario.seed}/{TRUNK}")
+    place, tests, found = gouge, [], []
     states, velocity = {"settled": gouge.state}, 0.0
     place, test = _slide_to_steadiness(legs, place)
     tests.append(test)
-    states["steady"], velocity = engine.state(place), test.velocity
+    states["steady"], velocity = place.state, test.velocity
     for number, part in enumerate(scenario.protocol):
         for new in part.starts:
             for k, seconds in enumerate(part.trunk(new, scenario.grains.mean)):
@@ -162,7 +150,7 @@ def slide_trunk(
                 velocity = new
                 if part.branches:
                     found.append(Branch(number, k, new, place))
-    states["end"] = engine.state(place)
+    states["end"] = place.state
     ledger = _run_ledger(scenario, gouge._replace(state=states["end"])) if scenario.ledger_steps else {}
     return Trunk(tuple(tests), tuple(found), states, ledger)
 
@@ -177,9 +165,10 @@ def run_branch(
     RuntimeError
         If the sample becomes unstable.
     """
-    kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
+    kept = kept and kept._replace(nouns=(Gouge, Series))
     part = scenario.protocol[start.part]
-    legs = _LegRunner(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
+    duration, name = sum(part.branch(start.before, scenario.grains.mean)), f"branch-{start.part}-{start.number}"
+    legs = _LegRunner(scenario, engine, tell, kept, duration, f"{scenario.seed}/{name}")
     make = _run_steps if isinstance(part, VelocitySteps) else _run_holds
     return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
 
@@ -281,8 +270,10 @@ def _log_binned(series: Series) -> Series:
 class _LegRunner:
     """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
-    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Checkpoint | None, duration: float):
-        self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
+    def __init__(
+        self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Checkpoint | None, duration: float, name: str
+    ):
+        self.scenario, self.engine, self.tell, self.kept, self.name = scenario, engine, tell, kept, name
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
     def run(self, place, velocity: float, seconds: float, words: str):
@@ -295,9 +286,9 @@ class _LegRunner:
         def run_pieces(place=place):
             parts = []
             for first in range(0, samples, CHUNK):
-                steps = min(CHUNK, samples - first) * every
-                leg = partial(self.engine.leg, self.scenario, place, velocity, steps)
-                place, part = load_or_compute(pieces, f"{first:09d}", leg)
+                steps, piece = min(CHUNK, samples - first) * every, f"{first:09d}"
+                leg = partial(self._run_leg, place, velocity, steps, f"{self.name}/{name}/{piece}")
+                place, part = load_or_compute(pieces, piece, leg)
                 parts.append(part)
                 self._report_progress(steps, part, words)
             return place, _concatenate(parts)
@@ -308,7 +299,14 @@ class _LegRunner:
             pieces.clear()
         if self.done == before:  # the whole leg was loaded
             self._report_progress(samples * every, series, words)
-        return place, series, self.engine.elastic(place)
+        return place, series, elastic_energy(place.state, place.law)
+
+    def _run_leg(self, gouge: Gouge, velocity: float, steps: int, name: str) -> tuple[Gouge, Series]:
+        """Run a number of steps; the series does not include the sample at the start."""
+        leg = slide_leg(self.scenario, gouge, velocity, steps)._replace(name=name, after=gouge.leg)
+        ((end, record),) = self.engine.pieces(leg)
+        here = gouge._replace(state=leg.state)
+        return here._replace(state=end, leg=name), measure_series(record, here)[1:]
 
     def _report_progress(self, steps: int, series: Series, words: str) -> None:
         """Report progress and the current state of the sample."""
@@ -337,20 +335,13 @@ def _is_steady(series: Series, window: float, change: float) -> bool:
     return abs(a.mean - b.mean) <= max(change, float(np.hypot(a.error, b.error)))
 
 
-def _start(scenario: GougeScenario, gouge: Gouge) -> Gouge:
-    """Attach a settled sample to its spring."""
-    return attach_spring(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
-
-
-def _run_leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int) -> tuple[Gouge, Series]:
-    """Run a number of steps with this package's engine; the series does not include the sample at the start."""
-    begin, seconds, ahead = place.state.time, steps * scenario.dt, load_point_lead(place)
-    course = np.array([begin, begin + seconds]), np.array([ahead, ahead + velocity * seconds])
-    here = attach_spring(place, stiffness(scenario) * scenario.area, *course)
-    end, record, outcome = run(here.state, here.law, steps, scenario.dt, every=scenario.sample_every, threads=1)
-    if not outcome.ok:
-        raise RuntimeError(f"the run stopped at time {end.time:.4g}: {outcome}")
-    return here._replace(state=end), _series(record, here, np.interp(record.time, *course))[1:]
+def slide_leg(scenario: GougeScenario, gouge: Gouge, velocity: float, steps: int) -> Leg:
+    """Return the leg in which the load point of the spring moves at a velocity."""
+    begin, seconds, ahead = gouge.state.time, steps * scenario.dt, load_point_lead(gouge)
+    course = [begin, begin + seconds], [ahead, ahead + velocity * seconds]
+    state = attach_spring(gouge, stiffness(scenario) * scenario.area, *course).state
+    skin = SKIN * gouge.diameter / (2 * float(state.grains.radius.mean()))
+    return Leg(state, gouge.law, scenario.dt, steps, every=scenario.sample_every, skin_diameters=skin)
 
 
 def _run_ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
@@ -372,10 +363,15 @@ def _run_ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
 def load_point_lead(place: Gouge) -> float:
     """Displacement of the load point from where the spring was attached [m]."""
     control = place.state.control
+    if not control.spring[place.top, 0].any():
+        return 0.0
     return float(factors_at(control, place.state.time)[control.leads[place.top[0], 0]])
 
 
-def _series(record: Record, gouge: Gouge, load_point: np.ndarray) -> Series:
+def measure_series(record: Record, gouge: Gouge) -> Series:
+    """Return the series of a record of a gouge whose spring is attached."""
+    state, lead = gouge.state, gouge.state.control.leads[gouge.top[0], 0]
+    load_point = np.array([factors_at(state.control, time)[lead] for time in record.time])
     grains, top, whole = gouge.state.grains, gouge.top, gouge.normal_stress * gouge.area
     moved, loose = grains.mass[top].sum(), grains.mass[gouge.loose].sum()
     velocity, force = record.group_velocity[:, TOP], record.group_force[:, TOP]
@@ -401,8 +397,3 @@ def _mean_overlap(state: State) -> float:
     """Mean overlap of all contacts [m]."""
     rows = touching(state)
     return float(overlaps(state)[rows].mean()) if len(rows) else 0.0
-
-
-STICKSLIP = Engine(
-    _start, _run_leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,)
-)

@@ -1,25 +1,27 @@
 """Legs of fault gouge written for a queue, and read back from it.
 
 The protocol runs once with an engine that writes legs instead of running them, and once more with one that reads what
-LAMMPS made of them. A leg is identified by the leg before it, its velocity and its number of steps.
+LAMMPS made of them. A leg is identified by its name.
 """
 
 import json
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
+from ...core.dynamics.engine import Engine, Leg
+from ...core.dynamics.record import Record
+from ...core.dynamics.run import record_of
+from ...core.state import State
 from ...data.checkpoint import LEGS, checkpoint_in
 from ...data.exchange.lammps_restart import is_complete
 from ...data.schema import ScenarioError
 from ...lammps.job import clear_legs, leg_folder, write_scripts
 from ...lammps.process import require_lammps
-from ...lammps.run import sample_path, write_start
+from ...lammps.run import read_leg, sample_path, with_records, write_start
 from ...lammps.script import write_input
+from ...lammps.supported import check_leg
 from ..realizations import silent
-from .lammps import Place, engine_of, make_leg, read_output
-from .protocol import TRUNK, Engine, Series, run_branch, settled_sample, slide_trunk
+from .protocol import TRUNK, run_branch, settled_sample, slide_trunk
 from .sample import Gouge
 from .scenario import GougeScenario
 
@@ -47,14 +49,15 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     require_lammps()
     clear_legs(folder)
     written = _Legs(folder, scenario.ranks)
+    engine = Engine(written.pieces)
     for seed in range(scenario.seed, scenario.seed + scenario.realizations):
         one = scenario.model_copy(update={"realizations": 1, "seed": seed})
         kept = checkpoint_in(folder, scenario, Gouge).of(one.digest).of(TRUNK)
         gouge = settled_sample(one, seed, silent, kept)
         bare = one.model_copy(update={"ledger_steps": 0})
-        trunk = slide_trunk(bare, gouge, engine_of(written.write), silent)
+        trunk = slide_trunk(bare, gouge, engine, silent)
         for start in trunk.branches:
-            run_branch(bare, start, engine_of(written.write), silent)
+            run_branch(bare, start, engine, silent)
     (folder / LEGS / TABLE).write_text(json.dumps(written.table, indent=1), encoding="utf-8")
     return [*written.paths, folder / LEGS / TABLE, *write_scripts(folder, written.ends, scenario.ranks)]
 
@@ -74,28 +77,16 @@ def engine(folder: Path) -> Engine:
     """
     path = folder / LEGS / TABLE
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        numbers = {tuple(key): int(number) for number, (*key, _) in table.items()}
-        ends = [leg_folder(folder, int(number) - 1) / Path(end).name for number, (*_, end) in table.items()]
+        legs = json.loads(path.read_text(encoding="utf-8")).items()
+        table = {name: (leg_folder(folder, int(number)), Path(end).name) for name, (number, end) in legs}
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise ScenarioError(f"{path} is damaged: write it again with --export") from None
-    for end in ends:
-        if not is_complete(end):
+    for place, end in table.values():
+        if not is_complete(place / end):
             raise ScenarioError(
-                f"LAMMPS has not finished in {end.parent}: let it finish there first, for example with sh run.sh"
+                f"LAMMPS has not finished in {place}: let it finish there first, for example with sh run.sh"
             )
-    return engine_of(partial(_read, folder, numbers))
-
-
-def _key(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> tuple:
-    return scenario.seed, place.number, float(velocity), steps
-
-
-def _read(folder: Path, numbers: dict, scenario: GougeScenario, place: Place, velocity: float, steps: int):
-    """Return the end and the series of a leg."""
-    number = numbers[_key(scenario, place, velocity, steps)]
-    end, series = read_output(scenario, place, velocity, steps, leg_folder(folder, number - 1))
-    return end._replace(restart=b"", number=number), series
+    return Engine(lambda leg: with_records(leg, read_leg(leg, table[leg.name][0])), stops=False)
 
 
 class _Legs:
@@ -103,21 +94,18 @@ class _Legs:
 
     def __init__(self, folder: Path, ranks: int):
         self.folder, self.ranks = folder, ranks
-        self.numbers, self.table, self.paths, self.ends = {}, {}, [], []
+        self.table, self.paths, self.ends = {}, [], []
 
-    def write(self, scenario: GougeScenario, place: Place, velocity: float, steps: int) -> tuple[Place, Series]:
-        """Write a leg unless the same one has been written; return its end, where grains have not moved."""
-        key, leg = _key(scenario, place, velocity, steps), make_leg(scenario, place, velocity, steps, ranks=self.ranks)
-        if key not in self.numbers:
-            self.numbers[key] = len(self.numbers) + 1
-            target = leg_folder(self.folder, len(self.ends))
-            if place.number:
-                before = self.ends[place.number - 1]
-                self.paths.append(write_input(leg, target, begin=f"../{before.parent.name}/{before.name}"))
-            else:
-                self.paths.append(write_start(leg, target))
-            self.ends.append(sample_path(leg, target, steps))
-            self.table[str(self.numbers[key])] = [*key, self.ends[-1].name]
-        state = leg.state._replace(time=leg.state.time + steps * scenario.dt)
-        nothing = Series(*(np.zeros((1, 3, 3) if name == "fabric" else 1) for name in Series._fields))
-        return Place(place.gouge._replace(state=state), b"", self.numbers[key]), nothing
+    def pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
+        """Write a leg; yield its end, where grains have not moved."""
+        check_leg(leg)
+        target, leg = leg_folder(self.folder, len(self.ends)), leg._replace(ranks=self.ranks)
+        if leg.after:
+            number, last = self.table[leg.after]
+            self.paths.append(write_input(leg, target, begin=f"../{leg_folder(self.folder, number).name}/{last}"))
+        else:
+            self.paths.append(write_start(leg, target))
+        end = sample_path(leg, target, leg.steps)
+        self.table[leg.name] = len(self.ends), end.name
+        self.ends.append(end)
+        yield leg.state._replace(time=leg.state.time + leg.steps * leg.dt), record_of([leg.state, leg.state], leg)

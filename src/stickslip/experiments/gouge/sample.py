@@ -37,6 +37,7 @@ class Gouge(NamedTuple):
     area: float  # area of a plate [m²]
     normal_stress: float  # [Pa]
     diameter: float  # mean of the diameter distribution, D [m]
+    leg: str = ""  # name of the leg that ends with this state
 
     @property
     def top(self) -> np.ndarray:

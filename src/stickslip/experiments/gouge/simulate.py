@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
+from ...core.dynamics.engine import Engine
+from ...core.dynamics.run import own_engine
 from ...data import archive
 from ...data.checkpoint import Checkpoint, checkpoint_in
 from ...ensemble import Workers
@@ -13,20 +15,8 @@ from ..experiment import result_of
 from ..realizations import Realizations, Report, Task, run_realizations, silent
 from . import EXPERIMENT
 from .dimensionless import Range
-from .protocol import (
-    STICKSLIP,
-    TRUNK,
-    Branch,
-    Engine,
-    Realization,
-    Series,
-    Tell,
-    Test,
-    Trunk,
-    make_realization,
-    run_branch,
-    run_trunk,
-)
+from .protocol import TRUNK, Branch, Realization, Series, Tell, Test, Trunk, make_realization, run_branch, run_trunk
+from .sample import Gouge
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder next to the results
@@ -115,7 +105,7 @@ class _Ensemble:
 
     def _run_trunks(self) -> Realizations:
         """Run the trunk of every realization."""
-        nouns = (Trunk, Branch, Test, Series, *find_engine(self.scenario).nouns, *STICKSLIP.nouns)
+        nouns = (Trunk, Branch, Test, Series, Gouge)
         places = [self.kept and self.kept.of(one.digest, *nouns) for one in self.alone]
         tasks = [
             Task(f"trunk {one.seed}", (one.text, place and place.of(TRUNK)), TRUNK, place)
@@ -161,14 +151,14 @@ def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
         If a leg has not run in the queue.
     """
     if scenario.engine == "stickslip":
-        return STICKSLIP
+        return own_engine(threads=1)
     from . import queue
 
     if folder and queue.is_written(folder):
         return queue.engine(folder)
-    from .lammps import engine
+    from ...lammps.run import lammps_engine
 
-    return engine(scenario.ranks)
+    return lammps_engine(scenario.ranks)
 
 
 def _trunk_task(text: str, kept: Checkpoint | None, tell: Tell) -> Trunk:
