@@ -20,7 +20,6 @@ from ..data.atomic import replace_atomically
 from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.birth import BirthForm, birth_form
-from ..solve.equilibrate import equilibrate
 from ..solve.freedom import backbone
 from ..solve.stability import Stability
 from . import details as stability_more
@@ -68,6 +67,8 @@ def settled(state: State, law: Law) -> tuple[State, Settling]:
     RuntimeError
         If no equilibrium was found; the message is one sentence.
     """
+    from ..solve.equilibrate import equilibrate  # loads the time loop, which most packings do not need
+
     force, before = mean_normal_force(state, law), imbalance(state, law)
     end, outcome = equilibrate(state, law, tolerance=SETTLE_TOLERANCE * force or SETTLE_TOLERANCE, check="nothing")
     if not outcome.ok:
