@@ -78,3 +78,23 @@ def test_the_least_stable_status_by_brute_force():
 
 def test_the_geometric_stiffness_is_proportional_to_the_overlap():
     assert sliding.geometric_slope(0, disks=12) == pytest.approx(1, abs=0.15)
+
+
+def test_switches_of_a_contact_on_a_wall_that_goes_back_and_forth():
+    """The wall slides under a held disk; after each turn the contact sticks while the wall moves by 2 μ F_n/k_t."""
+    period, speed, law = 40.0, 1e-3, ss.laws.linear(1.0, 1.0, 0.5)
+    grains = ss.disks([[0.0, 0.49]], 0.5)
+    turns = np.arange(period / 2, 220, period)
+    times = np.sort(np.concatenate([[0.0], turns - 1e-3, turns + 1e-3]))
+    signs = np.repeat((-1.0) ** np.arange(len(turns) + 1), 2)[: len(times)]
+    control = ss.control.driven(ss.control.loads(1, 1), [0, 1], 0.0)
+    control.rate[1, 0] = speed
+    control = ss.control.time_dependent(control, [1], times, signs, axes=[0])
+    state = ss.assembly(grains, ss.flat_walls([[0, 0, 0]], [[0, 1, 0]]), control=control)
+    state, _, _ = ss.run(state, law, 150, 0.1)  # the contact slides after 5 units of time
+    state = state._replace(time=0.0)
+    key = state.contacts.key[: int(state.contacts.count[0])]
+    switches, energy = sliding._watch(state, law, key)
+    sticks = 2 * 0.5 * 0.01 / speed
+    assert sticks == pytest.approx(10) and sliding.TIME == 200
+    assert switches == 2 * (turns < 200 - sticks).sum() and energy == 0
