@@ -110,10 +110,10 @@ def label_axes(
     large or small, the label takes up a power of ten, as in "strain [10⁻⁵]". Logarithmic axes of little more than a
     decade also show 2 and 5.
     """
-    for name, words in (("x", x), ("y", y), ("z", z)):
-        if words is None:
+    for name, label in (("x", x), ("y", y), ("z", z)):
+        if label is None:
             continue
-        quantity, unit = (words, "") if isinstance(words, str) else (words[0], unit_name(words[1]))
+        quantity, unit = (label, "") if isinstance(label, str) else (label[0], unit_name(label[1]))
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
