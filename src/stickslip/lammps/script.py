@@ -209,18 +209,18 @@ def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str
 
     The velocity is the mean over the step.
     """
-    control, found = leg.state.control, {}
+    control, variables = leg.state.control, {}
     for k, axis in enumerate("xyz"[: leg.state.cell.dim]):
         if control.rate[body, k]:
             moved, before = (
                 displacement_formula(leg, control.rate[body, k], int(control.follows[body, k]), step)
                 for step in ("step", "(step-1)")
             )
-            found[axis] = (
+            variables[axis] = (
                 f"variable {name}_d{axis} equal {moved}",
                 f"variable {name}_v{axis} equal ({moved}-({before}))/dt",
             )
-    return found
+    return variables
 
 
 def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step") -> str:
@@ -387,12 +387,12 @@ def _cell_commands(leg: Leg) -> list[str]:
     The fix deforms the cell at the end of a step, after its forces: it is told the tilt of the next step. Two steps of
     duration zero come first, so that the forces of the first step know the rate of the cell and the tilt at the start.
     """
-    rate, lines, words = leg.state.control.cell_rate, [], []
+    rate, lines, arguments = leg.state.control.cell_rate, [], []
     for a, b in zip(*np.nonzero(rate), strict=True):
         name, speed = f"{'xyz'[a]}{'xyz'[b]}", digits(rate[a, b] * leg.state.cell.vectors[b, b])
         lines += [
             f"variable tilt_{name} equal {speed}*{digits(leg.dt)}*(step-1)",
             f"variable rate_{name} equal {speed}",
         ]
-        words.append(f"{name} variable v_tilt_{name} v_rate_{name}")
-    return [*lines, f"fix cell all deform 1 {' '.join(words)} remap v"] if words else []
+        arguments.append(f"{name} variable v_tilt_{name} v_rate_{name}")
+    return [*lines, f"fix cell all deform 1 {' '.join(arguments)} remap v"] if arguments else []

@@ -52,18 +52,18 @@ def _sections(rows: list[Row], table: Path, done: Progress, how: dict) -> list[t
 
 def _newest(row: Row, done: Progress) -> str:
     verdict = row.verdict or row.note
-    words = page.paragraph(f"Step {row.step}: {verdict}.", kind="verdict" if row.stable is not None else "")
+    html = page.paragraph(f"Step {row.step}: {verdict}.", kind="verdict" if row.stable is not None else "")
     if row.scope:
-        words += page.paragraph(f"What was checked: {row.scope}.", kind="soft")
+        html += page.paragraph(f"What was checked: {row.scope}.", kind="soft")
     if row.note and row.verdict:
-        words += page.paragraph(row.note[:1].upper() + row.note[1:] + ".", kind="soft")
+        html += page.paragraph(row.note[:1].upper() + row.note[1:] + ".", kind="soft")
     if done.left:
-        words += page.paragraph(
+        html += page.paragraph(
             f"Not computed yet: {pluralize(done.left, 'frame')}. The newest one comes first, the others while the "
             f"simulation does not write.",
             kind="warning",
         )
-    return words
+    return html
 
 
 def _charts(rows: list[Row]) -> str:
@@ -71,11 +71,11 @@ def _charts(rows: list[Row]) -> str:
     series = {name: _series(rows, name) for name in ("pressure", "shear_stress", "coordination", "softest", "residual")}
     sliding = _series(rows, "sliding") / np.maximum(_series(rows, "contacts"), 1)
     growth = np.where(np.isfinite(_series(rows, "pairs")), np.nan_to_num(_series(rows, "growth_rate")), np.nan)
-    words = [in_a_word(row) for row in rows]
+    verdicts = [in_a_word(row) for row in rows]
     return page.pictures({
         "stress": png(watched_stress(step, series["pressure"], series["shear_stress"])),
         "contacts": png(watched_contacts(step, series["coordination"], sliding)),
-        "softest mode, and fastest growing pair": png(watched_spectrum(step, series["softest"], growth, words)),
+        "softest mode, and fastest growing pair": png(watched_spectrum(step, series["softest"], growth, verdicts)),
         "unbalanced force": png(watched_balance(step, series["residual"], BALANCED_BELOW)),
     })  # fmt: skip
 
