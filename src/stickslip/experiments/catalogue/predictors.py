@@ -107,8 +107,8 @@ def resampled_skill(
     rng = np.random.default_rng(seed)
     for k in range(resamples if len(blocks) > 1 else 0):
         drawn = rng.multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)))
-        one = _curve(order, last, followed, drawn[block].astype(float))
-        areas[k], hits[k] = one.area, np.interp(GRID, one.false_alarms, one.hits)
+        curve = _curve(order, last, followed, drawn[block].astype(float))
+        areas[k], hits[k] = curve.area, np.interp(GRID, curve.false_alarms, curve.hits)
     good = np.isfinite(areas)
     ends = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
     low, high = np.quantile(areas[good], ends) if good.any() else (np.nan, np.nan)
@@ -147,5 +147,5 @@ def follow(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.n
 
 def _by_sample(steps: Table, events: Table) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the rows of the steps of each packing, and the sorted strains of its events."""
-    for one in np.unique(steps["sample"]):
-        yield np.flatnonzero(steps["sample"] == one), np.sort(events["strain"][events["sample"] == one])
+    for packing in np.unique(steps["sample"]):
+        yield np.flatnonzero(steps["sample"] == packing), np.sort(events["strain"][events["sample"] == packing])

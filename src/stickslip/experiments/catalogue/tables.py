@@ -23,9 +23,9 @@ _SPREAD = re.compile(r"(\w+)_(\d+)")
 
 def event_table(samples) -> Table:
     """Return one row for each event of several samples: sample, kind, and the other fields of `Event`."""
-    rows = [(one.seed, event) for one in samples for event in one.found.events]
+    rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
-    places = [_places(event.distances, one.found.step) for one in samples for event in one.found.events]
+    places = [_places(event.distances, sample.found.step) for sample in samples for event in sample.found.events]
     out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
     for name in Event._fields:
         values = [getattr(event, name) for event in events]
@@ -45,9 +45,10 @@ def event_table(samples) -> Table:
 
 def step_table(samples) -> Table:
     """Return one row for each strain step of several samples: sample, and the fields of `StrainStep`."""
-    out: Table = {"sample": np.repeat([one.seed for one in samples], [len(one.found.steps.strain) for one in samples])}
+    counts = [len(sample.found.steps.strain) for sample in samples]
+    out: Table = {"sample": np.repeat([sample.seed for sample in samples], counts)}
     for name in StrainStep._fields:
-        out[name] = np.concatenate([getattr(one.found.steps, name) for one in samples])
+        out[name] = np.concatenate([getattr(sample.found.steps, name) for sample in samples])
     return Fields(out, StrainStep)
 
 

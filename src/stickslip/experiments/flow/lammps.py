@@ -85,7 +85,7 @@ def _make_leg(scenario: FlowScenario, start: Poured, part: StagePart) -> Leg:
 
 def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
     """Return the courses that are sines, which LAMMPS evaluates as such, by their column in the control."""
-    found, n = {}, len(state.grains.radius)
+    waves, n = {}, len(state.grains.radius)
     for name, axes in conditions.motion.items():
         if name not in (*conditions.walls, *start.plates):
             continue
@@ -94,8 +94,8 @@ def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int
             if way[0] == "velocity" and isinstance(way[1], Shaking):
                 shaking = way[1]
                 column = int(state.control.follows[row, AXES.index(axis)])
-                found[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
-    return found
+                waves[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
+    return waves
 
 
 def _run(scenario: FlowScenario, start: Poured, part: StagePart) -> Iterator[State]:

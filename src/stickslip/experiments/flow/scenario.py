@@ -223,7 +223,7 @@ class FlowScenario(ScenarioBase):
         yield Size("saved states take", STATE * self.grains.number * frames, "bytes", "use fewer frames")
         motions = [(body.name, body.velocity) for body in (*self.walls, *self.plates)]
         motions += [item for stage in self.stages for item in stage.velocity.items()]
-        for name, way in ((name, way) for name, one in motions for way in one.prescribed.values()):
+        for name, way in ((name, way) for name, motion in motions for way in motion.prescribed.values()):
             if isinstance(way, Shaking):
                 periods = way.frequency * self.duration
                 yield Size(f"{name} shakes", periods, "times", "use a lower frequency or shorter stages")

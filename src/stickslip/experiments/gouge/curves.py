@@ -45,9 +45,9 @@ def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list
 
     The velocity is the one before the hold if there are such slides, otherwise the slowest.
     """
-    found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
-    chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
-    return sorted(h for h, w in found if w == chosen), chosen
+    holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
+    chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
+    return sorted(h for h, w in holds if w == chosen), chosen
 
 
 def healing_peaks(result: GougeResult, before: float):

@@ -179,11 +179,11 @@ def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, s
 
 def _read_frames(path: Path, columns: int) -> dict[int, np.ndarray]:
     """Read the tables of a dump, keyed by the step at which each was written."""
-    found = {}
+    frames = {}
     for frame in path.read_text(encoding="utf-8").split("ITEM: TIMESTEP\n")[1:]:
         *head, body = frame.split("\n", 8)
-        found[int(head[0])] = np.array(body.split(), float).reshape(int(head[2]), columns)
-    return found
+        frames[int(head[0])] = np.array(body.split(), float).reshape(int(head[2]), columns)
+    return frames
 
 
 def _state_from_frame(gouge: Gouge, frame: np.ndarray, time: float) -> State:
