@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.catalogue import read_table, report, simulate
 from stickslip.experiments.catalogue.measures import measures
-from stickslip.experiments.catalogue.tables import event_table, joined_tables, rows_of, step_table, write_table
+from stickslip.experiments.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
 from stickslip.figures import catalogue as figures
 from stickslip.runs.writer import write_result
 from tests.events.made import events_of, samples
@@ -188,7 +188,7 @@ def test_a_table_without_events_comes_back(tmp_path):
 def test_tables_with_different_numbers_of_distances_are_joined():
     one, two = event_table(samples(1, 3)), event_table(samples(2, 2))
     two["softest"] = two["softest"][:, :4]
-    both = joined_tables([("a", one), ("b", two)], "law")
+    both = stack_tables([("a", one), ("b", two)], "law")
     assert both["law"].tolist() == ["a"] * 3 + ["b"] * 4
     assert both["softest"].shape == (7, 6) and np.isnan(both["softest"][3:, 4:]).all()
     np.testing.assert_array_equal(rows_of(both, both["law"] == "b")["strain"], two["strain"])

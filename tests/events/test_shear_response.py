@@ -73,8 +73,8 @@ def test_a_contact_that_slides_or_opens_has_another_spectrum():
     mode = state.contacts.mode.copy()
     mode[row] = ss.SLIDE
     slid = Response(state._replace(contacts=state.contacts._replace(mode=mode)), law)
-    np.testing.assert_allclose(np.sort(found.switched(row).real), np.sort(slid.eigenvalues.real), atol=1e-10)
-    opened = found.switched(row, ss.OPEN)
+    np.testing.assert_allclose(np.sort(found.eigenvalues_if(row).real), np.sort(slid.eigenvalues.real), atol=1e-10)
+    opened = found.eigenvalues_if(row, ss.OPEN)
     assert opened.real.sum() < found.eigenvalues.real.sum()  # stiffness is taken away
     assert found.mobilisation[row] == np.nanmax(
         found.mobilisation[found.support.contacts & (state.contacts.mode == ss.STICK)[: len(found.branch)]]

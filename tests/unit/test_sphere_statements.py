@@ -114,7 +114,7 @@ def test_the_stored_summary_is_that_of_the_packings(tmp_path, monkeypatch):
     monkeypatch.setattr(pairs_by_law, "BIRTHS", tmp_path / "births.csv")
     pairs_by_law.write_summary(births_by_law(pairs_by_law.read_births()))
     assert (tmp_path / "births.csv").read_text() == claims_of_laws.BIRTHS.read_text()
-    assert len(claims_of_laws.stored_births()) == 14
+    assert len(claims_of_laws.read_births()) == 14
 
 
 def test_every_row_belongs_to_a_place_that_is_shown():

@@ -181,7 +181,7 @@ def stability(
             (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
             notes, calm = [*notes, *said], None
             if settle:
-                state, calm = stability_report.settled(state, its_law)
+                state, calm = stability_report.let_settle(state, its_law)
                 notes.append(f"settled: {calm.how}")
             result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
@@ -213,7 +213,7 @@ def stability(
         stability_report.show(result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape)
         if paths:
             terminal.show_paths(paths)
-    if stability_report.decided(result, notes) is None:
+    if stability_report.is_stable(result, notes) is None:
         raise typer.Exit(NO_VERDICT)
 
 

@@ -146,7 +146,7 @@ def _check_of(annotation) -> Callable[[str, Any], Any] | None:
     if origin in (list, dict) or (origin is tuple and parts):
         return _check_of_container(origin, parts)
     if origin is Iterable:
-        return lambda name, value: _check_of_container(list, parts)(name, _listed(name, value))
+        return lambda name, value: _check_of_container(list, parts)(name, _as_list(name, value))
     if origin is Callable or annotation is Callable:
         return _check_callable
     if annotation is np.ndarray:
@@ -193,7 +193,7 @@ def _check_of_union(parts):
         for problem in problems:  # of the right type, but with a wrong entry
             if isinstance(problem, ValueError):
                 raise problem
-        raise TypeError(f"{name} must be {kinds}, but {_described(value)} was given")
+        raise TypeError(f"{name} must be {kinds}, but {_describe(value)} was given")
 
     return check
 
@@ -204,7 +204,7 @@ def _check_of_container(origin, parts):
 
     def check(name, value):
         if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
-            raise TypeError(f"{name} must be {kinds}, but {_described(value)} was given")
+            raise TypeError(f"{name} must be {kinds}, but {_describe(value)} was given")
         if origin is dict:
             return {_part(checks[0], name, k): _part(checks[1], f"{name}[{k!r}]", v) for k, v in value.items()}
         fixed = origin is tuple and Ellipsis not in parts
@@ -217,10 +217,10 @@ def _check_of_container(origin, parts):
     return check
 
 
-def _listed(name: str, value) -> list:
+def _as_list(name: str, value) -> list:
     scalar = isinstance(value, np.ndarray) and not value.ndim
     if scalar or not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
-        raise TypeError(f"{name} must be a list, but {_described(value)} was given")
+        raise TypeError(f"{name} must be a list, but {_describe(value)} was given")
     return list(value)
 
 
@@ -287,7 +287,7 @@ def _check_integer(name: str, value):
 
 def _check_callable(name: str, value):
     if not callable(value):
-        raise TypeError(f"{name} must be a function, but {_described(value)} was given")
+        raise TypeError(f"{name} must be a function, but {_describe(value)} was given")
     return value
 
 
@@ -324,12 +324,12 @@ def _check_result(name: str, value, wanted: Result):
     absent = [f".{key}" for key in wanted.attributes if not hasattr(value, key)]
     absent += [repr(key) for key in wanted.keys if not isinstance(value, Mapping) or key not in value]
     if absent:
-        kind = _described(value)
+        kind = _describe(value)
         raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
     return value
 
 
-def _described(value) -> str:
+def _describe(value) -> str:
     return "None" if value is None else f"a value of type {type(value).__name__}"
 
 
@@ -343,7 +343,7 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
     elif type(value).__module__.startswith("stickslip."):
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
-    return f"{name} must be {allowed}, but {_described(value)} was given{remedy}"
+    return f"{name} must be {allowed}, but {_describe(value)} was given{remedy}"
 
 
 def require_index(count: int, **values) -> None:

@@ -71,14 +71,14 @@ FIELDS = {
 }  # fmt: skip
 
 
-def _prepared(part: str, name: str, field: Field) -> tuple:
+def _prepare_check(part: str, name: str, field: Field) -> tuple:
     """Full name of a field, the field, type and dimensions as arrays have them, and whether it may be any number."""
     unbounded = field.dtype is np.float64 and field.shape is not None and not field.optional and field.low == -LARGEST
     dimensions = None if field.shape is None else len(field.shape)
     return f"{part}.{name}".strip("."), field, np.dtype(field.dtype), dimensions, unbounded
 
 
-_ENTRIES = {part: tuple(_prepared(part, *one) for one in fields.items()) for part, fields in FIELDS.items()}
+_ENTRIES = {part: tuple(_prepare_check(part, *one) for one in fields.items()) for part, fields in FIELDS.items()}
 
 
 def check_parts(parts: Mapping[str, Any]) -> None:

@@ -69,7 +69,7 @@ class NoMemory(MemoryNote, Assumption):
 NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, without memory (zero slip)")
 
 
-def assumed_law(law: Law) -> Assumption:
+def law_note(law: Law) -> Assumption:
     """Return the note on a law that nobody has given."""
     text = " ".join(repr(law).removeprefix("Law: ").split())
     return Assumption(f"{NO_LAW}: the defaults are assumed ({text})")

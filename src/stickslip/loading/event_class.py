@@ -185,7 +185,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     """
     response, drag = last.response, last.judge.drag
     for row, mode in dict.fromkeys([*_changing(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
-        values = response.switched(row, mode)
+        values = response.eigenvalues_if(row, mode)
         near = mode == OPEN or response.mobilisation[row] > ALMOST
         if near and _grows(values, drag):
             return EventKind.OPENING if mode == OPEN else EventKind.SLIDING, row, values
@@ -232,7 +232,7 @@ def loss_ahead(point: Point, strain: float) -> float:
             if here > rest and (mode == OPEN or state.contacts.mode[row] == STICK):
                 losses.append((part * here / (here - rest), row, mode))
     for left, row, mode in sorted(losses)[:TRIED]:
-        if _grows(response.switched(row, mode), point.judge.drag):
+        if _grows(response.eigenvalues_if(row, mode), point.judge.drag):
             return float(left)
     return np.inf
 

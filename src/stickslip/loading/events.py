@@ -272,7 +272,7 @@ def _predictors(point: Point) -> tuple:
     response, (shear, pressure) = point.response, point.stress
     values = point.eigenvalues
     growth = np.abs(np.sqrt(values[values.imag > 0]).imag).max(initial=0.0)
-    switch = min((softest(response.switched(row)) for row in response.sticking(SWITCHED)), default=np.nan)
+    switch = min((softest(response.eigenvalues_if(row)) for row in response.sticking(SWITCHED)), default=np.nan)
     return (
         point.strain, softest(values), response.speed, float(growth), response.modulus, switch, shear, pressure,
     )  # fmt: skip

@@ -60,7 +60,7 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthFo
         return str(problem)
 
 
-def settled(state: State, law: Law) -> tuple[State, Settling]:
+def let_settle(state: State, law: Law) -> tuple[State, Settling]:
     """Return the packing in equilibrium under a law, and how much it changed.
 
     Raises
@@ -96,7 +96,7 @@ def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     )
 
 
-def decided(result: Stability, notes) -> bool | None:
+def is_stable(result: Stability, notes) -> bool | None:
     """Return whether the packing is stable; None if that is undecided."""
     return None if any(isinstance(note, Obstacle) for note in notes) else result.stable
 
@@ -183,7 +183,7 @@ def to_dict(
         "balanced": result.balanced,
         "causes": list(why),
         "settled": None if calm is None else _settling_dict(calm),
-        "stable": decided(result, notes),
+        "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
         "geometry": shape and shape._asdict(),
         "at_limit": result.at_limit,
@@ -238,7 +238,7 @@ def show(
         console.print(str(calm), style="bold yellow")
     if shape:
         console.print(str(shape))
-    color = {True: "green", False: "red", None: "yellow"}[decided(result, notes)]
+    color = {True: "green", False: "red", None: "yellow"}[is_stable(result, notes)]
     console.print(verdict(result, None, notes), style=f"bold {color}")
     if not result.balanced:
         _show_imbalance(result, why, remedy)

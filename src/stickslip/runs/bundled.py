@@ -13,13 +13,13 @@ from ..data.schema import ScenarioBase
 from ..experiments.registry import read_scenario
 
 
-def _bundled(name: str) -> Path:
+def _bundled_folder(name: str) -> Path:
     """Folder of a wheel, or else of a clone."""
     installed = Path(__file__).parents[1] / f"_{name}"
     return installed if installed.is_dir() else Path(__file__).parents[3] / name
 
 
-FOLDER, PAGES = _bundled("examples"), _bundled("docs")
+FOLDER, PAGES = _bundled_folder("examples"), _bundled_folder("docs")
 _WITHOUT_TEXT = {
     "sheared": "What LAMMPS wrote for shear.lammps: 27 grains, three frames, for `stickslip watch`",
     "sheared_spheres.npz": "Fifty spheres, sheared until a complex pair exists, with the slip of every contact",

@@ -29,7 +29,7 @@ from ..figures.quantities import DISPLACEMENT
 from ..figures.style import png
 from ..reports import claims as claims_table
 from ..reports.output_file import staged_file
-from ..reports.packing import Settling, describe_law, find_birth_form, growing_modes, likely_causes, settled, verdict
+from ..reports.packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import DENSE_UP_TO, stability
 from .sweep.cycles import FIGURE as CYCLES
@@ -355,7 +355,7 @@ def packing_content(
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
     notes, calm = [*notes, *warnings], None
     if settle:
-        state, calm = settled(state, law)
+        state, calm = let_settle(state, law)
         notes.append(f"settled: {calm.how}")
     n, facts = len(state.grains.radius), []
     why, warning, sentence = "", str(calm) if calm else "", ""

@@ -64,11 +64,11 @@ def _read_arguments(path: Path) -> dict:
     arguments = read_json(path)
     kinds = {"experiment": str, "quick": bool, "seed": int} | ({"full": bool} if "full" in arguments else {})
     if {name: type(value) for name, value in arguments.items()} != kinds or arguments["experiment"] not in papers():
-        raise ValueError(_damaged(path))
+        raise ValueError(_damage_message(path))
     return arguments
 
 
-def _damaged(path: Path) -> str:
+def _damage_message(path: Path) -> str:
     return f"{path} is damaged: start again with --overwrite"
 
 
@@ -79,4 +79,4 @@ def read_json(path: Path) -> dict:
             return content
     except (ValueError, RecursionError):
         pass
-    raise ValueError(_damaged(path))
+    raise ValueError(_damage_message(path))

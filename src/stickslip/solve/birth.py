@@ -133,7 +133,7 @@ class BirthForm(NamedTuple):
         """Largest displacement of a grain in one direction at an amplitude [length]."""
         return float(2 * amplitude * np.abs(self.mode[self.free.axis < 3]).max())
 
-    def _moved(self, amplitude: float) -> str:
+    def _displacement_text(self, amplitude: float) -> str:
         return with_unit(f"{self.displacement(amplitude):.3g}", "length")
 
     @property
@@ -155,13 +155,13 @@ class BirthForm(NamedTuple):
         what = "reaches the Coulomb limit" if self.limit <= self.opening else "opens"
         end = "no contact is lost"
         if np.isfinite(self.first):
-            end = f"contact {i}–{j} {what}, when grains move by {self._moved(self.first)}"
+            end = f"contact {i}–{j} {what}, when grains move by {self._displacement_text(self.first)}"
         sentences = {
-            "bounded bursts": f"bounded bursts, in which grains move by up to {self._moved(self.peak)}; no "
-            f"contact is lost (the first would be {i}–{j} at {self._moved(self.first)})",
+            "bounded bursts": f"bounded bursts, in which grains move by up to {self._displacement_text(self.peak)}; no "
+            f"contact is lost (the first would be {i}–{j} at {self._displacement_text(self.first)})",
             "runaway": f"runaway: growth becomes faster until {end}",
             "limit first": f"limit first: growth becomes slower until {end}"
-            + (f"; the burst would go on to {self._moved(self.peak)}" if np.isfinite(self.peak) else ""),
+            + (f"; the burst would go on to {self._displacement_text(self.peak)}" if np.isfinite(self.peak) else ""),
             "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth until {end}",
             "resonance": f"no normal form, since a mode {100 * self.resonance:.2g} % from twice the frequency leaves β "
             f"uncertain by {100 * self.detuned:.0f} %: linear growth until {end}",
@@ -169,7 +169,7 @@ class BirthForm(NamedTuple):
         closes = ""
         if self.closing < min(self.first, self.peak if self.fate == "bounded bursts" else np.inf):
             i, j = self.closing_contact
-            closes = f"; before that, {i} and {j} come into contact, at {self._moved(self.closing)}"
+            closes = f"; before that, {i} and {j} come into contact, at {self._displacement_text(self.closing)}"
         return sentences[self.fate] + closes
 
 
@@ -408,7 +408,7 @@ def first_changes(here: LinearisedState, free: Freedom, motion, start: float) ->
     closed, apart = watched & (first.closed > 0), watched & (first.closed == 0)
     stuck = closed & (first.slides == 0) & (first.limit > 0)
 
-    def changed(a):
+    def changes_at(a):
         """(4, C) contacts that leave the sticking state, open, close, reverse; None beyond the range of the motion."""
         out, ways = np.zeros((4, count), bool), motion(a)
         if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin:
@@ -421,10 +421,10 @@ def first_changes(here: LinearisedState, free: Freedom, motion, start: float) ->
         return out
 
     changes, low, high = [(np.inf, -1)] * 4, 0.0, start
-    while not np.isfinite([changes[0][0], changes[1][0]]).all() and (now := changed(high)) is not None:
+    while not np.isfinite([changes[0][0], changes[1][0]]).all() and (now := changes_at(high)) is not None:
         for kind in range(4):
             if changes[kind][1] < 0 and now[kind].any():
-                changes[kind] = _bisect(lambda a, kind=kind: changed(a)[kind], low, high, now[kind])
+                changes[kind] = _bisect(lambda a, kind=kind: changes_at(a)[kind], low, high, now[kind])
         low, high = high, LADDER * high
     return [(a, (int(contacts.i[c]), int(contacts.j[c])) if c >= 0 else (-1, -1)) for a, c in changes]
 

@@ -263,7 +263,7 @@ def _hopeful_peaks(run: ProbeRun, windows: ShiftWindows) -> list[tuple[complex, 
     """Peaks outside all windows that may grow faster than the fastest verified mode, fastest first."""
     # estimates assume mean excitation; a weakly excited mode grows faster than estimated
     least = max(1.0, windows.growth * run.time - np.log(FAINT) / 2)
-    return [(value, g) for value, g in run.peaks() if g * run.time > least and not windows.covered(value)]
+    return [(value, g) for value, g in run.peaks() if g * run.time > least and not windows.covers(value)]
 
 
 def _verify_peak(run: ProbeRun, windows: ShiftWindows, value: complex, growth: float) -> None:

@@ -27,7 +27,7 @@ from .freedom import (
 )
 from .linear import suitable_threads
 from .linearised import LinearisedState, linearised
-from .stability import LEFT_OUT, joined
+from .stability import LEFT_OUT, join_scopes
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes
 WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
@@ -169,7 +169,7 @@ def contact_sensitivity(
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""
-    scope = joined(scope, LEFT_OUT if damping_model(law) else "", sliding)
+    scope = join_scopes(scope, LEFT_OUT if damping_model(law) else "", sliding)
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
     last = _rank_changes(growth, verdict, after, verdicts, slope)

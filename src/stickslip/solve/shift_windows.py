@@ -35,7 +35,7 @@ class ShiftWindows:
         self.narrow: list[tuple[complex, float]] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
 
-    def covered(self, value: complex) -> bool:
+    def covers(self, value: complex) -> bool:
         """Return True if a window would have contained an eigenvalue at this value, or was made for it in vain."""
         discs = [(w.shift, 0.9 * w.radius) for w in self.done] + self.narrow
         return any(abs(value - centre) < radius for centre, radius in discs)

@@ -213,7 +213,7 @@ def stability(
     here = here.with_modes(modes_under(state, law, here.line))
     sliding = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:
-        sliding = sliding._replace(scope=joined(sliding.scope, LEFT_OUT))
+        sliding = sliding._replace(scope=join_scopes(sliding.scope, LEFT_OUT))
     rows = here.at_limit
     if not len(rows) or sliding.method == "none":
         return sliding
@@ -224,14 +224,14 @@ def stability(
     return sliding._replace(undamped=undamped)
 
 
-def joined(*scope: str) -> str:
+def join_scopes(*scope: str) -> str:
     """Scope from its parts, without empty ones."""
     return "; ".join(filter(None, scope))
 
 
 def _with_stuck(sliding: Stability | None, stuck: Stability | None, count: int) -> Stability | None:
     """Stability with contacts at the Coulomb limit sliding, and with them sticking."""
-    return sliding and sliding._replace(at_limit=count, if_stuck=stuck, scope=joined(sliding.scope, MIXED))
+    return sliding and sliding._replace(at_limit=count, if_stuck=stuck, scope=join_scopes(sliding.scope, MIXED))
 
 
 def unloading_scope(law: Law) -> str:
@@ -271,7 +271,7 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         negative, zero_modes, soft = soft_modes(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
-    scope = joined(scope, unloading_scope(law))
+    scope = join_scopes(scope, unloading_scope(law))
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
     if not dashpots:
@@ -284,7 +284,7 @@ def _with_dashpots(undamped: Stability, law: Law, exponents: tuple) -> Stability
     """Stability from the exponents with dashpots."""
     s, modes, slowest, near = exponents
     swings = s.imag < 0
-    scope = joined(near, undamped.scope if near else unloading_scope(law))
+    scope = join_scopes(near, undamped.scope if near else unloading_scope(law))
     return undamped._replace(
         pairs=-(s[swings] ** 2), negative=-(s[~swings].real ** 2), modes=modes[:, np.argsort(~swings, kind="stable")],
         scope=scope, undamped=undamped, slowest=slowest,

@@ -16,7 +16,7 @@ from ...core.state import State
 from ...core.units import Units
 from .. import archive
 from ..atomic import check_free
-from ..sample import Absent, Assumption, PackingError, PackingWarning, accepted, assumed_law, law_by_name
+from ..sample import Absent, Assumption, PackingError, PackingWarning, accepted, law_by_name, law_note
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .content import HEAD, Packing
 from .formats import find_format
@@ -169,7 +169,7 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     if own is not None or given:
         notes = [note for note in notes if not getattr(note, "of_law", False)]
     elif its is None:
-        notes = [*notes, assumed_law(law)]
+        notes = [*notes, law_note(law)]
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
         several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
         notes = [*notes, Absent(several)]

@@ -28,10 +28,10 @@ def recognize(head: bytes) -> bool:
     if not lines:
         return False
     names = _names(lines[0])
-    return len(_split(lines[0])) == 4 if names is None else _known(names) or lines[0].startswith("#format")
+    return len(_split(lines[0])) == 4 if names is None else _has_grains(names) or lines[0].startswith("#format")
 
 
-def _known(names: list[str] | None) -> bool:
+def _has_grains(names: list[str] | None) -> bool:
     """Return True if there are names of positions and of radii among these."""
     known = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
     return "position" in known and bool({"radius", "diameter"} & set(known))
@@ -57,7 +57,7 @@ def _content_lines(text: str) -> list[str]:
     """Lines with content; comments before the data are dropped, unless they name its columns."""
     lines = [line.strip() for line in text.split("\n") if line.strip()]
     first = next((k for k, line in enumerate(lines) if not line.startswith(COMMENT)), len(lines))
-    named = next((k for k in range(first - 1, -1, -1) if _known(_names(lines[k]))), None)
+    named = next((k for k in range(first - 1, -1, -1) if _has_grains(_names(lines[k]))), None)
     return lines[first if named is None else named :]
 
 

@@ -102,7 +102,7 @@ def read_table(path: str | Path) -> Table:
     return {name: parts[0] if len(parts) == 1 else np.stack(parts, axis=1) for name, parts in out.items()}
 
 
-def joined_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
+def stack_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
     """Stack tables with the same columns, with a first column that names the table each row comes from."""
     tables = list(tables)
     width = {

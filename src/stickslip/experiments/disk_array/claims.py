@@ -59,10 +59,10 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, tell) ->
     protocol, paths = make_protocol(result.scenario, result.law), {}
     for k, step in enumerate(COARSER):
 
-        def heard(_, share: float, message: str, k=k, step=step) -> None:
+        def pass_on(_, share: float, message: str, k=k, step=step) -> None:
             tell((k + share) / len(COARSER), f"load step {step:g}{suffix}: {message}")
 
-        paths[step] = push_disk_array(result.scenario, step=step, report=heard)[2]
+        paths[step] = push_disk_array(result.scenario, step=step, report=pass_on)[2]
     step = result.scenario.load.step
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}

@@ -122,10 +122,10 @@ def push_disk_array(
 def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
     """Track the pairs on the path with twice the load step."""
 
-    def heard(_, share: float, message: str) -> None:
+    def pass_on(_, share: float, message: str) -> None:
         report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {message}")
 
-    path = push_disk_array(scenario, step=2 * scenario.load.step, report=heard)[2]
+    path = push_disk_array(scenario, step=2 * scenario.load.step, report=pass_on)[2]
     last = lambda share, message: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {message}")  # noqa: E731
     return track_pairs(path, make_protocol(scenario, law), last)
 
@@ -252,8 +252,8 @@ def simulate_before_sliding(
     kept = kept and kept.if_visible()
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
-    heard = lambda share, message: report(BIRTHS, 0.5 * share, message)  # noqa: E731
-    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), heard))
+    pass_on = lambda share, message: report(BIRTHS, 0.5 * share, message)  # noqa: E731
+    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), pass_on))
     coarse = []
     if sensitivity:
         coarse = load_or_compute(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))

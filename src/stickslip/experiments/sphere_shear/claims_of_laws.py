@@ -32,7 +32,7 @@ class Births(NamedTuple):
         )
 
 
-def stored_births() -> dict[tuple[str, str, float], Births]:
+def read_births() -> dict[tuple[str, str, float], Births]:
     """Births of the stored study, by kind of law, smoothing and friction."""
     with BIRTHS.open(encoding="utf-8", newline="") as file:
         rows = [Births(r[0], r[1], float(r[2]), *map(int, r[3:6]), float(r[6])) for r in list(csv.reader(file))[1:]]
@@ -41,7 +41,7 @@ def stored_births() -> dict[tuple[str, str, float], Births]:
 
 def law_claims() -> list[Claim]:
     """Claims about the form of the law, its smoothing, and the Coulomb limit."""
-    births = stored_births()
+    births = read_births()
     smooth, sharp, unlimited = (
         births["hertz_mindlin", *law] for law in (("smooth", MU), ("sharp", MU), ("sharp", 1e9))
     )

@@ -95,13 +95,13 @@ def _frame_table(rows: list[Row], table: Path) -> str:
 def cells(row: Row) -> list[str]:
     """Numbers of a row as text, a dash where there is none."""
 
-    def shown(value, form: str) -> str:
+    def text(value, form: str) -> str:
         return "–" if value is None else format(value, form)
 
     share = None if row.sliding is None or not row.contacts else row.sliding / row.contacts
     ratio = None if row.shear_stress is None or not row.pressure else row.shear_stress / row.pressure
     return [
-        shown(row.contacts, "d"), shown(row.coordination, ".3f"), shown(share, ".1%"), shown(row.pressure, ".4g"),
-        shown(ratio, ".3f"), shown(row.residual, ".1e"), shown(row.softest, ".3g"), shown(row.pairs, "d"),
-        shown(row.growth_rate, ".3g"),
+        text(row.contacts, "d"), text(row.coordination, ".3f"), text(share, ".1%"), text(row.pressure, ".4g"),
+        text(ratio, ".3f"), text(row.residual, ".1e"), text(row.softest, ".3g"), text(row.pairs, "d"),
+        text(row.growth_rate, ".3g"),
     ]  # fmt: skip
