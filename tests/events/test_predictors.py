@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.experiments.catalogue.predictors import follow, resampled_skill, roc, skills
+from stickslip.experiments.catalogue.predictors import label_steps, resampled_skill, roc, skills
 from stickslip.experiments.catalogue.tables import event_table, step_table
 from tests.events.made import samples
 
@@ -89,10 +89,10 @@ def test_one_packing_has_no_interval():
 def test_which_steps_an_event_follows():
     steps = {"sample": np.array([1] * 6 + [2] * 3), "strain": np.array([0, 1, 2, 3, 4, 5, 0, 1, 2.0])}
     events = {"sample": np.array([1, 2]), "strain": np.array([3.0, 2.5])}
-    followed, known = follow(steps, events, 1.0)
+    followed, known = label_steps(steps, events, 1.0)
     assert followed.tolist() == [False, False, True, False, False, False, False, False, True]
     assert known.tolist() == [True, True, True, True, True, False, True, True, True]
-    followed, _ = follow(steps, events, 2.0)
+    followed, _ = label_steps(steps, events, 2.0)
     assert followed.tolist() == [False, True, True, False, False, False, False, True, True]
 
 

@@ -69,7 +69,7 @@ def test_bodies_in_elimination_order_are_all_coordinates_once():
     assert elimination_order(m.c[:0], m.free.body[:0]).tolist() == []
 
 
-def between_floors():
+def disk_between_floors():
     """A disk between two floors: k is singular unless both contacts stick."""
     law = ss.laws.linear(1.0, 0.5, 0.5)
     walls = ss.flat_walls([[0, 0.01], [0, 0.99]], [[0, 1], [0, -1]])
@@ -86,7 +86,7 @@ def between_floors():
     ],
 )
 def test_a_singular_status_on_the_way_is_no_verdict(load, verdict):
-    m = between_floors()
+    m = disk_between_floors()
     both, load = np.array([0, 1]), np.array(load)
     with pytest.raises(LinAlgError):
         StatusSolver(m, load, both, True).rates(np.array([True, True]))
@@ -123,7 +123,7 @@ def test_without_a_p_matrix_lemke_takes_over_at_once(monkeypatch):
     called = []
     monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
     monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
-    monkeypatch.setattr(room, "may_be_p", lambda a: False)
+    monkeypatch.setattr(room, "may_be_p_matrix", lambda a: False)
     monkeypatch.setattr(room, "principal_pivoting", lambda problem: called.append(1))
     m, critical, load, _ = sample(1)
     found = contact_status(m, load, critical=critical)

@@ -107,7 +107,7 @@ def test_blocks_exchange_as_the_paper_says(monkeypatch):
 
 
 def test_more_than_half_with_its_interval():
-    assert [claims_of_laws._most(n, 60) for n in (60, 45, 30, 15, 0)] == [True, True, None, False, False]
+    assert [claims_of_laws._mostly(n, 60) for n in (60, 45, 30, 15, 0)] == [True, True, None, False, False]
 
 
 def test_the_stored_summary_is_that_of_the_packings(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from stickslip.core.units import (
     SI,
     Fields,
     Units,
-    for_people,
+    in_readable_units,
     in_si,
     in_units,
     unit_name,
@@ -314,9 +314,9 @@ def test_packings_have_units_as_well(tmp_path, capsys):
 
 def test_long_times_in_seconds_are_shown_in_years():
     year = 365.25 * 86400
-    assert for_people((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
-    assert for_people((300.0,), "s") == ((300.0,), "s")
-    assert for_people((1e12,), "m") == ((1e12,), "m")
+    assert in_readable_units((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
+    assert in_readable_units((300.0,), "s") == ((300.0,), "s")
+    assert in_readable_units((1e12,), "m") == ((1e12,), "m")
 
 
 def test_a_page_shows_the_recurrence_of_earthquakes_in_years():

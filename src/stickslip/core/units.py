@@ -233,7 +233,7 @@ def heading(name: str, unit: str) -> str:
     return name if unit == "1" or _IN_USE.get() is None else f"{name} [{unit_name(unit)}]"
 
 
-def for_people(values, unit: str) -> tuple:
+def in_readable_units(values, unit: str) -> tuple:
     """Return values and their unit for people: years for times of which any is longer than a year."""
     if unit == "s" and any(abs(value) > YEAR for value in values):
         return tuple(value / YEAR for value in values), "years"

@@ -149,7 +149,7 @@ if TYPE_CHECKING:
     Table = TypeVar("Table", bound=type[LawTable])
 
 
-def takes(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
+def allow_laws(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
     """Restrict a law table to some laws, the first of which is the default, and to some keys with their defaults.
 
     Descriptions name the laws, and the units of the default law; in SI units with `si`.
@@ -177,7 +177,7 @@ def takes(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table
     return restrict
 
 
-@takes(
+@allow_laws(
     "hertz_mindlin", "linear", coulomb="smooth", kn=1.0, kt=2 / 7, mu=10.0, damping="velocity", damping_n=0.0,
     damping_t=0.0, tension=True, wall=Parameters(), file=None, parameters={}, checksum=None,
 )  # fmt: skip

@@ -168,12 +168,12 @@ def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthe
     else:
         sentence = slow.ratio(place)
     if slow.possible:
-        slows = "" if fast.longest else f"; slip above {_turn(fault, max):.3g} m/s strengthens and may stay slow"
+        slows = "" if fast.longest else f"; slip above {_transition(fault, max):.3g} m/s strengthens and may stay slow"
         return f"earthquakes can nucleate: {sentence}{slows}"
     sentence = f"no earthquake is expected from steady slip: {sentence}"
     if not fast.possible:
         return sentence
-    above = "" if slow.longest else f" weakens above {_turn(fault, min):.3g} m/s, and"
+    above = "" if slow.longest else f" weakens above {_transition(fault, min):.3g} m/s, and"
     zone = f"slip{above} has a zone of {2 * fast.half:.4g} m at {SEISMIC:g} m/s"
     return f"{sentence}; {zone}: a disturbance can make it an earthquake"
 
@@ -192,7 +192,7 @@ def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
     return half
 
 
-def _turn(fault: Fault, of) -> float:
+def _transition(fault: Fault, of) -> float:
     """Least or greatest velocity at which a cell turns between weakening and strengthening.
 
     A = B at V = (B0 − a)/(a/V2 − B0/V1), with B0 = b + b2.

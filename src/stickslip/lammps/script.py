@@ -108,7 +108,7 @@ def _warm_up(leg: Leg) -> str:
 
 def _moving_cell(leg: Leg) -> CellCommands:
     """Commands for a cell that deforms otherwise than in simple shear; empty for others."""
-    return cell_commands(leg, _turning(leg)) if needs_forces(leg) else CellCommands([], [], [])
+    return cell_commands(leg, _rotation_drag(leg)) if needs_forces(leg) else CellCommands([], [], [])
 
 
 def format_preparation(leg: Leg) -> str:
@@ -153,7 +153,7 @@ def pair_commands(law: Law, leg: Leg) -> str:
     radius = 0.5 * float(leg.state.grains.radius[0])
     values = _coefficients(law, parameters_of(law, leg.state), radius)
     if is_granular(law):
-        return f"pair_style granular\npair_coeff * * {granular_words(law, values)}"
+        return f"pair_style granular\npair_coeff * * {granular_style(law, values)}"
     style = "hooke" if is_linear(law) else "hertz"
     numbers = digits(*(values[name] for name in ("kn", "kt", "damping_n", "damping_t", "mu")))
     return f"pair_style gran/{style}/history {numbers} 1{_tension_option(law)}\npair_coeff * *"
@@ -173,12 +173,12 @@ def _wall_commands(leg: Leg) -> str:
         moves = " move " + " ".join(f"v_{name}_d{a}" if a in course else "NULL" for a in "xyz") if course else ""
         lines.append(f"region {name} plane {digits(*state.walls.point[k], *state.walls.normal[k])}{moves}")
         q = law.table[state.grains.material[0], state.walls.material[k]]
-        model = granular_words(law, _coefficients(law, q, float(state.grains.radius[0])))
+        model = granular_style(law, _coefficients(law, q, float(state.grains.radius[0])))
         lines.append(f"fix {name} all wall/gran/region granular {model} region {name}")
     return "\n".join(lines)
 
 
-def granular_words(law: Law, values: dict[str, float]) -> str:
+def granular_style(law: Law, values: dict[str, float]) -> str:
     """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n and E that of grains with ν = 0."""
     name = name_with_radius(law)
     (normal, tangential), damping_n, share = MODELS[name], values["damping_n"], values["damping_t"]
@@ -195,11 +195,11 @@ def granular_words(law: Law, values: dict[str, float]) -> str:
     force = FORCE if law.properties & KEEPS_FORCE else ""
     return (
         f"{normal} {digits(*kn)} tangential {tangential}{force} {digits(values['kt'], share, values['mu'])} "
-        f"damping {damping}{_rolling_words(law, values)}{_tension_option(law)}"
+        f"damping {damping}{_rolling_style(law, values)}{_tension_option(law)}"
     )
 
 
-def _rolling_words(law: Law, values: dict[str, float]) -> str:
+def _rolling_style(law: Law, values: dict[str, float]) -> str:
     part, names = SDS["rolling"]
     return f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
 
@@ -267,14 +267,14 @@ def motion_commands(leg: Leg) -> str:
     return "\n".join(lines)
 
 
-def _turning(leg: Leg) -> float:
+def _rotation_drag(leg: Leg) -> float:
     """Drag of `fix langevin`, with which rotations have the drag of the leg."""
     return leg.drag * inertia_factor(leg.state) / (ROTATION * SPHERE)
 
 
 def _drag_commands(leg: Leg) -> list[str]:
     """Drag −m ν v by `fix addforce`, and −I ν ω by `fix langevin` without noise, which also acts on translations."""
-    nu, turning = leg.drag, _turning(leg)
+    nu, turning = leg.drag, _rotation_drag(leg)
     lines = [f"fix slow loose langevin 0.0 0.0 {digits(1 / turning)} 1 omega yes"]
     if needs_forces(leg):
         return lines

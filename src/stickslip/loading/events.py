@@ -156,7 +156,7 @@ class Search:
         first, known = self.point, len(self.events)
         waiting, trial = [goal], first.newton(goal)
         while waiting:
-            if self._follows(trial):
+            if self._continues(trial):
                 self._accept(trial)
                 waiting.pop()
             elif waiting[-1] - self.point.strain > self.resolution:
@@ -183,7 +183,7 @@ class Search:
         both = self.point.response.support.grains & other.response.support.grains
         return distance(other.state, self.point.state, both) / self.point.judge.diameter
 
-    def _follows(self, trial: Point | None) -> bool:
+    def _continues(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
         if trial is None or not continuous(self.point, trial):
             return False
@@ -214,7 +214,7 @@ class Search:
         if not (jumps or lost):
             self._accept(after)
             return True
-        path, upper = self._finer(before, goal) if before.stable else ([before], goal)
+        path, upper = self._refine_break(before, goal) if before.stable else ([before], goal)
         break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
         if path[-1].strain == goal:  # still shorter steps pass
             self._accept(path[-1])
@@ -240,7 +240,7 @@ class Search:
         self.events.append(describe(event, self.step, bracket))
         self.point, self.history, self.loss = event.after, [event.after], None
 
-    def _finer(self, start: Point, goal: float) -> tuple[list[Point], float]:
+    def _refine_break(self, start: Point, goal: float) -> tuple[list[Point], float]:
         """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks.
 
         Where the path is too rough for long steps, what is left to the goal is the bracket.

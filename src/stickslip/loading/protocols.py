@@ -173,16 +173,16 @@ def follow_pair(
     """
     first, last = min(members), max(members)
 
-    def looks_like(k):
+    def same_mode(k):
         known = path[k].spectrum
         mode, mass = known.modes[:, members[k]], known.free.mass
         return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pair_indices)
 
     birth = death = None
     if first > 0:
-        birth = bisect_change(path[first - 1], path[first].load, protocol, looks_like(first), relative=relative)
+        birth = bisect_change(path[first - 1], path[first].load, protocol, same_mode(first), relative=relative)
     if last < len(path) - 1:
-        death = bisect_change(path[last], path[last + 1].load, protocol, looks_like(last), relative=relative)
+        death = bisect_change(path[last], path[last + 1].load, protocol, same_mode(last), relative=relative)
     index = sorted(members)
     return Family(
         np.array([path[k].load for k in index]),

@@ -37,7 +37,7 @@ from .lcp import (
 )
 from .matrices import LinearSystem, force_rates
 from .system import StatusSolver, pinned_coordinates, unbalanced_axes
-from .uniqueness import Uniqueness, certificate, is_regular, may_be_p, sign_of_minor
+from .uniqueness import Uniqueness, certificate, is_regular, may_be_p_matrix, sign_of_minor
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
 ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
@@ -401,7 +401,7 @@ def _try_algorithms(
 
 
 def _try_pivoting(system: StatusSolver, problem: Complementarity) -> VerifiedStatus | None:
-    slides, pivots = principal_pivoting(problem) if may_be_p(problem) else (None, 0)
+    slides, pivots = principal_pivoting(problem) if may_be_p_matrix(problem) else (None, 0)
     system.solves += pivots
     return _verify(system, slides, "principal pivoting")
 

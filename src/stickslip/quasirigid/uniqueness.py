@@ -173,7 +173,7 @@ def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, 
     return diagonal, pair, blur + blur.T
 
 
-def may_be_p(problem: Complementarity) -> bool:
+def may_be_p_matrix(problem: Complementarity) -> bool:
     """Return False if a minor of one or two contacts is not positive.
 
     Principal pivoting may then cycle for a long time.

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.units import for_people, unit_name, with_unit
+from ..core.units import in_readable_units, unit_name, with_unit
 from ..data import archive
 from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
@@ -257,7 +257,7 @@ def _list_measures(tree: dict, units: dict[str, str]) -> list[list[str]]:
     if not isinstance(saved := tree.get("measures"), dict):
         return _list_scalars(tree, units)
     known = {name: measure for name, measure in saved.items() if np.isfinite(measure["value"])}
-    shown = {name: for_people([measure["value"]], measure["unit"]) for name, measure in known.items()}
+    shown = {name: in_readable_units([measure["value"]], measure["unit"]) for name, measure in known.items()}
     return [[_readable(name), f"{value:.5g}", unit] for name, ((value,), unit) in shown.items()]
 
 
@@ -303,7 +303,7 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
     for name, values in series.items() if isinstance(series, dict) else ():
         known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
         if len(known) and name != "time":
-            numbers, unit = for_people((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
+            numbers, unit = in_readable_units((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
             rows.append([_readable(name), *(f"{v:.5g}" for v in numbers), unit])
     return rows
 
@@ -321,7 +321,7 @@ def _sweep_content(folder: Path) -> PageContent:
     for name in kept.columns:
         unit = data[name].attrs.get("units", "1")
         if unit == "s":
-            kept[name], unit = for_people(kept[name], unit)
+            kept[name], unit = in_readable_units(kept[name], unit)
         columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
     text = page.table(columns, rows[:ROWS])

@@ -122,7 +122,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
     A step counts if an event follows within the window, or if the path of its packing continues beyond the window.
     Steps at which a predictor has no value (NaN) do not count for this predictor.
     """
-    followed, known = follow(steps, events, window)
+    followed, known = label_steps(steps, events, window)
     out = []
     for name, sign in PREDICTORS.items():
         rows = known & ~np.isnan(steps[name])
@@ -132,7 +132,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
     return out
 
 
-def follow(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
+def label_steps(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
     """Return whether an event follows each step within a window of strain, and whether that is known."""
     followed, known = np.zeros(len(steps["strain"]), bool), np.zeros(len(steps["strain"]), bool)
     reach = window * (1 + 1e-9)

@@ -151,11 +151,11 @@ def direct_effect(curve: Curve, before: float, after: float) -> Number:
 
     See `Response.impedance`.
     """
-    jump, size = just_after(curve), np.log(after / before)
+    jump, size = early_mean(curve), np.log(after / before)
     return jump._replace(value=jump.value / size, error=jump.error / abs(size), draws=jump.draws / size)
 
 
-def just_after(curve: Curve) -> Number:
+def early_mean(curve: Curve) -> Number:
     """Mean over slips up to `EARLY`; the window is fixed, as the maximum of a fluctuating curve is biased upward."""
     near = curve.x <= EARLY
     return curve.read(lambda mean: mean[near].mean())
@@ -257,7 +257,7 @@ def sliding_energy_ratio(result: GougeResult, velocity: float) -> Number:
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
 
 
-def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
+def slope_per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
     """Slope of a curve against the logarithm of the hold time, from `earliest` [s] on."""
     late = curve.x >= min(earliest, curve.x[-1] / 10)
     x = np.log(curve.x[late])

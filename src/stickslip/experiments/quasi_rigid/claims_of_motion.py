@@ -8,7 +8,7 @@ from ...loading.biaxial import TOP
 from ...quasirigid.matrices import linear_system, stiffness_matrix
 from ...quasirigid.null_modes import DRIVEN, mechanisms
 from ...reports.claims import ALWAYS, CAN, Claim, claim, standard_error
-from .growth import in_groove, through_instability, through_mechanism
+from .growth import disk_in_groove, through_instability, through_mechanism
 from .simulate import QuasiResult, SampleResult, table_one
 from .sliding import BURST, SlidingState, geometric_slope, most_critical, sliding_state, vibrate
 
@@ -24,7 +24,7 @@ MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
     """Evaluate the statements; a quick run leaves out other pressures and the packing of 1600 disks."""
-    pairs = [(sample, state) for sample in main.tested for state in _looks(sample)]
+    pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
     loads = [_lid_load(main, state, sample) for sample, state in pairs]
     states = [
         (sample.seed, made)
@@ -37,7 +37,7 @@ def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _looks(sample: SampleResult) -> list[State]:
+def _sliding_states(sample: SampleResult) -> list[State]:
     """States with sliding contacts before the last tenth of a path."""
     points = [p for p in sample.path.points if p.sliding and p.load <= 0.9 * sample.path.points[-1].load]
     chosen = np.unique(np.linspace(0, len(points) - 1, LOOKS).round().astype(int)) if points else []
@@ -73,7 +73,7 @@ def _null_modes(main: QuasiResult) -> Claim:
     """Claim that each null mode is either driven by the load, which then has no balance, or irrelevant."""
     driven = irrelevant = wrong = 0
     for sample in main.tested:
-        for state in (sample.path.states[0], *_looks(sample)[-1:]):
+        for state in (sample.path.states[0], *_sliding_states(sample)[-1:]):
             m = linear_system(state, sample.law, rattlers=True)
             load = _lid_load(main, state, sample, rattlers=True)
             for sliding in (m.limit, np.ones(m.count, bool)):
@@ -189,7 +189,7 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 
 
 def _linear_law() -> Claim:
-    errors = table_one(*in_groove(make=hertz_mindlin), size=MOTION)
+    errors = table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION)
     return claim(
         "linear-law-is-no-restriction", 'Sec. V A: "one could always linearize the force law"', True,
         max(errors.values()) < LINEARISED, "", 0.0,

@@ -123,7 +123,7 @@ def _add_spectrum(row: Row, result: Stability, softest: complex) -> Row:
     )  # fmt: skip
 
 
-def in_a_word(row: Row) -> str:
+def verdict_word(row: Row) -> str:
     """Verdict in one word."""
     if not row.computed:
         return "damaged"

@@ -13,7 +13,7 @@ from ...figures.watch import watched_balance, watched_contacts, watched_spectrum
 from ...reports.output_file import staged_file
 from ...solve.balance import BALANCED_BELOW
 from .loop import Progress
-from .measures import Row, in_a_word
+from .measures import Row, verdict_word
 
 RELOAD = 10  # time after which the page is loaded again [s]
 ROWS = 60  # of the table of frames
@@ -71,7 +71,7 @@ def _charts(rows: list[Row]) -> str:
     series = {name: _series(rows, name) for name in ("pressure", "shear_stress", "coordination", "softest", "residual")}
     sliding = _series(rows, "sliding") / np.maximum(_series(rows, "contacts"), 1)
     growth = np.where(np.isfinite(_series(rows, "pairs")), np.nan_to_num(_series(rows, "growth_rate")), np.nan)
-    verdicts = [in_a_word(row) for row in rows]
+    verdicts = [verdict_word(row) for row in rows]
     return page.pictures({
         "stress": png(watched_stress(step, series["pressure"], series["shear_stress"])),
         "contacts": png(watched_contacts(step, series["coordination"], sliding)),
@@ -86,7 +86,7 @@ def _series(rows: list[Row], name: str) -> np.ndarray:
 
 
 def _frame_table(rows: list[Row], table: Path) -> str:
-    lines = [[str(row.step), *cells(row), in_a_word(row)] for row in reversed(rows[-ROWS:])]
+    lines = [[str(row.step), *cells(row), verdict_word(row)] for row in reversed(rows[-ROWS:])]
     text = page.table(list(COLUMNS), lines, classes=dict.fromkeys(COLUMNS[:-1], "number"))
     rest = f"and {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "all frames with all measures"
     return text + page.paragraph(f"{rest[:1].upper() + rest[1:]} in {table.name}.", kind="soft")

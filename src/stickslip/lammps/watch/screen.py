@@ -10,7 +10,7 @@ from rich.text import Text
 
 from ...reports.terminal import STYLE, can_redraw, console
 from .loop import Progress
-from .measures import Row, in_a_word
+from .measures import Row, verdict_word
 from .page import cells
 
 NARROW = 78  # columns below which there are lines instead of a table
@@ -22,7 +22,7 @@ COLUMNS = {"step": 9, "pressure": 9, "shear/p": 7, "Z": 5, "sliding": 7, "softes
 def _line(row: Row) -> list[str]:
     """Cells of a row in the order of COLUMNS."""
     _, z, sliding, pressure, ratio, _, softest, _, growth = cells(row)
-    return [str(row.step), pressure, ratio, z, sliding, softest, growth, in_a_word(row)]
+    return [str(row.step), pressure, ratio, z, sliding, softest, growth, verdict_word(row)]
 
 
 @contextmanager
@@ -93,14 +93,14 @@ class _Lines:
         self.said = max(self.said, len(done.notes))
         if not self.begun:
             self.begun = True
-            console.print(_aligned(list(COLUMNS)), soft_wrap=True)
+            console.print(_align(list(COLUMNS)), soft_wrap=True)
         if done.fresh:
-            console.print(_aligned(_line(done.fresh)), soft_wrap=True)
+            console.print(_align(_line(done.fresh)), soft_wrap=True)
 
     def report(self, stage: str, share: float, message: str, left: float | None = None) -> None:
         """Nothing: a frame has one line."""
 
 
-def _aligned(columns: list[str]) -> str:
+def _align(columns: list[str]) -> str:
     *numbers, last = (word.rjust(width) for word, width in zip(columns, COLUMNS.values(), strict=True))
     return "  ".join([*numbers, last.strip()])
