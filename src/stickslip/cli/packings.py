@@ -110,7 +110,7 @@ def in_units_of_packing(command):
 
 
 class MethodOptions(NamedTuple):
-    """Options of the eigenvalues that are computed."""
+    """Options that choose the eigenvalues to compute, and how."""
 
     method: Annotated[
         str,

@@ -95,8 +95,7 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
 
 @checked
 def healing(hold: Series, excess: Series) -> Healing:
-    """Least-squares fit of peak excess against ln(hold time), with a 95 % confidence interval from Student's t
-    distribution.
+    """Least-squares fit of the peak excess against ln(hold time), with the 95 % interval of Student's t distribution.
 
     Parameters
     ----------

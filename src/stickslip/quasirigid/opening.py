@@ -150,8 +150,7 @@ def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 
 
 def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Combinations of statuses for all sets of released bodies, largest sets first, and whether the list is
-    complete."""
+    """Statuses for all sets of released bodies, largest sets first, and whether the list is complete."""
     choices, complete = [], True
     for size in range(len(lone), -1, -1):
         for group in itertools.combinations(lone, size):

@@ -204,10 +204,10 @@ def note_quick_run(claims: list[Claim]) -> list[Claim]:
 
 
 def standard_error(values) -> float | None:
-    """Standard error of a mean, widened by Student's t for few values: half the half-width of a 95 % confidence
-    interval.
+    """Standard error of a mean, widened by Student's t for few values.
 
-    None with fewer than two values, since a single realization has no known error.
+    It is half of the half-width of a 95 % confidence interval. None with fewer than two values, since a single
+    realization has no known error.
     """
     if len(values) < 2:
         return None

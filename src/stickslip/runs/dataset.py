@@ -194,8 +194,7 @@ def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> N
 
 
 def _is_table(tree) -> bool:
-    """Return True if the groups form the rows of a table: two or more with the same scalar and string fields, such as
-    stages."""
+    """Return True if groups, such as stages, form the rows of a table: two or more with the same plain fields."""
     rows = list(tree.values()) if isinstance(tree, dict) else []
     return (
         len(rows) > 1

@@ -66,7 +66,7 @@ class ElasticModuli(NamedTuple):
 
     @property
     def shear_affine(self) -> float:
-        """G of the affine part."""
+        """Shear modulus G of the affine part."""
         return isotropic(self.affine)[1]
 
     @property

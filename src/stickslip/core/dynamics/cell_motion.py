@@ -39,8 +39,7 @@ class Flow(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Frame of reference that moves with the cell, and the time profiles of rates, during a run. Arrays are written in
-    place."""
+    """Frame of reference that moves with the cell, and time profiles of rates; its arrays are written in place."""
 
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of components that are not free

@@ -101,11 +101,11 @@ class _Run:
         return int(self.progress[0])
 
     def set_contacts(self, contacts) -> None:
-        """Take another contact list."""
+        """Replace the contact list."""
         self.contacts, self.listed = contacts, core.fill("Contacts", contacts)
 
     def set_writing(self, writing: RecordBuffers) -> None:
-        """Take other buffers for records."""
+        """Replace the buffers for records."""
         self.writing, self.buffers = writing, core.fill("Writing", writing)
 
     def choose_pairs(self) -> None:

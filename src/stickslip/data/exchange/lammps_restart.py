@@ -58,7 +58,7 @@ NO_PLACE = "restart files do not say where it is; give the run's folder, whose l
 
 
 class Restart(NamedTuple):
-    """Content of a restart file, sorted by the number of the grain, which counts from 0."""
+    """Content of a restart file, sorted by the number of the grain, from 0."""
 
     position: np.ndarray  # (N, 3) in the box [length]
     image: np.ndarray  # (N, 3)

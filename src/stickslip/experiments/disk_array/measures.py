@@ -63,8 +63,7 @@ class Line(NamedTuple):
 
 
 def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
-    """Fit Eq 10 by weighted least squares to the mean sliding velocities for pushes up to `top`; None with fewer than
-    three pushes."""
+    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None with fewer than three."""
     rows = []
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]

@@ -51,8 +51,7 @@ def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list
 
 
 def healing_peaks(result: GougeResult, before: float):
-    """Return hold times, the peaks after these holds at one velocity, and their slope against the logarithm of the hold
-    time."""
+    """Return hold times, the peaks after them at one velocity, and the slope of these per e-fold of hold time."""
     times, after = holds_with_common_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
     return times, peaks, slope(np.log(times), peaks)

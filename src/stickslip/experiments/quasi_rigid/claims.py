@@ -188,8 +188,7 @@ def _first_failure(load: np.ndarray, fails: np.ndarray) -> float:
 
 
 def _premise(main: QuasiResult) -> Claim:
-    """Claim about the premise Q > 0; a state without it is a counterexample if its status is unique and loading
-    continues."""
+    """Claim about the premise Q > 0; without it, a state with a unique status that loads on is a counterexample."""
     premise = [_first_failure(sample.looks.load, sample.looks.symmetric < 0) for sample in main.tested]
     unique = [_first_failure(sample.looks.load, sample.looks.unique == 0) for sample in main.tested]
     unknown = sum(int((sample.looks.unique < 0).sum()) for sample in main.tested)

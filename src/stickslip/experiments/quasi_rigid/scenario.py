@@ -81,7 +81,7 @@ class QuasiScenario(ScenarioBase):
 
     @property
     def dim(self) -> int:
-        """Two dimensions."""
+        """Number of dimensions: two."""
         return 2
 
     def sizes(self) -> Iterator[Size]:
