@@ -64,7 +64,7 @@ class _Bars(Progress):
             return
         for task in self.tasks:
             yield self.make_tasks_table([task])
-            yield Text(f"  {task.fields['words']}", style="dim", no_wrap=True, overflow="ellipsis")
+            yield Text(f"  {task.fields['message']}", style="dim", no_wrap=True, overflow="ellipsis")
 
 
 def _columns():
