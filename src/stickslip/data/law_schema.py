@@ -13,7 +13,7 @@ from .law_file import LawFile
 from .schema import NotNegative, Positive, ScenarioTable, split_unit
 
 OWN_PARAMETERS = {p.name for law in BY_NAME.values() for p in law.parameters}
-_ROLL, _TWIST = ({name: f"{words} [{unit}]" for name, (unit, words) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
+_ROLL, _TWIST = ({name: f"{text} [{unit}]" for name, (unit, text) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
 NEEDED = {"rolling": MODELS, "twisting": {"spring": ("k_twist", "mu_twist"), "marshall": ()}}  # coefficients, by model
 TAKEN = {"rolling": {**MODELS, "spring": (*_ROLL,)}, "twisting": {"spring": (*_TWIST,), "marshall": ()}}
 SUBSTRATE = 1  # material of the wall; disks are material 0
