@@ -25,15 +25,15 @@ def _tree(path: Path) -> ast.AST:
 
 def _imports(path: Path) -> dict[str, str]:
     """Rooms of the names that a file imports."""
-    found = {}
+    values = {}
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             module = node.module.removeprefix("stickslip.") if not node.level else node.module
             if node.level or node.module.startswith("stickslip."):
-                found |= {alias.asname or alias.name: module.split(".")[0] for alias in node.names}
+                values |= {alias.asname or alias.name: module.split(".")[0] for alias in node.names}
             elif node.module == "stickslip":
-                found |= {alias.asname or alias.name: alias.name for alias in node.names}
-    return found
+                values |= {alias.asname or alias.name: alias.name for alias in node.names}
+    return values
 
 
 @cache

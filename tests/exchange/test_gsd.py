@@ -169,7 +169,7 @@ def rewritten(path, change):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda meta, chunks: meta.update(schema=9), "has schema 9"),
         (lambda meta, chunks: meta.pop("law"), "cannot be read"),
@@ -181,23 +181,23 @@ def rewritten(path, change):
         (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
     ],
 )
-def test_files_of_another_kind_are_refused_politely(change, words, tmp_path):
+def test_files_of_another_kind_are_refused_politely(change, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     rewritten(tmp_path / "p.gsd", change)
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         ss.io.read_packing(tmp_path / "p.gsd")
     assert "\n" not in str(problem.value)
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (b"", "it is empty"),
         (b"no gsd at all", "it begins with 'no gsd at all'"),
         (b"\xdf\x65\xdf\x65\xdf\x65\xdf\x65" + bytes(300), "cannot be read as GSD"),
     ],
 )
-def test_what_is_no_gsd_is_refused(content, words, tmp_path):
+def test_what_is_no_gsd_is_refused(content, message, tmp_path):
     (tmp_path / "p.gsd").write_bytes(content)
-    with pytest.raises(ss.packings.PackingError, match=words):
+    with pytest.raises(ss.packings.PackingError, match=message):
         ss.io.read_packing(tmp_path / "p.gsd")

@@ -25,8 +25,8 @@ def back(path, **options):
 def test_data_and_contacts_come_back(make, tmp_path):
     """Slip comes back through the force: to round-off of its division by overlaps."""
     state = make(motion=False)
-    words = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    assert any("p.contacts.dump, for --contacts" in word for word in words)
+    notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
+    assert any("p.contacts.dump, for --contacts" in word for word in notes)
     again, law, _ = back(tmp_path / "p.data", boundary="ppp")
     for name in ("radius", "velocity", "spin"):
         assert np.array_equal(getattr(again.grains, name), getattr(state.grains, name))
@@ -61,8 +61,8 @@ def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
 def test_in_motion_what_sticks_comes_back_and_what_slides_is_said(tmp_path):
     """A sliding contact's force says how far its spring is stretched only up to what its dashpot bears."""
     state = spheres()
-    words = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    assert any("9 sliding contacts in motion" in word for word in words)
+    notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
+    assert any("9 sliding contacts in motion" in word for word in notes)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ss.packings.PackingWarning)
         again, _, _ = back(tmp_path / "p.data")
@@ -177,7 +177,7 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"kn": 3.0}, "differ from those in the dump"),
         ({"coulomb": "smooth"}, "friction is sharp"),
@@ -186,9 +186,9 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
         ({"boundary": "xyz"}, "three letters"),
     ],
 )
-def test_what_does_not_fit_is_one_sentence(change, words, tmp_path):
+def test_what_does_not_fit_is_one_sentence(change, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         back(tmp_path / "p.data", **change)
     assert "\n" not in str(problem.value)
 
@@ -239,7 +239,7 @@ def edited(path, old, new, count=1):
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "words"),
+    ("name", "old", "new", "message"),
     [
         ("p.data", "64 atoms", "65 atoms", "declares 65 atoms"),
         ("p.data", "Atoms # sphere", "Atoms # atomic", "atom_style sphere is supported"),
@@ -253,10 +253,10 @@ def edited(path, old, new, count=1):
         ("p.contacts.dump", "tx ty tz\n", "tx ty tz\n999 ", "truncated|grain 999"),
     ],
 )
-def test_broken_files_are_one_sentence(name, old, new, words, tmp_path):
+def test_broken_files_are_one_sentence(name, old, new, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / name, old, new)
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         back(tmp_path / "p.data")
     assert "\n" not in str(problem.value)
 

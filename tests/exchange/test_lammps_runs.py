@@ -72,7 +72,7 @@ def answer(capsys, *words):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "text"),
     [
         ("sheared/sheared.restart", "law from the restart file: pair_style gran/hertz/history"),
         ("sheared/dump.grains", "no contacts were given"),
@@ -93,26 +93,26 @@ def answer(capsys, *words):
         ("dialects/packing.vtk", "has no box: the grains are taken as a cluster"),
     ],
 )
-def test_what_was_assumed_is_said(name, words, cases):
+def test_what_was_assumed_is_said(name, text, cases):
     """The grains are the same in every dialect: positions up to whole periods, radii, and masses if there are any."""
-    found = ss.io.read_packing(cases / name)
-    assert any(words in note for note in found.notes)
-    assert set(found.assumed) <= set(found.notes)
-    if "from the restart file" not in words:
-        assert any(words in note for note in found.assumed)
+    reading = ss.io.read_packing(cases / name)
+    assert any(text in note for note in reading.notes)
+    assert set(reading.assumed) <= set(reading.notes)
+    if "from the restart file" not in text:
+        assert any(text in note for note in reading.assumed)
     run = "sheared" if name.startswith("sheared") else "poured"
     known = ss.io.read_packing(cases / run / f"{run}.restart").state
     size, place = known.grains.radius, known.grains.position
     if name != "dialects/part.dump":
-        assert sorted(found.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
+        assert sorted(reading.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
     cell = np.where(known.cell.periodic[:, None], known.cell.vectors, np.eye(3) * 1e9)
-    away = (found.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
+    away = (reading.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
     nearest = np.abs((away - np.round(away)) @ cell).max(axis=2).min(axis=1)
     assert nearest.max() < 1e-4  # of files with six digits
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "message"),
     [
         ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
         ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
@@ -127,7 +127,7 @@ def test_what_was_assumed_is_said(name, words, cases):
         ("dialects", "has no restart file, dump of atoms or data file of LAMMPS"),
     ],
 )
-def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
+def test_what_is_not_read_says_what_it_is(name, message, cases, tmp_path):
     path = cases / name
     (cases / "dialects" / "packing.vtu").write_text('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n')
     (cases / "dialects" / "empty.vtk").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n")
@@ -136,7 +136,7 @@ def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
         (path / "yade.txt").write_bytes((cases / "dialects" / "yade.txt").read_bytes())
     with pytest.raises(ss.packings.PackingError) as problem:
         ss.io.read_packing(path)
-    assert words in str(problem.value)
+    assert message in str(problem.value)
     assert "\n" not in str(problem.value)
 
 
@@ -238,7 +238,7 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
 
 
 @pytest.mark.parametrize(
-    ("run", "code", "words"),
+    ("run", "code", "text"),
     [
         ("adhesive", 0, ["e-11 of the mean contact force stable", "R - delta/2 for torques and R for the slip"]),
         ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
@@ -248,10 +248,10 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
         ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for the slip"]),
     ],
 )
-def test_one_command_on_the_folder_of_a_run(run, code, words, cases, capsys, tmp_path):
+def test_one_command_on_the_folder_of_a_run(run, code, text, cases, capsys, tmp_path):
     got, said = answer(capsys, "stability", cases / run, "--modes", tmp_path / "m.npz")
     assert got == code, said
-    assert all(word in said for word in words), said
+    assert all(word in said for word in text), said
 
 
 def test_a_run_without_a_restart_file(cases, tmp_path):
@@ -423,9 +423,9 @@ def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
         (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
     whole = (tmp_path / "poured.restart").read_bytes()
     (tmp_path / "poured.restart").write_bytes(whole[:-100])
-    found = ss.io.read_packing(tmp_path)
-    assert any("poured.restart cannot be read" in note and "write_data" in note for note in found.assumed)
-    assert any("contacts in contacts.dump" in note for note in found.notes)
+    reading = ss.io.read_packing(tmp_path)
+    assert any("poured.restart cannot be read" in note and "write_data" in note for note in reading.assumed)
+    assert any("contacts in contacts.dump" in note for note in reading.notes)
 
 
 def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
@@ -444,7 +444,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "text"),
     [
         ("neigh_modify exclude type 1 2", "neigh_modify exclude type 1 2 was not taken over"),
         ("fix s all spring/self 1.0", "fix s (spring/self) was not taken over: it acts on the grains"),
@@ -467,7 +467,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
 )
-def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_path):
+def test_what_acts_and_is_not_taken_over_has_its_name(line, text, cases, tmp_path):
     run = "materials" if line.startswith("pair_coeff") else "poured"
     for name in ("log.lammps", f"{run}.restart"):
         (tmp_path / name).write_bytes((cases / run / name).read_bytes())
@@ -476,7 +476,7 @@ def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_pa
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ss.packings.PackingWarning)
         left_out = [note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle)]
-    assert any(words in note for note in left_out) if words else not left_out
+    assert any(text in note for note in left_out) if text else not left_out
 
 
 def test_grains_that_have_crossed_the_box_many_times(cases, tmp_path):
@@ -506,9 +506,9 @@ def test_options_take_precedence_over_the_law_of_a_run(cases):
 def test_a_folder_of_dumps_asks_for_the_law(cases, tmp_path):
     for name in ("dump.grains", "contacts.dump"):
         (tmp_path / name).write_bytes((cases / "sheared" / name).read_bytes())
-    found = ss.io.read_packing(tmp_path)
+    reading = ss.io.read_packing(tmp_path)
     assert any(
-        "the memory of contacts in contacts.dump needs the law: give --law, --kn" in note for note in found.assumed
+        "the memory of contacts in contacts.dump needs the law: give --law, --kn" in note for note in reading.assumed
     )
     state, law, notes = ss.io.read_packing(tmp_path, **HERTZ)
     assert any("no log.lammps and no input script" in note for note in notes)
@@ -563,7 +563,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("x,y,z\n0,0,0\n", "it begins with 'x,y,z | 0,0,0'"),
         ("1 2 3\n4 5 6\n", "it begins with '1 2 3 | 4 5 6'"),
@@ -578,10 +578,10 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n", "at least one grain|empty|0 grains"),
     ],
 )
-def test_tables_that_are_none(text, words, tmp_path):
+def test_tables_that_are_none(text, message, tmp_path):
     (tmp_path / "t").write_text(text)
     with pytest.raises(
-        ss.packings.PackingError, match=words.replace("|", r"\|") if "begins" in words else words
+        ss.packings.PackingError, match=message.replace("|", r"\|") if "begins" in message else message
     ) as problem:
         ss.io.read_packing(tmp_path / "t")
     assert "\n" not in str(problem.value)
@@ -640,7 +640,7 @@ def test_what_a_script_leaves_open(line, cases, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("dim", "words", "direction"),
+    ("dim", "text", "direction"),
     [
         (3, "chute 20", [0.34202, 0, -0.93969]),
         (2, "chute 20", [0.34202, -0.93969, 0]),
@@ -649,11 +649,11 @@ def test_what_a_script_leaves_open(line, cases, tmp_path):
         (2, "vector 3 -4 0", [0.6, -0.8, 0]),
     ],
 )
-def test_directions_of_gravity(dim, words, direction):
+def test_directions_of_gravity(dim, text, direction):
     """Those of LAMMPS, whose forces of runs in two dimensions balance with them."""
     packing, everybody = SimpleNamespace(arrays={"dim": dim}), np.ones(3, bool)
     course = SimpleNamespace(packing=packing, members=lambda group: everybody, gravity=np.zeros(3))
-    TAKEN["gravity"](course, "g", "all", ["2.0", *words.split()])
+    TAKEN["gravity"](course, "g", "all", ["2.0", *text.split()])
     np.testing.assert_allclose(course.gravity, 2 * np.array(direction), atol=2e-5)
 
 
@@ -699,15 +699,15 @@ def in_poured(cases, folder, line="", name="poured.restart"):
 
 
 @pytest.mark.parametrize(
-    ("words", "how"),
+    ("text", "how"),
     [
         ("1 xy erate 1e-4 remap x", "xy erate 1e-4"),
         ("1 x trate 2e-3 z volume remap v", "x trate 2e-3, z volume"),
         ("1 y final 0 2 xz delta 0.1 units box", "y final 0 2, xz delta 0.1"),
     ],
 )
-def test_a_cell_that_was_being_strained_is_judged_as_it_is(words, how, cases, tmp_path):
-    read = ss.io.read_packing(in_poured(cases, tmp_path, f"fix shear all deform {words}"))
+def test_a_cell_that_was_being_strained_is_judged_as_it_is(text, how, cases, tmp_path):
+    read = ss.io.read_packing(in_poured(cases, tmp_path, f"fix shear all deform {text}"))
     assert (
         f"fix shear (deform) was straining the cell ({how}): judged at the instant, with the cell fixed" in read.assumed
     )

@@ -22,22 +22,22 @@ def vtk_arrays(path) -> dict[str, np.ndarray]:
     raw = path.read_bytes()
     head, _, body = raw.partition(b'<AppendedData encoding="raw">')
     body = body[body.index(b"_") + 1 :]
-    found = {}
+    values = {}
     for tag in re.findall(r"<DataArray (.*?)/>", head.decode()):
         words = dict(re.findall(r'(\w+)="(.*?)"', tag))
         start = int(words["offset"])
         size = int(np.frombuffer(body[start : start + 8], np.uint64)[0])
         array = np.frombuffer(body[start + 8 : start + 8 + size], KINDS[words["type"]])
         width = int(words["NumberOfComponents"])
-        found[words["Name"]] = array.reshape(-1, width) if width > 1 else array
-    return found
+        values[words["Name"]] = array.reshape(-1, width) if width > 1 else array
+    return values
 
 
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
 def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
     state, law = make()
-    words = ss.io.write_packing(tmp_path / "p.vtu", state, law)
-    assert "VTK does not store" in words[0]
+    notes = ss.io.write_packing(tmp_path / "p.vtu", state, law)
+    assert "VTK does not store" in notes[0]
     grains, lines = vtk_arrays(tmp_path / "p.vtu"), vtk_arrays(tmp_path / "p-contacts.vtu")
     g, rows = state.grains, ss.measure.touching(state)
     for name in ("radius", "mass", "velocity", "spin", "angle"):

@@ -48,7 +48,7 @@ def test_what_stickslip_writes_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         (b'type="UnstructuredGrid"', b'type="ImageData"', "VTK of type ImageData: UnstructuredGrid and PolyData are"),
         (b"radii", b"size", "no radii among them"),
@@ -56,11 +56,11 @@ def test_what_stickslip_writes_is_read(tmp_path):
         (b"AAAA", b"A!AA", "truncated, or not VTK of points"),
     ],
 )
-def test_damaged_files_are_told(old, new, words, cases, tmp_path):
+def test_damaged_files_are_told(old, new, message, cases, tmp_path):
     content = (cases / "binary-plain.vtu").read_bytes()
     assert old in content
     (tmp_path / "p.vtu").write_bytes(content.replace(old, new))
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         ss.io.read_packing(tmp_path / "p.vtu")
     assert "\n" not in str(problem.value)
 

@@ -59,7 +59,7 @@ def test_what_a_fit_takes_out_of_noise_is_given_back():
     """Six columns that follow slow noise make it look faster than it is."""
     columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 200), 5)
     series = [correlated(seed, 200, 0.7) for seed in range(100)]
-    plain, corrected = (np.mean([memory(one, columns, back) for one in series]) for back in (False, True))
+    plain, corrected = (np.mean([memory(values, columns, back) for values in series]) for back in (False, True))
     # the mean's error is √((1 − 0.7²)/200)/10 = 0.005; the method of Yule and Walker has a bias of its own, −4φ/200
     assert corrected == pytest.approx(0.7 - 0.014, abs=0.015)
     assert plain < 0.65

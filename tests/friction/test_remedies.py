@@ -31,10 +31,10 @@ def found_in(folder, record, **options):
 
 def test_a_trend_that_was_left_out_is_measured(tmp_path, lab):
     sloped = lab._replace(friction=lab.friction + TREND * (lab.load_point - lab.load_point[0]))
-    found = found_in(tmp_path, sloped)
-    (said,) = fit_report.doubts(found)
+    result = found_in(tmp_path, sloped)
+    (said,) = fit_report.doubts(result)
     detrended = found_in(tmp_path, sloped, free=("trend",))
-    fall = 1 - np.std(detrended.fits[0].residuals[0]) / np.std(found.fits[0].residuals[0])
+    fall = 1 - np.std(detrended.fits[0].residuals[0]) / np.std(result.fits[0].residuals[0])
     assert fall > 0.3  # the trend is most of the misfit
     assert f"falls by {100 * fall:.0f} %" in said and "--detrend" in said
     assert fit_report.doubts(detrended) == []
@@ -71,8 +71,8 @@ def test_a_stiffness_in_another_unit_is_suspected(tmp_path, lab, given, unit):
 
 
 def test_without_a_normal_stress_the_one_that_would_explain_it_is_named(tmp_path, lab):
-    found = found_in(tmp_path, lab._replace(normal_stress=None), fixed={"stiffness": 7.5})
-    (said,) = [line for line in fit_report.doubts(found) if "stiffness" in line]
+    result = found_in(tmp_path, lab._replace(normal_stress=None), fixed={"stiffness": 7.5})
+    (said,) = [line for line in fit_report.doubts(result) if "stiffness" in line]
     assert "GPa/m" in said and "normal stress of 5" in said
 
 

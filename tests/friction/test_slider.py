@@ -161,9 +161,9 @@ def test_a_jump_of_normal_stress():
 def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     rs, v = WEAK._replace(law=law), 1e-6
     spring = Spring(ratio * critical_stiffness(rs, v, damping), damping)
-    found = steady_sliding(rs, spring, v)
-    assert found.stable == (ratio > 1)
-    assert ("unstable" in found.sentence) == (ratio <= 1)
+    sliding = steady_sliding(rs, spring, v)
+    assert sliding.stable == (ratio > 1)
+    assert ("unstable" in sliding.sentence) == (ratio <= 1)
     size, t = 1e-7, np.linspace(0, 60.0, 13)
     h = spring_slider(rs, spring, (LoadStep(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
     matrix = rates(slider_of(rs, spring), np.zeros(3), v, 1.0)[1][:2, :2]
@@ -172,9 +172,9 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     assert np.allclose(off, linear, rtol=0, atol=1e-4 * np.abs(linear).max())  # size² and round-off
     if ratio == 1.0:
         direct = rs.a + damping * v
-        assert found.growth_rate == pytest.approx(0, abs=1e-12)
-        assert found.frequency == pytest.approx(v / rs.dc * np.sqrt((rs.b - direct) / direct), rel=1e-9)
-    assert found.growth_rate == pytest.approx(found.eigenvalues.real.max())
+        assert sliding.growth_rate == pytest.approx(0, abs=1e-12)
+        assert sliding.frequency == pytest.approx(v / rs.dc * np.sqrt((rs.b - direct) / direct), rel=1e-9)
+    assert sliding.growth_rate == pytest.approx(sliding.eigenvalues.real.max())
 
 
 def test_below_the_critical_stiffness_slip_runs_away_and_damping_holds_it():

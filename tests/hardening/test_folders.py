@@ -65,11 +65,13 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("words", [["run", "0.toml"], ["reproduce", "quasi-rigid", "--quick"]], ids=["run", "paper"])
-def test_somebodys_files_stay(call, tmp_path, name, words):
+@pytest.mark.parametrize(
+    "arguments", [["run", "0.toml"], ["reproduce", "quasi-rigid", "--quick"]], ids=["run", "paper"]
+)
+def test_somebodys_files_stay(call, tmp_path, name, arguments):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("mine")
-    done = call(*words, "--out", "out")
+    done = call(*arguments, "--out", "out")
     assert done.code == 2
     assert done.err.count("\n") == 1
     assert f"have changed since ({name}): choose another --out, or add --overwrite" in done.err
@@ -234,7 +236,7 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
     other = (tmp_path / "many.toml").read_text().replace("stiffness = 200.0", "stiffness = 210.0")
     (tmp_path / "other.toml").write_text(other)
     assert call("run", "many.toml", "--out", "many").code == 0
-    before, words = contents(tmp_path / "many"), ("run", "other.toml", "--out", "many", "--overwrite")
+    before, arguments = contents(tmp_path / "many"), ("run", "other.toml", "--out", "many", "--overwrite")
 
     def stopped(*_, **__):
         raise KeyboardInterrupt
@@ -247,12 +249,12 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
     }[when]  # fmt: skip
     with monkeypatch.context() as now:
         now.setattr(sweep_report, place, stop)
-        done = call(*words)
+        done = call(*arguments)
         assert done.code == (1 if when == "failing" else 130)
     after = contents(tmp_path / "many")
     assert {name: after[name] for name in before} == before
     assert (when == "failing") == ("every member failed (no)" in done.err)
-    assert call(*words).code == 0
+    assert call(*arguments).code == 0
     final = contents(tmp_path / "many")
     assert not set(final) & (set(before) - {"sweep.json", "sweep.nc", "sweep-options.json", "manifest.json"})
     assert not (tmp_path / "many" / ".anew").exists()
@@ -275,8 +277,8 @@ def test_fits_prove_their_files_too(call, tmp_path):
     assert call("run", "0.toml", "--out", "out").code == 0
     (tmp_path / "fit").mkdir()
     (tmp_path / "fit" / "fit.json").write_text("mine")
-    words = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
-    assert "(fit.json)" in call(*words).err
+    arguments = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
+    assert "(fit.json)" in call(*arguments).err
     assert (tmp_path / "fit" / "fit.json").read_text() == "mine"
 
 
@@ -324,8 +326,8 @@ def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
 
 
 @pytest.mark.parametrize("named", [{"../victim": None}, {"thesis.tex": None}, {"fig1_mine.png": None}, {}, None])
-@pytest.mark.parametrize("words", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
-def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, words):
+@pytest.mark.parametrize("arguments", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
+def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, arguments):
     """Names that no run writes, results that are not there, and digests of nothing."""
     assert call("run", "0.toml", "--out", "out").code == 0
     (tmp_path / "victim").write_text("precious")
@@ -339,11 +341,11 @@ def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, w
     files = {name: [made or "0", hashlib.sha256(b"evil").hexdigest()] for name, made in whole.items()}
     (staging / "manifest.json").write_text(json.dumps({"files": files}))
     before = contents(tmp_path)
-    call(*words)
+    call(*arguments)
     after = contents(tmp_path)
     assert after["victim"] == b"precious"
     kept = {name for name in before if ".writing" not in name and name != "out/manifest.json"}
-    assert kept <= set(after) and all(after[name] == before[name] for name in kept if words[0] == "resume")
+    assert kept <= set(after) and all(after[name] == before[name] for name in kept if arguments[0] == "resume")
 
 
 @pytest.mark.parametrize("name", ["members", "lammps", "members/one", "lammps/leg-01"])

@@ -377,8 +377,8 @@ def test_nothing_of_a_file_is_executed(name, tmp_path, capsys):
     else:
         word = f"__import__('pathlib').Path({str(made)!r}).touch()"
         path.write_text(json.dumps({"seed": word}) if name == "s.json" else f"seed = {json.dumps(word)}")
-    words = ["stability", path, "--json"] if name.startswith("p") else ["cite", path]
-    assert ended(words, capsys) == 2
+    arguments = ["stability", path, "--json"] if name.startswith("p") else ["cite", path]
+    assert ended(arguments, capsys) == 2
     assert not made.exists()
 
 

@@ -66,7 +66,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("name", "text", "arguments"),
     [
         ("a.toml", SLIDER, ["cite", "a.toml"]),
         ("a.json", '{"experiment": "rate-state"}', ["cite", "a.json"]),
@@ -75,10 +75,10 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
         ("a.py", LAW, ["stability", "b.dump", "--law", "a.py", "--modes", "m.npz"]),
     ],
 )
-def test_text_in_utf_16_is_told(tmp_path, encoding, name, text, words):
+def test_text_in_utf_16_is_told(tmp_path, encoding, name, text, arguments):
     saved(tmp_path / name, text, encoding)
     saved(tmp_path / "b.dump", DUMP, "utf-8")
-    run = stickslip_here(*words, cwd=tmp_path)
+    run = stickslip_here(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert run.stderr == f"stickslip: {name} is text in UTF-16 or UTF-32: save it as UTF-8\n"
 

@@ -231,10 +231,10 @@ def test_walls_keep_the_radius():
     state = ss.assembly(ss.spheres([[0, 0, 0.45]], 0.5), ss.flat_walls([0, 0, 0], [0, 0, 1]))
     torques = []
     for arm in ("radius", "overlap"):
-        one = ss.laws.with_lever(law, arm)
-        here = ss.accept(state, ss.forces(state, one)[1])
+        shorter = ss.laws.with_lever(law, arm)
+        here = ss.accept(state, ss.forces(state, shorter)[1])
         here = here._replace(grains=here.grains._replace(position=np.array([[0.01, 0, 0.44]])))
-        torques.append(ss.forces(here, one)[0].torque[0])
+        torques.append(ss.forces(here, shorter)[0].torque[0])
     np.testing.assert_array_equal(*torques)
 
 
@@ -379,7 +379,7 @@ def test_marshall_takes_its_numbers_from_each_pair():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"model": "elastic"}, "model='elastic' was given: 'constant', 'viscous', 'spring' are allowed"),
         ({"k_roll": 1.0}, "mu_roll = 0.0 was given with model = 'spring': it must be positive"),
@@ -387,8 +387,8 @@ def test_marshall_takes_its_numbers_from_each_pair():
         ({"model": "constant", "mu_roll": 0.1}, "gamma_roll = 0.0 was given .* must be positive"),
     ],
 )
-def test_wrong_parameters_of_rolling_are_refused(options, words):
-    with pytest.raises(ValueError, match=words):
+def test_wrong_parameters_of_rolling_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
         ss.laws.with_rolling(ss.laws.linear(), **options)
 
 

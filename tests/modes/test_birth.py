@@ -137,11 +137,11 @@ def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
     start = 0.02 * peak
     first = np.concatenate([2 * start * u.real, 2 * start * (exponent * u).real])
     times = np.linspace(0, 10 / sigma, 20_001)
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-10,
         atol=1e-14,
     )  # fmt: skip
-    assert np.abs(plane.u0 @ found.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
+    assert np.abs(plane.u0 @ solution.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
 
 
 def test_squared_peaks_extrapolate_to_the_birth():
@@ -216,8 +216,8 @@ def test_rates_are_those_of_the_spectrum_also_far_from_a_birth():
 def test_a_balance_that_diverges_ends_before():
     motion = model(cubic=40.0, given=30.0)
     plane = birth.invariant_plane(motion.matrix, 2.0 + 0.02j)
-    found = birth.growth_by_amplitude(motion, plane, np.geomspace(1e-3, 1e6, 40))
-    assert 4 < len(found.amplitudes) < 39 and np.isfinite(found.harmonics).all()
+    growth = birth.growth_by_amplitude(motion, plane, np.geomspace(1e-3, 1e6, 40))
+    assert 4 < len(growth.amplitudes) < 39 and np.isfinite(growth.harmonics).all()
 
 
 def test_motions_have_the_amplitude_and_the_slaved_parts_that_theory_gives():
@@ -227,8 +227,8 @@ def test_motions_have_the_amplitude_and_the_slaved_parts_that_theory_gives():
     line, a = birth.ellipse(plane)(0.3), 2e-4
     assert (plane.w0 @ line[0], plane.w0 @ line[birth.PHASES // 2]) == pytest.approx((0.6, -0.6))
     assert np.abs(line @ plane.w1).max() == pytest.approx(0.6 * plane.value.imag)
-    found = birth.growth_by_amplitude(motion, plane, np.linspace(0, 4e-4, 9)[1:])
-    ways = birth.balanced_motion(plane, found, 0.02 / np.sqrt(8.0))(a)
+    growth = birth.growth_by_amplitude(motion, plane, np.linspace(0, 4e-4, 9)[1:])
+    ways = birth.balanced_motion(plane, growth, 0.02 / np.sqrt(8.0))(a)
     phase, size = 2 * np.pi * np.arange(len(ways)) / len(ways), (a * plane.u0[0]) ** 2
     assert 2 * (ways @ plane.w0 * np.cos(phase)).mean() == pytest.approx(2 * a, rel=1e-3)
     assert ways[:, 2].mean() == pytest.approx(2 * taken / stiff * size, rel=1e-2)
@@ -359,9 +359,9 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     assert "all eigenvalues by LAPACK" in str(page.sections)
     assert "bounded bursts, in which grains move" in str(page.sections)
     ss.io.write_packing("damped.h5", pushed(0.0062), ss.laws.for_pair(LAW, 0, 1, damping_n=0.1))
-    words = ["stability", "damped.h5", "--after", "--json"]
+    arguments = ["stability", "damped.h5", "--after", "--json"]
     reason, form = (
-        json.loads(CliRunner().invoke(app, [*words, *option]).stdout)["after"] for option in ([], ["--no-dashpots"])
+        json.loads(CliRunner().invoke(app, [*arguments, *option]).stdout)["after"] for option in ([], ["--no-dashpots"])
     )
     assert "dashpots" in reason["reason"] and form["beta"] == after["beta"]
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)

@@ -186,10 +186,10 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("words", WRONG)
-def test_contradictory_cells_are_refused(words):
-    with pytest.raises(ValueError, match=words):
-        ss.packings.check(WRONG[words](sheared(n=20)))
+@pytest.mark.parametrize("name", WRONG)
+def test_contradictory_cells_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        ss.packings.check(WRONG[name](sheared(n=20)))
 
 
 def test_wrong_arguments_of_control_are_refused():

@@ -423,8 +423,10 @@ def differences(function, size, h):
     """Fourth-order central differences."""
     columns = []
     for k in range(size):
-        one = h * np.eye(size)[k]
-        columns.append((8 * (function(one) - function(-one)) - (function(2 * one) - function(-2 * one))) / (12 * h))
+        first = h * np.eye(size)[k]
+        columns.append(
+            (8 * (function(first) - function(-first)) - (function(2 * first) - function(-2 * first))) / (12 * h)
+        )
     return np.stack(columns, axis=1)
 
 
@@ -474,9 +476,9 @@ def every_jacobian():
                     kinked = "smooth" in name or "rescaled" in name or name == "wet"
                     if (memory == "held" and kinked) or "clipped" in name:
                         continue
-                    one = name, dim, control, memory
+                    case = name, dim, control, memory
                     label = f"{name}-{dim}d-{control.__name__}-{memory}"
-                    yield pytest.param(*one, id=label, marks=() if one in FAST_JACOBIANS else pytest.mark.slow)
+                    yield pytest.param(*case, id=label, marks=() if case in FAST_JACOBIANS else pytest.mark.slow)
 
 
 @pytest.mark.parametrize(("name", "dim", "control", "memory"), list(every_jacobian()))

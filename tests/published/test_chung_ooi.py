@@ -27,9 +27,9 @@ def numbers(test, case):
 def curve(test, case, quantity):
     """A published curve as two arrays."""
     key = (str(test), case, quantity)
-    found = [(r["x"], r["value"]) for r in ROWS if (r["test"], r["case"], r["quantity"]) == key and r["x"]]
-    assert found
-    return np.array(found, float).T
+    values = [(r["x"], r["value"]) for r in ROWS if (r["test"], r["case"], r["quantity"]) == key and r["x"]]
+    assert values
+    return np.array(values, float).T
 
 
 class Pair:
@@ -191,12 +191,12 @@ def test_4_oblique_impact_at_different_angles(case, kind):
     here = tangential[sliding] - pair.mu * (1 + e[sliding]) * normal[sliding]
     # the spring takes its time to reach the limit: within half a per cent of the impulse
     np.testing.assert_allclose(v[sliding], here, atol=5e-3 * (tangential - v)[sliding].max())
-    found = [v / tangential, -spin, np.degrees(np.arctan((v - pair.radius * spin) / back))]
+    results = [v / tangential, -spin, np.degrees(np.arctan((v - pair.radius * spin) / back))]
     # sliding: a dot of the figure, whose axes run over 0.6, 750 rad/s and 120 degrees; sticking: the paper's dashpots
     # grow with the fourth root of the overlap, these with the square root, and e is 0.98
     bounds = zip([0.005, 4.0, 0.4], [0.015, 10.0, 1.4], strict=True)
     start = 0
-    for (x, published), values, (dot, other) in zip(curves, found, bounds, strict=True):
+    for (x, published), values, (dot, other) in zip(curves, results, bounds, strict=True):
         off = np.abs(values[start : start + len(x)] - published)
         assert off[x > 39].max() < dot
         if kind is not LINEAR:

@@ -212,8 +212,8 @@ def test_statistics_of_the_full_experiment():
     It found V_1 rising with F_x, |V_2| within a quarter of 0.075 at all thresholds, V_mass linear in F_x with the
     paper's slope; three standard errors are allowed here.
     """
-    found = disk_array.reproduce()
-    main = found.main
+    reproduction = disk_array.reproduce()
+    main = reproduction.main
     fronts = [disk_measures.forward_front(main, main.sliding[load]) for load in printed.FRONT_LOADS]
     assert fronts[0].speed < fronts[1].speed < fronts[2].speed
     assert all(f.complete > 190 and f.speed_error < 0.1 * f.speed for f in fronts)
@@ -224,4 +224,4 @@ def test_statistics_of_the_full_experiment():
     line = disk_measures.velocity_line(main, printed.LINE_TOP)
     assert abs(line.slope - 4.5e-4) < 3 * line.slope_error
     assert line.intercept < 0
-    assert {c.id for c in found.claims} == IDS
+    assert {c.id for c in reproduction.claims} == IDS

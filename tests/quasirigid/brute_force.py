@@ -102,7 +102,7 @@ def answers(a, q, unit, floor=0.0) -> list[Answer]:
 
     Rates below `floor` are round-off.
     """
-    found = []
+    results = []
     for slides in subsets(len(q)):
         part = a[np.ix_(slides, slides)]
         value, candidates = smallest(part, unit), []
@@ -118,8 +118,8 @@ def answers(a, q, unit, floor=0.0) -> list[Answer]:
             rate = np.where(slides, slip, -(a @ slip + q))
             inside = np.where(slides, rate, -rate).min(initial=np.inf)
             if inside >= -max(EDGE * np.abs(rate).max(initial=0.0), floor):
-                found.append(One(slides, slip, rate, sign))
-    return gathered(found, floor)
+                results.append(One(slides, slip, rate, sign))
+    return gathered(results, floor)
 
 
 def gathered(found: list[One], floor) -> list[Answer]:
@@ -169,10 +169,10 @@ def on_a_face(a, q, slides) -> tuple[list[np.ndarray], bool]:
     rows = np.where(np.abs(rows) < 1e-10, 0.0, rows)
     out = []
     for way in (1.0, -1.0):
-        found = linprog(way * turn.sum(axis=0), A_ub=-rows, b_ub=at + 1e-10, bounds=(None, None))
-        if found.status == 0:
+        program = linprog(way * turn.sum(axis=0), A_ub=-rows, b_ub=at + 1e-10, bounds=(None, None))
+        if program.status == 0:
             slip = np.zeros(len(q))
-            slip[slides] = size * (base + turn @ found.x)
+            slip[slides] = size * (base + turn @ program.x)
             out.append(slip)
     if len(out) == 1:  # the other end is at infinity
         out.append(_further(out[0], slides, turn, size))

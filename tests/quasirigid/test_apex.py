@@ -78,10 +78,10 @@ def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(
     if coherent:
         assert len(every) == 1
         assert follow_pieces(apex).status.tolist() == every[0].tolist()
-    found = statuses_at_apex(apex)
-    assert (found.status is None) == (len(every) == 0)
-    if found.status is not None:
-        assert found.status.tolist() in every.tolist()
+    solution = statuses_at_apex(apex)
+    assert (solution.status is None) == (len(every) == 0)
+    if solution.status is not None:
+        assert solution.status.tolist() in every.tolist()
 
 
 @given(st.integers(0, 100_000))
@@ -89,7 +89,7 @@ def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(
 def test_all_choices_together_against_one_by_one(seed):
     """Each choice solved and looked at by itself, without the stacked algebra of `every_choice`."""
     apex = drawn(seed)
-    found = []
+    results = []
     for choice in itertools.product(*apex.allowed):
         status = np.array(choice)
         matrix = room.piece_matrix(apex, status)
@@ -97,11 +97,11 @@ def test_all_choices_together_against_one_by_one(seed):
             assume(False)  # near a boundary round-off decides
         velocity = np.linalg.solve(matrix, apex.velocity.ravel()).reshape(-1, 2)
         if np.array_equal(status_of_velocity(apex, velocity, status, 1e-9 * np.abs(velocity).max()), status):
-            found.append((np.linalg.det(matrix) < 0, choice))
+            results.append((np.linalg.det(matrix) < 0, choice))
     every = room.enumerate_statuses(apex)
-    assert sorted(map(tuple, every.status.tolist())) == sorted(choice for _, choice in found)
+    assert sorted(map(tuple, every.status.tolist())) == sorted(choice for _, choice in results)
     assert every.stable.tolist() == sorted(every.stable.tolist(), reverse=True)
-    assert every.stable.sum() == sum(not unstable for unstable, _ in found)
+    assert every.stable.sum() == sum(not unstable for unstable, _ in results)
     assert every.decided
 
 

@@ -11,23 +11,23 @@ from stickslip.quasirigid.matrices import linear_system, quadratic_form
 
 
 def test_speed_through_a_mechanism_is_force_over_mass_times_time():
-    found = growth.through_mechanism()
-    assert found.power == pytest.approx(1, abs=1e-6)
-    assert found.speed == pytest.approx(growth.PUSH * growth.OVERLAP * found.time, rel=1e-6)  # the mass is 1
-    assert found.predicted == 0
+    motion = growth.through_mechanism()
+    assert motion.power == pytest.approx(1, abs=1e-6)
+    assert motion.speed == pytest.approx(growth.PUSH * growth.OVERLAP * motion.time, rel=1e-6)  # the mass is 1
+    assert motion.predicted == 0
 
 
 def test_speed_through_an_instability_grows_at_the_rate_of_the_lowest_eigenvalue():
-    found = growth.through_instability()
-    assert found.predicted > 0.1
-    assert found.rate == pytest.approx(found.predicted, rel=1e-3)
-    assert found.power > 2
+    motion = growth.through_instability()
+    assert motion.predicted > 0.1
+    assert motion.rate == pytest.approx(motion.predicted, rel=1e-3)
+    assert motion.power > 2
 
 
 def test_a_flatter_groove_is_stable():
-    found = growth.follow_motion(*growth.disk_in_groove(steep=60.0), 1e-10 * np.array([0.0, 1.0]), 30.0)
-    assert found.predicted == 0
-    assert found.speed[-1] < 1e-9
+    motion = growth.follow_motion(*growth.disk_in_groove(steep=60.0), 1e-10 * np.array([0.0, 1.0]), 30.0)
+    assert motion.predicted == 0
+    assert motion.speed[-1] < 1e-9
 
 
 @pytest.mark.parametrize(("mu", "positive"), [(2.0, True), (3.0, False)])

@@ -90,16 +90,16 @@ def test_a_singular_status_on_the_way_is_no_verdict(load, verdict):
     both, load = np.array([0, 1]), np.array(load)
     with pytest.raises(LinAlgError):
         StatusSolver(m, load, both, True).rates(np.array([True, True]))
-    found = contact_status(m, load, critical=both)
-    assert found.verdict is verdict
+    status = contact_status(m, load, critical=both)
+    assert status.verdict is verdict
     mapped = status_map(complementarity(m, load, critical=both))
-    assert mapped.consistent.tolist() == ([0] if found.ok else [])
-    assert not found.sliding.any()
-    if not found.ok:
-        k = stiffness_matrix(m, np.isin([0, 1], both[found.proof.sliding]))
-        assert np.abs(k @ found.proof.velocity).max() < 1e-12
-        assert np.abs(k.T @ found.proof.balance).max() < 1e-12
-        assert abs(found.proof.balance @ load) > 0.1
+    assert mapped.consistent.tolist() == ([0] if status.ok else [])
+    assert not status.sliding.any()
+    if not status.ok:
+        k = stiffness_matrix(m, np.isin([0, 1], both[status.proof.sliding]))
+        assert np.abs(k @ status.proof.velocity).max() < 1e-12
+        assert np.abs(k.T @ status.proof.balance).max() < 1e-12
+        assert abs(status.proof.balance @ load) > 0.1
 
 
 def test_a_solution_that_misses_the_load_is_not_believed():
@@ -126,8 +126,8 @@ def test_without_a_p_matrix_lemke_takes_over_at_once(monkeypatch):
     monkeypatch.setattr(room, "may_be_p_matrix", lambda a: False)
     monkeypatch.setattr(room, "principal_pivoting", lambda problem: called.append(1))
     m, critical, load, _ = sample(1)
-    found = contact_status(m, load, critical=critical)
-    assert found.method == "Lemke"
+    status = contact_status(m, load, critical=critical)
+    assert status.method == "Lemke"
     assert not called
 
 

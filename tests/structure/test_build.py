@@ -59,7 +59,7 @@ def test_the_library_of_every_level_holds_every_source(trial):
     assert "was built in" in build.build(trial)
     check_levels(trial)
     stamps = [build.stamp(build.library_path(level, trial)) for level in build.LEVELS]
-    assert {one["digest"] for one in stamps} == {build.digest(trial)}
+    assert {stamp["digest"] for stamp in stamps} == {build.digest(trial)}
     assert stamps[0]["compiler"] == build.find_compiler().version
     assert not list(trial.rglob(".[0-9]*"))  # nothing half written
 

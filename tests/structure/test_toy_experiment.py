@@ -60,8 +60,8 @@ def call(monkeypatch, *words) -> int:
 
 
 def test_from_python():
-    found = ss.simulate(ss.scenario(experiment="coins", bias=0.7))
-    assert 0.5 < found.heads.mean() < 0.9
+    result = ss.simulate(ss.scenario(experiment="coins", bias=0.7))
+    assert 0.5 < result.heads.mean() < 0.9
 
 
 def test_from_the_command_line_and_after_it_was_stopped(tmp_path, monkeypatch, capsys):
@@ -88,8 +88,8 @@ def test_bad_keys_are_named():
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_what_is_imported_late_is_there(name):
-    one = EXPERIMENTS[name]
-    for value in (*one, *(one.paper or ())):
+    first = EXPERIMENTS[name]
+    for value in (*first, *(first.paper or ())):
         package, _, path = getattr(value, "__qualname__", "").rpartition(".experiments.")
         if package:
             module, _, function = path.rpartition(".")

@@ -52,7 +52,7 @@ def test_the_path_of_a_disk_before_and_after_the_first_limit():
     for axes, start, stop in ((before, 450, 600), (after, 600, 850)):
         shown = (time >= start) & (time <= stop)
         moved = spiral[shown] - spiral[shown].mean(axis=0)
-        (lines,) = (found for found in axes.collections if isinstance(found, LineCollection))
+        (lines,) = (collection for collection in axes.collections if isinstance(collection, LineCollection))
         parts = np.array(lines.get_segments())
         np.testing.assert_allclose(parts[:, 0], moved[:-1], atol=1e-12)  # round-off of places of order ten
         np.testing.assert_allclose(parts[:, 1], moved[1:], atol=1e-12)
@@ -215,9 +215,9 @@ SHOWN = (3.0, 4.0, 5.0, 5.7, 7.1, 8.0)  # of the last stage, nearest to 3, 4, 5,
 
 def test_snapshots_show_where_grains_are_and_how_fast(panels):
     for axes, t in zip(panels[0], SHOWN, strict=True):
-        found = [one for one in axes.collections if isinstance(one, EllipseCollection)]
+        values = [one for one in axes.collections if isinstance(one, EllipseCollection)]
         left = []
-        for one in found:
+        for one in values:
             loose = len(one.get_offsets()) == 3
             rows = ORDER if loose else GLUED
             moved = one.get_offsets() - SEEN[rows] + [0, 0.01 * t]
@@ -263,15 +263,15 @@ def shape(text) -> Bbox:
 def clashes(figure) -> list[tuple[str, str]]:
     """Pairs of tick labels of one axis that overlap where they are drawn, and offset texts, which must be in labels."""
     figure.canvas.draw()
-    found = []
+    results = []
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis) if axes.name == "rectilinear" and axes.axison else ():
-            found += [(axis.get_label_text(), text) for text in [axis.get_offset_text().get_text()] if text]
+            results += [(axis.get_label_text(), text) for text in [axis.get_offset_text().get_text()] if text]
             ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
             texts = [t.label1 for t in ticks if t.label1.get_visible() and t.label1.get_text()]
             boxes = sorted(((shape(t), t.get_text()) for t in texts), key=lambda pair: tuple(pair[0].p0))
-            found += [(a, b) for k, (one, a) in enumerate(boxes) for two, b in boxes[k + 1 :] if one.overlaps(two)]
-    return found
+            results += [(a, b) for k, (one, a) in enumerate(boxes) for two, b in boxes[k + 1 :] if one.overlaps(two)]
+    return results
 
 
 def long_run(most: float):
@@ -299,16 +299,16 @@ def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     for figure in figures:
         assert not clashes(figure)
     power = {3e4: 4, 5.6e5: 5, 1e8: 7, 2e-5: -5}.get(most)  # ticks of the last but one end at 8e7
-    words = figures[0].axes[1].get_xlabel()
-    assert words == (rf"time step [$10^{{{power}}}$]" if power else "time step") or most == 1e8
-    assert ("10^" in words) == (power is not None)
+    label = figures[0].axes[1].get_xlabel()
+    assert label == (rf"time step [$10^{{{power}}}$]" if power else "time step") or most == 1e8
+    assert ("10^" in label) == (power is not None)
 
 
 @pytest.mark.parametrize("name", ["rate-state", "flow", "fault"])
 def test_no_figure_of_a_run_has_overlapping_tick_labels(name):
     experiment = EXPERIMENTS[name]
-    found = ss.simulate(ss.scenario(experiment=name, **experiment.smallest[0]))
-    drawn = list(experiment.figures(found))
+    result = ss.simulate(ss.scenario(experiment=name, **experiment.smallest[0]))
+    drawn = list(experiment.figures(result))
     assert drawn
     assert {file: words for file, figure in drawn if (words := clashes(figure))} == {}
 

@@ -143,8 +143,8 @@ def test_verdicts_do_not_depend_on_units_or_signs(paper, measured, tolerance):
      (1.0, (0.51, 1.99), (0.49, 0.34, 2.99), (0.33, 3.01))],
 )  # fmt: skip
 def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
-    words = [{verdict(1.0, value, tolerance, 0.0) for value in values} for values in (inside, near, far)]
-    assert words == [{REPRODUCED}, {PARTLY}, {NOT_REPRODUCED}]
+    texts = [{verdict(1.0, value, tolerance, 0.0) for value in values} for values in (inside, near, far)]
+    assert texts == [{REPRODUCED}, {PARTLY}, {NOT_REPRODUCED}]
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
 
 
 @pytest.mark.parametrize(
-    ("words", "options"),
+    ("message", "options"),
     [
         ("use 'PLACE: words'", {"source": "Fig 1"}),
         ("give reference and reference_source together", {"reference": 1.0}),
@@ -190,9 +190,9 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
         ("counterexample", {"paper": True, "measured": False, "quantifier": ALWAYS}),
     ],
 )
-def test_rows_that_say_too_little_are_refused(words, options):
+def test_rows_that_say_too_little_are_refused(message, options):
     row = {"source": SOURCE, "paper": 1.0, "measured": 1.0} | options
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         claim("id", row.pop("source"), row.pop("paper"), row.pop("measured"), "1", 0.1, **row)
 
 
@@ -333,8 +333,8 @@ def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypat
 
 
 def test_when_all_is_well_the_terminal_says_so():
-    one = [ROWS[0]]
-    assert claims_report.summarize(one, SHOWS) == (
+    row = [ROWS[0]]
+    assert claims_report.summarize(row, SHOWS) == (
         "Of the paper's sentences, 1 has a row, and 1 of these is decided.",
         "1 of the paper's 1 claims is reproduced.",
         "Every claim agrees within its tolerance.",

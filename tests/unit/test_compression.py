@@ -101,9 +101,9 @@ def test_without_friction_the_packing_is_like_a_jammed_one():
 
 
 def test_friction_lowers_contact_number_and_packing_fraction():
-    found = [compressed(45, mu=mu, pressure=1e-4, dim=2, seed=1)[1] for mu in (0.0, 0.3, 10.0)]
-    assert found[0].coordination > found[1].coordination > found[2].coordination
-    assert found[0].packing_fraction > found[1].packing_fraction > found[2].packing_fraction
+    values = [compressed(45, mu=mu, pressure=1e-4, dim=2, seed=1)[1] for mu in (0.0, 0.3, 10.0)]
+    assert values[0].coordination > values[1].coordination > values[2].coordination
+    assert values[0].packing_fraction > values[1].packing_fraction > values[2].packing_fraction
 
 
 def test_a_law_and_progress():
@@ -117,7 +117,7 @@ def test_a_law_and_progress():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"pressure": 1e-3}, "give either mu or a law"),
         ({"pressure": 1e-3, "mu": 0.5, "law": ss.laws.linear()}, "give either mu or a law"),
@@ -132,8 +132,8 @@ def test_a_law_and_progress():
         ({"pressure": 1e-3, "mu": 0.1, "mass": -1.0}, "mass"),
     ],
 )
-def test_an_impossible_compression_is_one_sentence(options, words):
-    with pytest.raises(ValueError, match=words) as problem:
+def test_an_impossible_compression_is_one_sentence(options, message):
+    with pytest.raises(ValueError, match=message) as problem:
         compressed(20, **options)
     assert "\n" not in str(problem.value)
 

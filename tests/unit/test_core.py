@@ -201,7 +201,7 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu = -0.1"),
         (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn = nan"),
@@ -228,8 +228,8 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
         (lambda: ss.nonsense, "no attribute 'nonsense'"),
     ],
 )
-def test_bad_input_is_one_clear_sentence(make, words):
-    with pytest.raises((ValueError, AttributeError), match=words):
+def test_bad_input_is_one_clear_sentence(make, message):
+    with pytest.raises((ValueError, AttributeError), match=message):
         make()
 
 

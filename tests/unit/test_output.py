@@ -82,7 +82,7 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (["run", "absent.toml", "--out", "o"], "absent.toml cannot be read"),
         (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
@@ -93,12 +93,12 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
         (["convert", "absent.npz", "--to", "x.gsd"], "absent.npz"),
     ],
 )
-def test_errors_are_an_object_too_and_one_line_for_people(words, sentence, tmp_path):
-    found, err = object_of(*words, cwd=tmp_path, code=2)
+def test_errors_are_an_object_too_and_one_line_for_people(arguments, sentence, tmp_path):
+    found, err = object_of(*arguments, cwd=tmp_path, code=2)
     assert (found["status"], found["exit_code"]) == ("failed", 2)
     assert sentence in found["error"]
     assert err == f"stickslip: {found['error']}\n"
-    assert stickslip_here(*words, "--quiet", cwd=tmp_path).stdout == ""
+    assert stickslip_here(*arguments, "--quiet", cwd=tmp_path).stdout == ""
     assert not list(tmp_path.iterdir())
 
 
@@ -120,8 +120,8 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         (tmp_path / "s.toml").write_text(SWEEP.format(key=key, values=values))
 
     write()
-    words = ("run", "s.toml", "--out", "out", "--workers", "1")
-    found, _ = object_of(*words, "--figures", cwd=tmp_path)
+    arguments = ("run", "s.toml", "--out", "out", "--workers", "1")
+    found, _ = object_of(*arguments, "--figures", cwd=tmp_path)
     assert found["members"] == {"total": 2, "finished": 2, "reused": 0, "failed": 0}
     assert found["ranges"]["final_friction"]["members"] == 2
     gone = sorted((tmp_path / "out" / "members").iterdir())[0] / "measures.json"
@@ -134,19 +134,19 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         stickslip_here("resume", "out", "--workers", "1", cwd=tmp_path).stdout.split()
     )
     write(values="[0.3, 0.4, 0.5]")
-    assert object_of(*words, cwd=tmp_path)[0]["members"]["reused"] == 2
+    assert object_of(*arguments, cwd=tmp_path)[0]["members"]["reused"] == 2
     write(key="surface.a", values="[0.01]")
     before = sorted(path.name for path in (tmp_path / "out" / "members").iterdir())
-    refused = stickslip_here(*words, cwd=tmp_path)
+    refused = stickslip_here(*arguments, cwd=tmp_path)
     assert refused.returncode == 2
     assert "contains another sweep (the old sweep has keys surface.mu0, the new one surface.a)" in refused.stderr
     assert sorted(path.name for path in (tmp_path / "out" / "members").iterdir()) == before
-    assert object_of(*words, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
+    assert object_of(*arguments, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
     assert len(list((tmp_path / "out" / "members").iterdir())) == 1
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "text"),
     [
         ({}, ""),
         ({"sweep": {"law.mu": [3, 4]}}, ""),
@@ -158,9 +158,9 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         ({"seed": 3}, "seed was not given and is now 3"),
     ],
 )
-def test_what_makes_another_sweep(change, words):
+def test_what_makes_another_sweep(change, text):
     base = {"law": {"kt": 0.1}, "sweep": {"law.mu": [1, 2]}}
-    assert describe_differences(base, base | change) == words
+    assert describe_differences(base, base | change) == text
 
 
 def test_colours_and_live_lines_are_for_terminals(monkeypatch):

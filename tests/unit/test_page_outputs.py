@@ -38,9 +38,9 @@ OF_LAMMPS = [session for name in ("exchange", "contact_laws", "look") for sessio
 
 def run(command: str, folder: Path) -> str:
     """Output of a command, as on a terminal of as many columns as the pages have."""
-    words = [sys.executable, "-m", *command.split()]
+    arguments = [sys.executable, "-m", *command.split()]
     environment = os.environ | {"COLUMNS": str(COLUMNS), "TERM": "dumb"}
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, env=environment)
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, env=environment)
     assert "Traceback" not in done.stderr and done.returncode != 2, done.stderr
     return done.stdout
 

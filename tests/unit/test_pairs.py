@@ -75,16 +75,16 @@ def test_walls_and_sliding_contacts(dim):
     law = make_law("hertz_mindlin", "sharp", mu=0.2)
     state = stirred(make_packing(dim, 2, n=12), law, np.random.default_rng(2))
     full = spectrum(state, law)
-    found = complex_pairs(state, law, dense_below=0)
+    pairs = complex_pairs(state, law, dense_below=0)
     scale = np.abs(full.eigenvalues).max()
-    np.testing.assert_allclose(found.eigenvalues, full.pairs, rtol=0, atol=1e-11 * scale)
+    np.testing.assert_allclose(pairs.eigenvalues, full.pairs, rtol=0, atol=1e-11 * scale)
 
 
 def test_certificate_accounts_for_every_eigenvalue(packing):
     state, full = packing
-    found = complex_pairs(state, LAW, certificate=True, dense_below=0)
-    certified = found.certified
-    assert_same(found, full)
+    pairs = complex_pairs(state, LAW, certificate=True, dense_below=0)
+    certified = pairs.certified
+    assert_same(pairs, full)
     assert certified.consistent
     assert certified.real + 2 * certified.pairs + certified.members.sum() == certified.size
     assert certified.size + certified.zero == len(full.eigenvalues)
@@ -159,8 +159,8 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
     planes = module._search_by_arnoldi(matrix, np.linalg.qr(rough)[0], scale)
-    found = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
-    assert min(np.abs(values - full.pairs[0]).min() for values in found) < 1e-12 * scale
+    rows = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
+    assert min(np.abs(values - full.pairs[0]).min() for values in rows) < 1e-12 * scale
 
 
 def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
@@ -183,12 +183,12 @@ def test_progress_is_told_in_order(packing):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_thousand_spheres_agree_with_lapack(seed):
     state = sheared_packing(1000, 3, 0.68, 6e-4, steps=8, seed=seed)
-    found = complex_pairs(state, LAW)
+    pairs = complex_pairs(state, LAW)
     values = eigvals(dynamical_matrix(state, LAW, freedom(state)).toarray(order="F"), overwrite_a=True)
     scale = np.abs(values).max()
     expected = values[values.imag > 1e-9 * scale]
-    assert len(found.eigenvalues) == len(expected) > 0
-    apart = np.abs(found.eigenvalues[:, None] - expected[None, :])
+    assert len(pairs.eigenvalues) == len(expected) > 0
+    apart = np.abs(pairs.eigenvalues[:, None] - expected[None, :])
     assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-12 * scale
 
 
@@ -217,18 +217,18 @@ def test_an_unaffordable_certificate_is_refused_with_its_time(packing, monkeypat
 @pytest.mark.parametrize(("asked", "way"), [("fastest", "dense"), ("all", "dense"), ("certify", "certify")])
 def test_stability_takes_the_cheapest_way_and_names_it(packing, asked, way):
     state, full = packing
-    found = ss.stability(state, LAW, method=asked)
-    assert found.method == way and found.way
-    np.testing.assert_allclose(found.pairs[0], full.pairs[0], rtol=0, atol=1e-12 * np.abs(full.eigenvalues).max())
+    result = ss.stability(state, LAW, method=asked)
+    assert result.method == way and result.way
+    np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=0, atol=1e-12 * np.abs(full.eigenvalues).max())
 
 
 @pytest.mark.parametrize(("asked", "way"), [("fastest", "fastest"), ("all", "pairs"), ("auto", "pairs")])
 def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way):
     state, full = packing
     monkeypatch.setattr("stickslip.solve.stability.DENSE_UP_TO", 10)
-    found = ss.stability(state, LAW, method=asked)
-    assert found.method == way and found.scope
-    np.testing.assert_allclose(found.pairs[0], full.pairs[0], rtol=1e-9)
+    result = ss.stability(state, LAW, method=asked)
+    assert result.method == way and result.scope
+    np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=1e-9)
 
 
 def test_too_many_coordinates_for_a_certificate_name_the_other_way(packing, monkeypatch):

@@ -112,7 +112,7 @@ def sample(end: float, verdict: str, collapse: float | None):
 
 
 @pytest.mark.parametrize(
-    ("one", "low", "high"),
+    ("tested", "low", "high"),
     [
         (sample(0.5, "UNSTABLE", 0.51), 1.02, 1.02),
         (sample(0.5, "NEGATIVE", None), 1.1, np.inf),  # dynamics passed the end by a tenth
@@ -123,8 +123,8 @@ def sample(end: float, verdict: str, collapse: float | None):
         (sample(0.0, "UNSTABLE", None), 0.0, np.inf),
     ],
 )
-def test_a_sample_in_which_path_or_dynamics_does_not_end_bounds_its_ratio(one, low, high):
-    assert quasi_claims.collapse_ratio(one, 0.1) == pytest.approx((low, high))
+def test_a_sample_in_which_path_or_dynamics_does_not_end_bounds_its_ratio(tested, low, high):
+    assert quasi_claims.collapse_ratio(tested, 0.1) == pytest.approx((low, high))
 
 
 def test_the_collapse_ratio_counts_every_sample():
@@ -181,11 +181,11 @@ def test_stable_means_that_m_does_not_rise():
 
 def test_the_power_of_im_lambda_is_found_with_its_error():
     rng, im = np.random.default_rng(1), np.array([1e-4, 2e-4, 4e-4, 8e-4])
-    found = []
+    results = []
     for _ in range(300):
         speed = 2.0 * im**0.7 * (1 + 0.05 * rng.normal(size=4))
-        found.append(disk_measures.Proportion(im, im, speed, 0.05 * speed).exponent)
-    values, errors = np.array(found).T
+        results.append(disk_measures.Proportion(im, im, speed, 0.05 * speed).exponent)
+    values, errors = np.array(results).T
     assert values.mean() == pytest.approx(0.7, abs=0.01)
     assert np.median(errors) == pytest.approx(values.std(), rel=0.25)
     assert disk_measures.Proportion(im[:2], im[:2], im[:2], im[:2]).exponent is None
@@ -241,14 +241,16 @@ def test_late_states_of_an_array_relax_to_equilibria_at_rest():
     chosen = ss.scenario(load={"push": (0.0, 0.03), "step": 5e-3}, array={"disks": 3}, dynamics={
         "loads": (0.03,), "duration": 400.0, "seed_velocity": 1e-6})  # fmt: skip
     result = ss.simulate(chosen)
-    found = find_arrest(result, 0.03)
+    arrest = find_arrest(result, 0.03)
     start = result.path[-1].state
     state = ss.packings.perturbed(start, velocity=1e-6, seed=0)
     for k, duration in enumerate((400.0, *[50.0] * 7)):
         state, _, _ = ss.run(state, result.law, round(duration / 0.1), 0.1, threads=1)
         rest, outcome = ss.relax(state, result.law, tolerance=1e-14)
         assert outcome.ok
-        assert found.late[k] == pytest.approx(((state.grains.position - start.grains.position) ** 2).sum(), rel=1e-6)
-        assert found.static[k] == pytest.approx(((rest.grains.position - start.grains.position) ** 2).sum(), abs=1e-14)
+        assert arrest.late[k] == pytest.approx(((state.grains.position - start.grains.position) ** 2).sum(), rel=1e-6)
+        assert arrest.static[k] == pytest.approx(((rest.grains.position - start.grains.position) ** 2).sum(), abs=1e-14)
     # while the pair still grows, the state relaxes to where it was: to the same contacts, and the same pair
-    assert found.static[0] < 1e-6 * found.late[0] and found.neighbours[0] == found.before == 2 and found.pairs[0] == 1
+    assert (
+        arrest.static[0] < 1e-6 * arrest.late[0] and arrest.neighbours[0] == arrest.before == 2 and arrest.pairs[0] == 1
+    )

@@ -104,11 +104,11 @@ def test_a_step_in_blocks_shortens_as_one_evaluation_does(cell, walls):
     both = sorted(set.intersection(*closed))
     rows = [np.searchsorted(c.key[: c.count[0]], both) for c in (trial, end.contacts)]
     assert len(rows[0]) > 100
-    one, two = trial.slip[rows[0]], end.contacts.slip[rows[1]]
+    first, two = trial.slip[rows[0]], end.contacts.slip[rows[1]]
     # displacements of a step are v dt here and differences of positions there: round-off of 1e-16 over overlaps
-    np.testing.assert_allclose(two, one, atol=1e-13)
+    np.testing.assert_allclose(two, first, atol=1e-13)
     plain = ss.forces(end._replace(contacts=state.contacts), make_law("hertz_mindlin", "sharp", mu=0.3))[1].slip
-    assert np.abs(plain[rows[0]] - one).max() > 1e-6
+    assert np.abs(plain[rows[0]] - first).max() > 1e-6
 
 
 def test_the_tangent_is_that_of_a_growing_overlap():
@@ -200,8 +200,8 @@ def test_flows_take_the_law_by_name():
 
 def test_spectra_say_that_unloading_was_not_looked_at():
     state, _ = jammed(12, dim=2, pressure=1e-2, seed=1)
-    found = [stability(state, LAWS[name](1.0, 0.5, 10.0, coulomb="smooth"), method="all") for name in PLAIN]
-    assert all(UNLOADED in one.scope for one in found)
+    values = [stability(state, LAWS[name](1.0, 0.5, 10.0, coulomb="smooth"), method="all") for name in PLAIN]
+    assert all(UNLOADED in one.scope for one in values)
     law = LAWS["hertz_mindlin_rescaled"](1.0, 0.5, 10.0, coulomb="smooth", damping_n=0.1)
     assert UNLOADED in stability(state, law, method="all").scope
     assert UNLOADED not in stability(state, ss.laws.hertz_mindlin(1.0, 0.5, 10.0, coulomb="smooth"), method="all").scope

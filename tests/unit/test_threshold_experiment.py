@@ -138,7 +138,7 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (
             ("dt = 0.5", "dt = 50.0\nduration = 3000.0"),
@@ -151,12 +151,12 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
         (("[0.2, 0.3]\nstep = 0.1", "[2.0, 3.0]\nstep = 0.5"), "below all of load.loads: add smaller loads"),
     ],
 )
-def test_input_that_proves_wrong_leaves_nothing(change, words, tmp_path, monkeypatch, capsys):
+def test_input_that_proves_wrong_leaves_nothing(change, message, tmp_path, monkeypatch, capsys):
     text = TOML.replace("duration = 300.0\n", "") if "duration" in change[1] else TOML
     (tmp_path / "one.toml").write_text(text.replace(*change))
     assert call(monkeypatch, "run", tmp_path / "one.toml", "--out", tmp_path / "out", "--workers", 1) == 2
     told = capsys.readouterr().err
-    assert words in told and told.count("\n") == 1
+    assert message in told and told.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -179,7 +179,7 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         ({"sample": {"kind": "sand"}}, "sample has kind = 'sand': use 'disk-array', 'packing', 'gouge'"),
         ({"sample": {"disks": 3}}, "sample has no kind"),
@@ -203,8 +203,8 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
         ({"kicks": {"dt": 1.0, "duration": 10.0}}, "at least 40 steps are needed"),
     ],
 )
-def test_bad_scenarios(tables, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_bad_scenarios(tables, message):
+    with pytest.raises(ScenarioError, match=message):
         ss.scenario(experiment="threshold", **tables)
 
 

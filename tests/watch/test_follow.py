@@ -69,7 +69,7 @@ def test_a_frame_waits_for_its_contacts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("harm", "words"),
+    ("harm", "text"),
     [
         (lambda part: part[: len(part) // 2], "cut off after"),
         (lambda part: part[:25], "the header was cut off"),
@@ -77,15 +77,15 @@ def test_a_frame_waits_for_its_contacts(tmp_path):
         (lambda part: part.replace(b"ATOMS\n27", b"ATOMS\n29"), "cut off after 27 of 29 rows"),
     ],
 )  # fmt: skip
-def test_damaged_frames_are_told_and_the_others_read(harm, words, tmp_path, monkeypatch):
+def test_damaged_frames_are_told_and_the_others_read(harm, text, tmp_path, monkeypatch):
     monkeypatch.setattr(follow, "FRESH", 0.0)  # no contacts are waited for
     parts = frames("grains.dump")
     (tmp_path / "grains.dump").write_bytes(parts[0] + harm(parts[1]) + parts[2])
     source = open_source(tmp_path, **LAW)
-    found = look(source)
-    assert [pair.grains.step for pair in found.ready] == [0, 80000]
-    (note,) = found.notes
-    assert words in note
+    seen = look(source)
+    assert [pair.grains.step for pair in seen.ready] == [0, 80000]
+    (note,) = seen.notes
+    assert text in note
     assert "grains.dump" in note
 
 
@@ -94,6 +94,6 @@ def test_of_two_files_with_the_same_step_the_last_one_is_used_and_said(tmp_path,
     copy(tmp_path, contacts=False)
     (tmp_path / "again.dump").write_bytes(frames("grains.dump")[1])
     source = open_source(tmp_path, **LAW)
-    found = look(source)
-    assert found.ready[1].grains.path.name == "again.dump"
-    assert "step 40000 is in grains.dump and in again.dump" in found.notes[0]
+    seen = look(source)
+    assert seen.ready[1].grains.path.name == "again.dump"
+    assert "step 40000 is in grains.dump and in again.dump" in seen.notes[0]
