@@ -48,16 +48,16 @@ def public() -> dict[str, str]:
 @cache
 def used(path: Path) -> frozenset[str]:
     """Rooms that a test file uses."""
-    found, names = set(), public()
+    needed, names = set(), public()
     for name, room in _imports(path).items():
-        found.add(names.get(name, room) if room in SPACES or room == name else room)
+        needed.add(names.get(name, room) if room in SPACES or room == name else room)
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Attribute):
             dotted = ast.unparse(node)
             if dotted.startswith("ss."):
                 parts = dotted.split(".")[1:3]
-                found |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
-    return frozenset(found)
+                needed |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
+    return frozenset(needed)
 
 
 def files(room: str) -> list[Path]:

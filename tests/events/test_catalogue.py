@@ -109,8 +109,8 @@ def test_nothing_but_failures_is_an_error(made):
         ss.simulate(scenario(seed=4, packings=1), workers=1)
 
 
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, words)])
+def call(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, arguments)])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
@@ -186,12 +186,12 @@ def test_a_table_without_events_comes_back(tmp_path):
 
 
 def test_tables_with_different_numbers_of_distances_are_joined():
-    one, two = event_table(samples(1, 3)), event_table(samples(2, 2))
-    two["softest"] = two["softest"][:, :4]
-    both = stack_tables([("a", one), ("b", two)], "law")
+    first, second = event_table(samples(1, 3)), event_table(samples(2, 2))
+    second["softest"] = second["softest"][:, :4]
+    both = stack_tables([("a", first), ("b", second)], "law")
     assert both["law"].tolist() == ["a"] * 3 + ["b"] * 4
     assert both["softest"].shape == (7, 6) and np.isnan(both["softest"][3:, 4:]).all()
-    np.testing.assert_array_equal(rows_of(both, both["law"] == "b")["strain"], two["strain"])
+    np.testing.assert_array_equal(rows_of(both, both["law"] == "b")["strain"], second["strain"])
 
 
 def test_measures_are_those_of_the_table(made):

@@ -41,10 +41,10 @@ def test_without_friction_many_packings_have_only_saddle_nodes():
 
 
 def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding):
-    for found in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5)):
-        for event in found.events:
-            assert 0 < event.strain - event.below <= found.resolution
-            assert (np.diff(event.distances) < 0).all() and event.distances[0] <= found.step
+    for record in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5)):
+        for event in record.events:
+            assert 0 < event.strain - event.below <= record.resolution
+            assert (np.diff(event.distances) < 0).all() and event.distances[0] <= record.step
 
 
 def test_events_do_not_depend_on_step_and_drag(frictionless, sliding):
@@ -204,10 +204,10 @@ def test_errors_of_exponents_cover_what_is_not_known(kind, size):
     inside = []
     for offset in np.linspace(-0.5, 0.5, 41):
         values = np.exp(np.interp(np.log(distances + offset), *np.log(series(size))))
-        found, error = fit_power(distances, values, 1.0)
-        inside.append(abs(found - power) <= 2 * error)
-        assert abs(found - power) <= 3 * error
-        assert vanishes(found, error)
+        exponent, error = fit_power(distances, values, 1.0)
+        inside.append(abs(exponent - power) <= 2 * error)
+        assert abs(exponent - power) <= 3 * error
+        assert vanishes(exponent, error)
     assert np.mean(inside) >= 0.95
 
 
@@ -227,8 +227,8 @@ def test_exponents_of_a_contact_that_is_about_to_open_are_between_a_third_and_a_
 
 def test_no_class_from_values_that_fall_by_a_jump():
     """Another mode is the softest at all but the nearest distance: nothing is known about a limit of zero."""
-    found, error = fit_power(8.0 ** np.arange(3, -1, -1), np.array([1.1, 1.05, 1.0, 0.01]), 1 / 16)
-    assert not vanishes(found, error)
+    exponent, error = fit_power(8.0 ** np.arange(3, -1, -1), np.array([1.1, 1.05, 1.0, 0.01]), 1 / 16)
+    assert not vanishes(exponent, error)
 
 
 def test_small_jumps_are_events_only_if_asked_for(sliding):
@@ -278,13 +278,13 @@ def test_unsuitable_packings_and_laws_are_refused():
         (ss.packings.from_arrays([[0, 0], [2, 2]], [0.5, 0.5], LINEAR, cell=[4, 4], dim=2), LINEAR, "without contacts"),
         (state._replace(control=state.control._replace(gravity=np.array([0.0, -1.0, 0.0]))), LINEAR, "loads"),
     ]
-    for bad, law, words in wrong:
-        with pytest.raises(ValueError, match=words) as error:
+    for bad, law, message in wrong:
+        with pytest.raises(ValueError, match=message) as error:
             ss.protocols.find_events(bad, law, **options)
         assert "\n" not in str(error.value)
 
 
 def test_the_same_search_twice_gives_the_same_numbers(sliding):
     again = search(LINEAR, 3, 0.006)
-    for one, other in zip(again.events, sliding.events, strict=True):
-        np.testing.assert_equal(one._asdict(), other._asdict())
+    for event, other in zip(again.events, sliding.events, strict=True):
+        np.testing.assert_equal(event._asdict(), other._asdict())

@@ -56,13 +56,13 @@ def test_the_spectrum_is_that_of_the_packing_without_translations():
     state, law = sheared(LAWS["smooth"], 2), LAWS["smooth"]
     everything = np.sort(ss.spectrum(state, law, modes=False).eigenvalues.real)
     response = Response(state, law)
-    found = response.eigenvalues.real.tolist()
+    values = response.eigenvalues.real.tolist()
     for value in everything[np.abs(everything) > 1e-9]:
-        found.remove(min(found, key=lambda x, value=value: abs(x - value)))
+        values.remove(min(values, key=lambda x, value=value: abs(x - value)))
     assert len(everything) == len(response.eigenvalues)
-    assert len(found) == 2 and found[0] == pytest.approx(found[1]) and found[0] > 0.1  # translations are lifted
+    assert len(values) == 2 and values[0] == pytest.approx(values[1]) and values[0] > 0.1  # translations are lifted
     np.testing.assert_allclose(
-        np.sort(np.setdiff1d(response.eigenvalues.real, found)), everything[np.abs(everything) > 1e-9], rtol=1e-8
+        np.sort(np.setdiff1d(response.eigenvalues.real, values)), everything[np.abs(everything) > 1e-9], rtol=1e-8
     )
 
 

@@ -32,8 +32,8 @@ def unstable():
 def test_npz_keeps_state_motion_and_law(make, tmp_path):
     state = make()
     assert ss.io.write_packing(tmp_path / "p.npz", state, SHARP) == []
-    back, law, words = ss.io.read_packing(tmp_path / "p.npz")
-    assert not words
+    back, law, notes = ss.io.read_packing(tmp_path / "p.npz")
+    assert not notes
     assert np.array_equal(law.table, SHARP.table)
     assert law[:2] == SHARP[:2]
     assert law.damping == SHARP.damping

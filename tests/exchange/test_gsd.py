@@ -20,8 +20,8 @@ from .packings import SHARP, assert_same, disks, spheres, walled
 def test_our_own_file_is_read_to_the_last_bit(make, tmp_path):
     state, law = make()
     ss.io.write_packing(tmp_path / "p.gsd", state, law)
-    back, its_law, words = ss.io.read_packing(tmp_path / "p.gsd")
-    assert not words
+    back, its_law, notes = ss.io.read_packing(tmp_path / "p.gsd")
+    assert not notes
     assert_same(state, back)
     assert its_law[:2] == law[:2]
     assert its_law.damping == law.damping
@@ -89,8 +89,8 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
         frame = ours[0]
         frame.log.clear()
         file.append(frame)
-    back, _, words = ss.io.read_packing(tmp_path / "f.gsd", law="linear")
-    assert any("was not written by stickslip" in word for word in words)
+    back, _, notes = ss.io.read_packing(tmp_path / "f.gsd", law="linear")
+    assert any("was not written by stickslip" in word for word in notes)
     shift = back.grains.position - state.grains.position
     shift -= shift[0]
     np.testing.assert_allclose(shift - np.round(shift / 5.7) * [5.7, 5.7, 0], 0, atol=1e-5)
@@ -98,8 +98,8 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
         np.testing.assert_allclose(getattr(back.grains, name), getattr(state.grains, name), rtol=1e-5, atol=1e-9)
     assert back.cell.dim == 2
     assert not back.contacts.slip.any()
-    _, _, words = ss.io.read_packing(tmp_path / "f.gsd")
-    assert any("no contact law" in word for word in words)
+    _, _, notes = ss.io.read_packing(tmp_path / "f.gsd")
+    assert any("no contact law" in word for word in notes)
 
 
 def test_spins_of_turned_grains_are_read(tmp_path):

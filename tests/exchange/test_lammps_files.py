@@ -106,13 +106,13 @@ def test_positions_in_all_their_columns(kind, tmp_path):
     rows = np.hstack([n, *chosen, 2 * g.radius[:, None], g.mass[:, None]])
     order = np.random.default_rng(0).permutation(64)
     dump(tmp_path / "g.dump", state, columns=f"id {kind} diameter mass", rows=rows, order=order)
-    again, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
+    again, _, notes = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(again.cell.vectors, state.cell.vectors, atol=1e-14)
     known = "u" in kind or "ix" in kind
     expected = g.position if known else wrapped @ state.cell.vectors
     np.testing.assert_allclose(again.grains.position, expected, atol=1e-13)
     np.testing.assert_allclose(again.grains.radius, g.radius, rtol=1e-15)
-    assert any("without memory" in word for word in words)
+    assert any("without memory" in word for word in notes)
 
 
 def test_a_general_triclinic_box(tmp_path):
@@ -123,9 +123,9 @@ def test_a_general_triclinic_box(tmp_path):
     assert table.vectors.tolist() == [[0, 5, 0], [-6, 0, 0], [0, 0, 7]]
     assert table.corner.tolist() == [-1, -2, -3]
     assert table.periodic.tolist() == [True, False, True]
-    state, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
+    state, _, notes = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     assert state.cell.periodic.tolist() == [True, False, True]
-    assert any("the box is open along y: the file contains no walls" in word for word in words)
+    assert any("the box is open along y: the file contains no walls" in word for word in notes)
 
 
 def test_time_steps_are_chosen_and_said(tmp_path):
@@ -133,13 +133,13 @@ def test_time_steps_are_chosen_and_said(tmp_path):
     for step in (0, 10, 20):
         rows = np.column_stack([np.arange(1, 65), state.grains.position + step, state.grains.radius])
         dump(tmp_path / "g.dump", state, columns="id xu yu zu radius", rows=rows, step=step)
-    last, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
+    last, _, notes = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(last.grains.position, state.grains.position + 20)
-    assert any("has 3 time steps: the last, 20, is used" in word for word in words)
-    assert any("those of grains of density 1 are assumed" in word for word in words)
-    chosen, _, words = ss.io.read_packing(tmp_path / "g.dump", frame="10", **GIVEN)
+    assert any("has 3 time steps: the last, 20, is used" in word for word in notes)
+    assert any("those of grains of density 1 are assumed" in word for word in notes)
+    chosen, _, notes = ss.io.read_packing(tmp_path / "g.dump", frame="10", **GIVEN)
     np.testing.assert_allclose(chosen.grains.position, state.grains.position + 10)
-    assert not any("time steps" in word for word in words)
+    assert not any("time steps" in word for word in notes)
     assert len(ss.io.read_packings(tmp_path / "g.dump", **GIVEN)) == 3
     with pytest.raises(ss.packings.PackingError, match="no time step 7: it has 0, 10, 20"):
         ss.io.read_packing(tmp_path / "g.dump", frame="7", **GIVEN)
@@ -148,9 +148,9 @@ def test_time_steps_are_chosen_and_said(tmp_path):
 def test_flat_packings_are_two_dimensional(tmp_path):
     state = disks(motion=False)
     ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    again, _, words = back(tmp_path / "p.data", i0=0.5)
+    again, _, notes = back(tmp_path / "p.data", i0=0.5)
     assert again.cell.dim == 2
-    assert any("two-dimensional" in word for word in words)
+    assert any("two-dimensional" in word for word in notes)
     assert np.array_equal(again.grains.inertia, 0.5 * again.grains.mass * again.grains.radius**2)
 
 
@@ -223,10 +223,10 @@ def test_other_styles_are_not_taken_for_spheres(style, named, tmp_path):
 def test_spheres_without_a_style_are_asked_for_or_said(tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / "p.data", "Atoms # sphere", "Atoms")
-    state, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5)  # radii that are no whole numbers
-    assert "the section Atoms names no style: sphere is assumed" in words
-    asked, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="sphere")
-    assert not [line for line in words if "sphere" in line]
+    state, _, notes = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5)  # radii that are no whole numbers
+    assert "the section Atoms names no style: sphere is assumed" in notes
+    asked, _, notes = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="sphere")
+    assert not [line for line in notes if "sphere" in line]
     assert (asked.grains.radius == state.grains.radius).all()
     with pytest.raises(ss.packings.PackingError, match=r"atoms of style full with 10 columns .* diameter and density"):
         ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="full")
@@ -297,14 +297,14 @@ def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
 def test_what_was_assumed_travels_with_the_file(tmp_path, to):
     """A law that nobody has given is still a guess in the files that are made from the packing."""
     np.savez(tmp_path / "pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
-    _, words = convert(tmp_path / "pair.npz", tmp_path / to)
+    _, notes = convert(tmp_path / "pair.npz", tmp_path / to)
     law = "hertz_mindlin, smooth Coulomb, kn = 1, kt = 0.285714, mu = 10"
     said = f"no contact law was given: the defaults are assumed ({law})"
-    assert said in words
+    assert said in notes
     for again in (to, f"y{to[1:]}"):
         assert said in ss.io.read_packing(tmp_path / again)[2]
         if again == to:
             convert(tmp_path / to, tmp_path / f"y{to[1:]}")
-    assert not any("assumed" in one for one in ss.io.read_packing(tmp_path / to, kn=2.0)[2])
+    assert not any("assumed" in note for note in ss.io.read_packing(tmp_path / to, kn=2.0)[2])
     convert(tmp_path / to, tmp_path / f"z{to[1:]}", kn=2.0)
-    assert not any("assumed" in one for one in ss.io.read_packing(tmp_path / f"z{to[1:]}")[2])
+    assert not any("assumed" in note for note in ss.io.read_packing(tmp_path / f"z{to[1:]}")[2])

@@ -59,9 +59,9 @@ def cases(tmp_path_factory):
     return folder
 
 
-def answer(capsys, *words):
+def answer(capsys, *arguments):
     """Exit code and output of the command line."""
-    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, arguments)]
     try:
         with pytest.raises(SystemExit) as end:
             main()
@@ -168,10 +168,10 @@ def test_columns_of_contacts_are_found_by_their_contents(grains, contacts, law, 
     theirs = ss.measure.touching(known.state)
     theirs = theirs[known.state.contacts.j[theirs] < n]
     assert len(rows) == len(theirs) > 30
-    mine, other = (one.contacts.slip[r] for one, r in ((state, rows), (known.state, theirs)))
+    mine, other = (packing.contacts.slip[r] for packing, r in ((state, rows), (known.state, theirs)))
     first, last = (
-        np.lexsort((np.round(one.contacts.slip[r][:, 0], 9), one.contacts.j[r], one.contacts.i[r]))
-        for one, r in ((state, rows), (known.state, theirs))
+        np.lexsort((np.round(packing.contacts.slip[r][:, 0], 9), packing.contacts.j[r], packing.contacts.i[r]))
+        for packing, r in ((state, rows), (known.state, theirs))
     )
     miss = mine[first] - other[last]
     assert np.abs(miss).max() < 1e-6 * np.abs(other).max()
@@ -291,7 +291,7 @@ def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
             assert its.damping == law.damping
         np.testing.assert_allclose(its.table[0, :3], law.table[0, [0, 0, 1]], rtol=1e-15)
         np.testing.assert_allclose(again.walls.normal, state.walls.normal, atol=1e-15)
-        heights = [np.einsum("wk,wk->w", one.walls.point, one.walls.normal) for one in (again, state)]
+        heights = [np.einsum("wk,wk->w", packing.walls.point, packing.walls.normal) for packing in (again, state)]
         np.testing.assert_allclose(*heights, atol=1e-15)
         np.testing.assert_allclose(again.control.gravity, state.control.gravity, atol=1e-17)
 
@@ -368,12 +368,12 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
     """LAMMPS exerts a force on the spheres of `granular_lammps` across the first gap, and none across the second."""
     state = granular_lammps.two_spheres(-gap)
     law = ss.laws.jkr(granular_lammps.KN, granular_lammps.KT, 0.5, work=granular_lammps.WORK)
-    one, none = np.zeros((1, 4)), np.zeros(0, int)
+    values, none = np.zeros((1, 4)), np.zeros(0, int)
     pair = np.array([0]), np.array([1]), np.zeros((1, 3))
     grains = state.grains
     memory = Restart(
         grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
-        np.zeros(2), *pair, none, none, np.zeros((0, 3)), one, np.zeros((0, 4)), np.arange(2),
+        np.zeros(2), *pair, none, none, np.zeros((0, 3)), values, np.zeros((0, 4)), np.arange(2),
     )  # fmt: skip
     assert len(ss.measure.touching(restore_memory(state, law, memory))) == holds
 
@@ -381,8 +381,8 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
 @pytest.mark.parametrize(("model", "make"), [("hooke", ss.laws.linear), ("hertz", ss.laws.hertz_mindlin_reff)])
 def test_tsuji_before_and_after_its_factor(model, make):
     tangential = "linear_history" if model == "hooke" else "mindlin"
-    words = f"{model} 2 0.7 tangential {tangential} 1 0.3 0.3 damping tsuji".split()
-    contact = contact_of("granular", words)[0]
+    arguments = f"{model} 2 0.7 tangential {tangential} 1 0.3 0.3 damping tsuji".split()
+    contact = contact_of("granular", arguments)[0]
     old, new = (law_of_contacts({(0, 0): of_release(contact, year)}, 1, 0)[0] for year in (2025, 2026))
     given = make(2.0, 1.0, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.3)
     ours = dashpot_coefficients(given)[0, 0]

@@ -24,12 +24,12 @@ def vtk_arrays(path) -> dict[str, np.ndarray]:
     body = body[body.index(b"_") + 1 :]
     values = {}
     for tag in re.findall(r"<DataArray (.*?)/>", head.decode()):
-        words = dict(re.findall(r'(\w+)="(.*?)"', tag))
-        start = int(words["offset"])
+        attributes = dict(re.findall(r'(\w+)="(.*?)"', tag))
+        start = int(attributes["offset"])
         size = int(np.frombuffer(body[start : start + 8], np.uint64)[0])
-        array = np.frombuffer(body[start + 8 : start + 8 + size], KINDS[words["type"]])
-        width = int(words["NumberOfComponents"])
-        values[words["Name"]] = array.reshape(-1, width) if width > 1 else array
+        array = np.frombuffer(body[start + 8 : start + 8 + size], KINDS[attributes["type"]])
+        width = int(attributes["NumberOfComponents"])
+        values[attributes["Name"]] = array.reshape(-1, width) if width > 1 else array
     return values
 
 

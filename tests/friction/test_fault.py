@@ -231,15 +231,15 @@ def test_slip_far_above_the_cut_off_of_the_direct_effect(v1):
 
 
 def test_a_state_of_another_fault_is_refused():
-    one, two = small(), small(b2=0.0, dc2=1.0)._replace(b2=np.full(50, 0.001), dc2=np.full(50, 5e-3))
-    for fault, other in ((one, two), (two, one)):
+    first, second = small(), small(b2=0.0, dc2=1.0)._replace(b2=np.full(50, 0.001), dc2=np.full(50, 5e-3))
+    for fault, other in ((first, second), (second, first)):
         with pytest.raises(ValueError, match=r"state variable.*, and the fault [12]: use one of this fault"):
             friction.simulate_fault(fault, 1.0, start=initial_state(other))
         with pytest.raises(ValueError, match=r"state variable.*, and the fault [12]: use one of this fault"):
             perturbed_state(fault, initial_state(other), 0.1)
-    broken = initial_state(two)._replace(log_state2=np.full(50, np.nan))
+    broken = initial_state(second)._replace(log_state2=np.full(50, np.nan))
     with pytest.raises(ValueError, match="log_state2 of the state is not an array of 50 finite numbers"):
-        friction.simulate_fault(two, 1.0, start=broken)
+        friction.simulate_fault(second, 1.0, start=broken)
 
 
 @pytest.mark.parametrize("change", [{"v1": 1e-8}, {"v2": 1e-7}, {"form": "regularized"}])
@@ -307,8 +307,8 @@ def integrated(fault, start, time):
                 break
         v = fault.v0 * np.exp(w[0])
         evolution = [
-            fault.v0 / dc * np.exp(-one) - v / dc if fault.law == "aging" else -v / dc * (w[0] + one)
-            for one, dc in ((s, fault.dc), (s2, fault.dc2))
+            fault.v0 / dc * np.exp(-state) - v / dc if fault.law == "aging" else -v / dc * (w[0] + state)
+            for state, dc in ((s, fault.dc), (s2, fault.dc2))
         ]
         return np.concatenate([v - fault.plate_rate, *evolution])
 
@@ -452,8 +452,8 @@ def test_a_continued_run_is_the_same_run(second):
     assert len(whole.events.start) > 0
     for name in ("time", "max_velocity", "slip", "stress", "theta", "theta2", "profile_time", "profile_slip"):
         assert np.array_equal(getattr(whole, name), getattr(single, name)), name
-    for one, other in zip((*whole.events, *whole.state), (*single.events, *single.state), strict=True):
-        assert np.array_equal(one, other)
+    for value, other in zip((*whole.events, *whole.state), (*single.events, *single.state), strict=True):
+        assert np.array_equal(value, other)
     assert whole.energy.loading == pytest.approx(single.energy.loading, rel=1e-12)
 
 

@@ -61,8 +61,8 @@ def test_files_of_the_platform_are_what_was_simulated(folder, result):
     h = result.history
     columns = np.loadtxt(folder / "fltst_dp015.txt", skiprows=lines.index("# Here is the time-series data.") + 1).T
     expected = h.time, h.slip[:, 1], np.log10(h.velocity[:, 1]), h.stress[:, 1] / 1e6, np.log10(h.theta[:, 1])
-    for found, true in zip(columns, expected, strict=True):
-        assert np.allclose(found, true, rtol=1e-6, atol=1e-12)
+    for column, true in zip(columns, expected, strict=True):
+        assert np.allclose(column, true, rtol=1e-6, atol=1e-12)
     lines = (folder / "devol.dat").read_text().splitlines()
     start = lines.index("# Here are the data")
     assert lines[start - 2 : start] == ["z", "t max_slip_rate slip"]

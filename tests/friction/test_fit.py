@@ -323,12 +323,12 @@ def test_jacobian_of_a_fit_by_richardson():
     task = Task([case], "slip", names, [{name: k for k, name in enumerate(names)}], fixed, 0.01)
     x = np.array([np.log(0.02), np.log(0.015), np.log(6e-3), 0.4, np.log(150.0), 0.1])
     for central, close in ((False, 1e-4), (True, 1e-6)):
-        found = jacobian(task, x, central=central)
+        slopes = jacobian(task, x, central=central)
         for k in range(6):
             e = np.eye(6)[k]
             steps = [(residual(task, x + h * e) - residual(task, x - h * e)) / (2 * h) for h in (2e-3, 1e-3)]
             exact = (4 * steps[1] - steps[0]) / 3
-            assert np.abs(found[:, k] - exact).max() < close * np.abs(exact).max(), names[k]
+            assert np.abs(slopes[:, k] - exact).max() < close * np.abs(exact).max(), names[k]
 
 
 def test_noise_is_recognised_and_whitened():

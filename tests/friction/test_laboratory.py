@@ -66,8 +66,8 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
     h = spring_slider(rs, Spring(1e4), legs, times=times)
     record = LabRecord(h.time, h.friction, h.load_point, np.full(len(times), 5e6), h.slip, h.velocity, h.theta)
     again = read_csv(write_csv(tmp_path / "a.csv", record, ("made by a test",)))
-    for one, other in zip(record, again, strict=True):
-        assert np.allclose(one, other, rtol=1e-11, atol=0)
+    for column, other in zip(record, again, strict=True):
+        assert np.allclose(column, other, rtol=1e-11, atol=0)
     lab = record_data(again, normal=True)
     assert [leg.velocity for leg in lab.legs] == pytest.approx([1e-6, 1e-5, 1e-6])
     best = fit(lab, law="aging", fixed={"stiffness": 1e4})

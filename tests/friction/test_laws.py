@@ -41,10 +41,10 @@ def test_scalars_are_the_formulas_and_their_derivatives(rs):
         states = [rs.dc / rs.v0 * np.exp(s), rs.dc2 / rs.v0 * np.exp(s2)]
         mu = scalars(rs, w, s, s2)
         assert mu == pytest.approx(float(closed.friction_of(rs, rs.v0 * np.exp(w), *states)), rel=1e-13)
-        found = scalars(rs, w, s, s2, laws.slopes)
+        slopes = scalars(rs, w, s, s2, laws.slopes)
         point, axes = np.array([w, s, s2]), d * np.eye(3)
         values = [scalars(rs, *(point + e)) - scalars(rs, *(point - e)) for e in axes]
-        assert np.allclose(found, np.array(values) / (2 * d), rtol=0, atol=1e-10)  # third derivatives times d²/6
+        assert np.allclose(slopes, np.array(values) / (2 * d), rtol=0, atol=1e-10)  # third derivatives times d²/6
         ways = [scalars(rs, *(point + e), laws.slopes) - scalars(rs, *(point - e), laws.slopes) for e in axes]
         hessian = np.array(ways) / (2 * d)
         assert np.allclose(scalars(rs, w, s, s2, laws.curvatures), hessian[np.triu_indices(3)], rtol=0, atol=1e-10)
@@ -55,13 +55,13 @@ def test_scalars_are_the_formulas_and_their_derivatives(rs):
 def test_the_jacobian_of_the_slider_is_that_of_its_rates(rs, law, damping):
     slider, d = slider_of(rs._replace(law=law), Spring(300.0, damping)), 1e-5
     for point in np.random.default_rng(1).uniform(-2, 2, (10, 3)):
-        found = rates(slider, point, 2e-6, 1.3)[1]
+        exact = rates(slider, point, 2e-6, 1.3)[1]
         columns = [rates(slider, point + e, 2e-6, 1.3)[0] - rates(slider, point - e, 2e-6, 1.3)[0]
                    for e in d * np.eye(3)]  # fmt: skip
         by_differences = np.array(columns).T / (2 * d)
         if rs.b2 == 0:
             by_differences[0, 2] = 0.0  # the second state is not part of the system
-        assert np.allclose(found, by_differences, rtol=1e-6, atol=1e-8 * np.abs(found).max())
+        assert np.allclose(exact, by_differences, rtol=1e-6, atol=1e-8 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("law", laws.EVOLUTIONS)
@@ -100,10 +100,10 @@ def test_limits_are_the_usual_law():
         "no second state": rs._replace(dc2=3e-5),
         "halves": rs._replace(b=0.0075, b2=0.0075, dc2=rs.dc),
     }
-    for words, other in same.items():
+    for limit, other in same.items():
         h = spring_slider(other, spring, legs)
-        assert np.allclose(h.friction, usual.friction, rtol=1e-8, atol=0), words
-        assert np.allclose(np.log(h.velocity), np.log(usual.velocity), rtol=0, atol=1e-6), words
+        assert np.allclose(h.friction, usual.friction, rtol=1e-8, atol=0), limit
+        assert np.allclose(np.log(h.velocity), np.log(usual.velocity), rtol=0, atol=1e-6), limit
     far = spring_slider(rs._replace(v1=1e-5, v2=1e-5), spring, legs)
     assert np.abs(far.friction - usual.friction).max() > 1e-3
 

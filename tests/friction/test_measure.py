@@ -18,11 +18,11 @@ def memory(seed, number, rho):
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_the_error_of_a_mean_is_that_of_repetitions(rho):
     values = [steady_mean(memory(seed, 2000, rho)) for seed in range(200)]
-    scatter = np.std([one.mean for one in values])
+    scatter = np.std([level.mean for level in values])
     # 200 repetitions tell a standard deviation to 5 %; the estimate is some per cent low for slow noise
-    assert np.mean([one.error for one in values]) == pytest.approx(scatter, rel=0.2)
-    assert np.mean([one.effective for one in values]) == pytest.approx(2000 * (1 - rho) / (1 + rho), rel=0.25)
-    assert np.mean([abs(one.mean) < 1.96 * one.error for one in values]) > 0.88
+    assert np.mean([level.error for level in values]) == pytest.approx(scatter, rel=0.2)
+    assert np.mean([level.effective for level in values]) == pytest.approx(2000 * (1 - rho) / (1 + rho), rel=0.25)
+    assert np.mean([abs(level.mean) < 1.96 * level.error for level in values]) > 0.88
 
 
 def test_a_constant_has_no_error():

@@ -35,8 +35,8 @@ def record(seed, rho=0.0, number=160):
     return Data(time, friction + noise(seed, number, rho), velocity=velocity)
 
 
-def ends(found, name):
-    return np.array(found.percentiles[name])[[0, -1]]
+def ends(sampled, name):
+    return np.array(sampled.percentiles[name])[[0, -1]]
 
 
 def test_the_level_alone_has_students_distribution():
@@ -103,8 +103,8 @@ def test_percentiles_hold_the_truth_as_often_as_intervals(rho):
     """150 records, four parameters: both methods within the resolution of 95 %, and nearly the same records."""
     hits, total = _coverage(150, rho)
     records = total / 4
-    for words, count in hits.items():
-        assert binom.ppf(1e-3, records, 0.92) <= count / 4 <= binom.ppf(1 - 1e-3, records, 0.97), (words, count)
+    for method, count in hits.items():
+        assert binom.ppf(1e-3, records, 0.92) <= count / 4 <= binom.ppf(1 - 1e-3, records, 0.97), (method, count)
     assert abs(hits["posterior"] - hits["interval"]) < 0.02 * total
 
 
@@ -117,15 +117,15 @@ def test_percentiles_hold_the_truth_in_a_few_records():
 
 def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
     data = record(7)
-    one, same, other = (posterior(data, law="slip", seed=seed) for seed in (0, 0, 1))
-    assert np.array_equal(one.draws, same.draws)
-    assert not np.array_equal(one.draws[:10], other.draws[:10])
-    for k, name in enumerate(one.names):
-        share = np.mean(one.draws[:, k] < one.percentiles[name][1])
+    sampled, same, other = (posterior(data, law="slip", seed=seed) for seed in (0, 0, 1))
+    assert np.array_equal(sampled.draws, same.draws)
+    assert not np.array_equal(sampled.draws[:10], other.draws[:10])
+    for k, name in enumerate(sampled.names):
+        share = np.mean(sampled.draws[:, k] < sampled.percentiles[name][1])
         assert share == pytest.approx(0.16, abs=0.03)
     tables = {"experiment": "rate-state", "legs": [{"velocity": 1e-6, "distance": 1e-4}]}
-    chosen = sweep(**tables, sweep={"draws": one.columns, "surface.dc": {"column": "dc"}})
-    assert next(members(chosen)).values["surface.dc"] == one.columns["dc"][0]
+    chosen = sweep(**tables, sweep={"draws": sampled.columns, "surface.dc": {"column": "dc"}})
+    assert next(members(chosen)).values["surface.dc"] == sampled.columns["dc"][0]
 
 
 @pytest.mark.parametrize(

@@ -48,13 +48,13 @@ def test_noise_alone_is_no_trend(tmp_path, lab):
 
 
 def test_every_record_has_a_trend_of_its_own(lab):
-    one = fit_report.record_data(lab)
-    two = one._replace(friction=one.friction + TREND * np.interp(one.time, one.time, lab.load_point))
-    solution = solve_fit([one, two], law="slip", fixed={"stiffness": STIFFNESS})
+    first = fit_report.record_data(lab)
+    second = first._replace(friction=first.friction + TREND * np.interp(first.time, first.time, lab.load_point))
+    solution = solve_fit([first, second], law="slip", fixed={"stiffness": STIFFNESS})
     gain = trend_gain(solution)
     assert gain.helps
     assert gain.trends == pytest.approx([0.0, TREND], abs=0.3)  # the errors of single fits are 0.1/m
-    refitted = fit([one, two], law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",))
+    refitted = fit([first, second], law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",))
     assert gain.trends == pytest.approx([refitted.values["trend[1]"], refitted.values["trend[2]"]], abs=0.05)
 
 

@@ -92,8 +92,8 @@ def test_a_hold_by_the_slip_law_where_a_is_nearly_b():
         rate = (a - b) / (a * dc)
         y = stiffness / (a * dc) * (slip / rate - (1 - (-rate * slip).exp()) / rate**2)
         expected = float(-(stiffness * slip + b * y) / a)
-    found = float(np.log(closed.slip_law_hold(rs, k, v, x) / v))
-    assert found == pytest.approx(expected, rel=1e-11)  # the series that stands in there is good to 1e-18
+    computed = float(np.log(closed.slip_law_hold(rs, k, v, x) / v))
+    assert computed == pytest.approx(expected, rel=1e-11)  # the series that stands in there is good to 1e-18
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -103,11 +103,11 @@ def test_slopes_by_finite_differences(law, damping):
     d = 1e-5  # error of central differences: d²/6 of the rates' third derivative, and 1e-16/d of the rates
     for w, s in np.random.default_rng(0).uniform(-4, 4, (20, 2)):
         place = np.array([w, s, 0.0])
-        now, found = rates(slider, place, 0.03, 1.3)
+        now, exact = rates(slider, place, 0.03, 1.3)
         columns = [(rates(slider, place + e, 0.03, 1.3)[0] - rates(slider, place - e, 0.03, 1.3)[0]) / (2 * d)
                    for e in d * np.eye(3)[:2]]  # fmt: skip
-        size = np.abs(found).max() + np.abs(now).max()
-        assert np.allclose(found[:2, :2], np.array(columns).T[:2], rtol=1e-7, atol=1e-9 * size)
+        size = np.abs(exact).max() + np.abs(now).max()
+        assert np.allclose(exact[:2, :2], np.array(columns).T[:2], rtol=1e-7, atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -49,8 +49,8 @@ def call(tmp_path, monkeypatch, capsys):
         (tmp_path / f"{seed}.toml").write_text(SLIDER.format(seed=seed))
     (tmp_path / "many.toml").write_text(SWEEP)
 
-    def called(*words):
-        monkeypatch.setattr(sys, "argv", ["stickslip", *words])
+    def called(*arguments):
+        monkeypatch.setattr(sys, "argv", ["stickslip", *arguments])
         with pytest.raises(SystemExit) as caught:
             main()
         said = capsys.readouterr()
@@ -198,8 +198,8 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
 def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
     """Papers run several scenarios in one folder, whose digests are in any order; `resume` goes on with the first."""
     ones = [ss.scenario(experiment="rate-state", seed=seed) for seed in seeds]
-    for one in ones:
-        kept = checkpoint_in(tmp_path, one)
+    for chosen in ones:
+        kept = checkpoint_in(tmp_path, chosen)
         kept.of("some").save("piece", 1.0)
         assert kept.if_visible() is not None
     if older:  # version 0.1
@@ -398,8 +398,8 @@ def test_results_that_wait_for_their_place_replace_nothing_of_others(call, tmp_p
     (waiting / "manifest.json").write_bytes((tmp_path / "out" / "manifest.json").read_bytes())
     (tmp_path / "out" / "series.csv").write_text("mine")
     (tmp_path / "out" / "events.csv").write_text("mine")
-    for words in (("run", "1.toml", "--out", "out"), ("resume", "out")):
-        call(*words)
+    for arguments in (("run", "1.toml", "--out", "out"), ("resume", "out")):
+        call(*arguments)
         assert (tmp_path / "out" / "series.csv").read_text() == (tmp_path / "out" / "events.csv").read_text() == "mine"
 
 

@@ -108,8 +108,8 @@ def test_a_device_is_not_read(tmp_path):
         with pytest.raises(ValueError, match=r"a device or a pipe|is not a file|does not exist"):
             call()
     os.mkfifo(pipe := tmp_path / "fifo")
-    for words in (["fit", "/dev/random"], ["fit", pipe], ["run", pipe, "--out", "out"], ["cite", pipe]):
-        call = [sys.executable, "-m", "stickslip", *map(str, words)]
+    for arguments in (["fit", "/dev/random"], ["fit", pipe], ["run", pipe, "--out", "out"], ["cite", pipe]):
+        call = [sys.executable, "-m", "stickslip", *map(str, arguments)]
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=30)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert "is a device or a pipe, which may never end" in done.stderr

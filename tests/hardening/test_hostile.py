@@ -110,9 +110,9 @@ def test_nothing_else_is_run_in_the_folder_of_a_sweep(here, monkeypatch):
     assert stickslip_here("run", "b.toml", "--out", "out", cwd=here).returncode == 0
     before = listing(here)
     monkeypatch.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", lambda **_: pytest.fail("it runs"))
-    for words in (["reproduce", "quasi-rigid", "--quick"], ["run", "0.toml"]):
+    for arguments in (["reproduce", "quasi-rigid", "--quick"], ["run", "0.toml"]):
         for more in ([], ["--overwrite"]):
-            run = stickslip_here(*words, "--out", "out", *more, cwd=here)
+            run = stickslip_here(*arguments, "--out", "out", *more, cwd=here)
             assert (run.returncode, run.stderr.count("\n")) == (2, 1)
             assert "out contains the results of a sweep: choose another --out" in run.stderr
             assert listing(here) == before

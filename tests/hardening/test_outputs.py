@@ -25,12 +25,12 @@ def contents(folder):
     return {path.name: os.readlink(path) if path.is_symlink() else path.read_bytes() for path in folder.iterdir()}
 
 
-def refused(words, *call, cwd):
+def refused(message, *call, cwd):
     before = contents(cwd)
     run = stickslip_here(*call, cwd=cwd)
     assert run.returncode == 2, run.stdout
     assert run.stderr.count("\n") == 1
-    assert words in run.stderr
+    assert message in run.stderr
     assert contents(cwd) == before
 
 
@@ -128,8 +128,8 @@ def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind
 def test_in_the_folder_of_a_run_its_own_page_is_replaced_and_no_other(here):
     (here / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
     assert stickslip_here("run", "s.toml", "--out", "out", cwd=here).returncode == 0
-    for words in ((), (), ("--out", "out/report.html")):
-        assert stickslip_here("report", "out", *words, cwd=here).returncode == 0
+    for arguments in ((), (), ("--out", "out/report.html")):
+        assert stickslip_here("report", "out", *arguments, cwd=here).returncode == 0
     (here / "out" / "report.html").write_text("mine")
     run = stickslip_here("report", "out", cwd=here)
     assert (run.returncode, "was not written by stickslip" in run.stderr) == (2, True)

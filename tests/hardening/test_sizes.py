@@ -139,14 +139,14 @@ def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocat
             for place in numbers(tables, kind):
                 for value in values:
                     try:
-                        one = scenario(**with_number(tables, place, value))
+                        chosen = scenario(**with_number(tables, place, value))
                     except ScenarioError as problem:
                         refused += 1
                         assert "\n" not in str(problem), (place, value)
                         assert len(str(problem)) < 1000, (place, value)
                     else:
                         taken += 1
-                        assert all(size.number <= LIMITS[size.kind] for size in one.sizes()), (place, value)
+                        assert all(size.number <= LIMITS[size.kind] for size in chosen.sizes()), (place, value)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 100e6  # the largest fault that is allowed takes 8 MB for each of its properties

@@ -42,11 +42,11 @@ def data_file(folder):
     return (folder / "p.data").read_text()
 
 
-def refused(words, *more, cwd=None):
+def refused(message, *more, cwd=None):
     run = stickslip_here(*more, cwd=cwd)
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
-    assert words in run.stderr
+    assert message in run.stderr
     assert "Exceeds the limit" not in run.stderr
     assert len(run.stderr) < 400
 
@@ -196,7 +196,7 @@ def test_what_is_quoted_is_shortened_and_the_remedy_stays():
 
 def test_the_command_line_keeps_the_remedy(tmp_path):
     path = saved(tmp_path / "a.toml", f'experiment = "{"z" * 2000}"\n' + SLIDER.replace("experiment", "x"))
-    for words in (["run", path, "--out", "o"], ["cite", tmp_path / ("q" * 100) / ("q" * 100) / ("q" * 100)]):
-        run = stickslip_here(*words, cwd=tmp_path)
+    for arguments in (["run", path, "--out", "o"], ["cite", tmp_path / ("q" * 100) / ("q" * 100) / ("q" * 100)]):
+        run = stickslip_here(*arguments, cwd=tmp_path)
         assert run.returncode == 2
         assert len(run.stderr) <= LONGEST + len("stickslip: \n")

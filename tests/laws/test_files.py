@@ -166,9 +166,9 @@ def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
     text = " ".join(said.stdout.split())
     assert "law: cohesive_law, sharp Coulomb, kn = 1, kt = 0.2857, mu = 0.3, tension = 0.0001" in text
     assert "not in equilibrium" in text  # which the bridges have disturbed
-    found = stickslip_here("stability", "packing.npz", "--json", "--law", law, cwd=tmp_path)
+    ours = stickslip_here("stability", "packing.npz", "--json", "--law", law, cwd=tmp_path)
     theirs = stickslip_here("stability", "packing.npz", "--json", cwd=tmp_path)
-    pairs = [json.loads(one.stdout) for one in (found, theirs)]
+    pairs = [json.loads(run.stdout) for run in (ours, theirs)]
     assert pairs[0]["contacts"] >= pairs[1]["contacts"] and pairs[1]["stable"]
     assert pairs[0]["residual"] > 1e-4 > 1e-9 > pairs[1]["residual"]
 
@@ -179,7 +179,7 @@ def test_the_command_line_lets_a_packing_settle_under_another_law():
     said = stickslip_here("stability", EXAMPLES / "sheared_spheres.npz", *law, "--settle", "--json")
     answer = json.loads(said.stdout)
     assert answer["residual"] < 1e-9
-    assert any(words.startswith("settled: ") for words in answer["notes"])
+    assert any(note.startswith("settled: ") for note in answer["notes"])
 
 
 def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
@@ -220,8 +220,8 @@ def test_parameters_of_a_file_are_swept_by_name(folder):
     data = ss.io.open_dataset(folder / "out")
     assert data["law.parameters.mu_r"].values.tolist() == [0.0, 0.3] and data["finished"].values.all()
     toml.write_text(FLOW + '[sweep]\nmode = "sample"\nnumber = 3\n"law.parameters.mu_r" = {uniform = [0.0, 0.3]}\n')
-    values = [one.scenario.law.parameters["mu_r"] for one in sweep_members(ss.io.read_sweep(toml))]
-    assert len(set(values)) == 3 and all(0 < one < 0.3 for one in values)
+    values = [member.scenario.law.parameters["mu_r"] for member in sweep_members(ss.io.read_sweep(toml))]
+    assert len(set(values)) == 3 and all(0 < value < 0.3 for value in values)
     toml.write_text(FLOW + '[sweep]\n"law.parameters.stiff" = [0.0, 0.3]\n')
     said = stickslip_here("run", toml, "--out", folder / "other", "--trust")
     assert said.returncode == 2 and "no parameter 'stiff': it has kn, kt, mu, mu_r" in said.stderr

@@ -59,12 +59,12 @@ def test_a_law_has_the_values_of_its_python_form(name):
         out |= {key: np.zeros((POINTS, 2)) for key in ("slopes", "cap_slopes")} | {"damping": np.zeros(POINTS)}
         core.law_values(law_struct(law), {key: at[key] for key in at} | out)
         values.append(out)
-    for key, found in values[0].items():
+    for key, computed in values[0].items():
         if key == "energy" and "normal_energy" not in find_user_law(laws[1].kind).functions:
             continue  # by quadrature
         expected = values[1][key]
         # differences of terms as large as the largest
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-13 * np.abs(expected).max(), err_msg=key)
+        np.testing.assert_allclose(computed, expected, rtol=1e-9, atol=1e-13 * np.abs(expected).max(), err_msg=key)
 
 
 @EVERY

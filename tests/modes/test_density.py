@@ -59,9 +59,9 @@ def test_participation_of_waves_grains_and_groups():
     state = chain(n)
     free = ss.freedom(state)
     place = np.arange(n)
-    one = np.zeros(n)
-    one[3] = 2.0
-    modes = np.stack([np.exp(2j * np.pi * 3 * place / n), np.cos(2 * np.pi * 3 * place / n), one], axis=1)
+    grain = np.zeros(n)
+    grain[3] = 2.0
+    modes = np.stack([np.exp(2j * np.pi * 3 * place / n), np.cos(2 * np.pi * 3 * place / n), grain], axis=1)
     np.testing.assert_allclose(ss.modes.participation_ratio(modes, free), [1, 2 / 3, 1 / n], rtol=1e-12)
     glued = state._replace(control=ss.control.rigid(state.control, [0, 1, 2, 3]))
     free = ss.freedom(glued)

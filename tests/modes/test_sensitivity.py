@@ -21,15 +21,16 @@ def between_two(state, i, j, **parameters):
     return state._replace(grains=state.grains._replace(material=material)), law
 
 
-def alone(state, found):
+def alone(state, sensitivity):
     """Changes of contacts whose two grains touch once, and which neither needs: no rattler is made."""
     rows = ss.measure.touching(state)
     pairs = [tuple(p) for p in zip(state.contacts.i[rows], state.contacts.j[rows], strict=True)]
     number = np.bincount(np.array(pairs).ravel(), minlength=state.n_bodies)
     return [
         k
-        for k in range(len(found.contact))
-        if pairs.count((found.i[k], found.j[k])) == 1 and min(number[found.i[k]], number[found.j[k]]) > 3
+        for k in range(len(sensitivity.contact))
+        if pairs.count((sensitivity.i[k], sensitivity.j[k])) == 1
+        and min(number[sensitivity.i[k]], number[sensitivity.j[k]]) > 3
     ]
 
 
@@ -56,13 +57,15 @@ def test_derivatives_add_up_and_are_those_of_differences(swinging):
         )
 
 
-def assert_twins_agree(state, found, chosen):
+def assert_twins_agree(state, sensitivity, chosen):
     """Each change against a packing whose contact has lost its stiffness, or slides at the Coulomb limit."""
     linear = linearise(state, LAW)
     for k in chosen:
-        row = found.contact[k]
-        if found.what[k] == "opens":
-            twin = ss.stability(*between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0), method="dense")
+        row = sensitivity.contact[k]
+        if sensitivity.what[k] == "opens":
+            twin = ss.stability(
+                *between_two(state, sensitivity.i[k], sensitivity.j[k], kn=1e-14, kt=0.0), method="dense"
+            )
         else:
             slip, mode = state.contacts.slip.copy(), state.contacts.mode.copy()
             limit = linear.mu[row] * linear.force_n[row] / linear.stiffness_t[row]
@@ -71,8 +74,8 @@ def assert_twins_agree(state, found, chosen):
             changed = state._replace(contacts=state.contacts._replace(slip=slip, mode=mode))
             twin = ss.stability(changed, LAW, method="dense")
         rates = np.concatenate([twin.growth_rate, np.sqrt(np.maximum(-twin.negative, 0))])
-        assert rates.max(initial=0.0) == pytest.approx(found.after[k], rel=1e-7, abs=1e-9)
-        assert found.turns[k] == (twin.grows == (found.verdict == "stable"))
+        assert rates.max(initial=0.0) == pytest.approx(sensitivity.after[k], rel=1e-7, abs=1e-9)
+        assert sensitivity.turns[k] == (twin.grows == (sensitivity.verdict == "stable"))
 
 
 def test_every_change_is_that_of_an_independent_twin(calm):

@@ -72,8 +72,8 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
 
 @pytest.mark.parametrize("name", ["density", "moduli", "sensitivity", "transient"])
 def test_examples_of_docstrings(name):
-    found = doctest.testmod(import_module(f"stickslip.solve.{name}"))
-    assert found.attempted and not found.failed
+    tried = doctest.testmod(import_module(f"stickslip.solve.{name}"))
+    assert tried.attempted and not tried.failed
 
 
 @pytest.mark.slow

@@ -21,11 +21,11 @@ def propagator(state, law, free, t):
     return expm(t * np.block([[np.zeros((n, n)), np.eye(n)], [-pull, drag]])), metric
 
 
-def energies(found, state, law):
+def energies(growth, state, law):
     """Energy at the start, and what the matrix exponential makes of it; and both ends in masses' units."""
-    root = np.sqrt(found.free.mass)
-    begin, end = (np.concatenate(part * root) for part in (found.start, found.end))
-    motion, metric = propagator(state, law, found.free, found.time)
+    root = np.sqrt(growth.free.mass)
+    begin, end = (np.concatenate(part * root) for part in (growth.start, growth.end))
+    motion, metric = propagator(state, law, growth.free, growth.time)
     np.testing.assert_allclose(motion @ begin, end, atol=1e-9 * np.abs(end).max())
     return begin @ metric @ begin, end @ metric @ end
 

@@ -102,14 +102,14 @@ def normal(state):
 @pytest.mark.parametrize("mu", [0.05, 10.0])
 def test_blocks_of_many_contacts_carry_slip_as_single_ones_do(law_name, coulomb, dim, mu):
     """Sixty pairs far apart go through vectorised blocks, one pair by rows."""
-    one, law = on_a_grain(dim, law_name), law_of(law_name, coulomb, mu)
-    position = np.concatenate([one.grains.position + np.array([20.0 * k, 0, 0]) for k in range(60)])
-    more = {name: np.tile(getattr(one.grains, name), (60, 1)) for name in ("velocity", "spin")}
-    force = np.tile(one.control.force, (60, 1))
+    single, law = on_a_grain(dim, law_name), law_of(law_name, coulomb, mu)
+    position = np.concatenate([single.grains.position + np.array([20.0 * k, 0, 0]) for k in range(60)])
+    more = {name: np.tile(getattr(single.grains, name), (60, 1)) for name in ("velocity", "spin")}
+    force = np.tile(single.control.force, (60, 1))
     control = ss.control.fixed(ss.control.loads(120, force=force), np.arange(0, 120, 2))
     many = ss.assembly(grains(dim, position, 0.5, **more), None, ss.box(dim=dim), control, skin=0.6)
     duration = {"hertz": 60.0, "linear": 19.2}[law_name]  # long enough for the contact to open
-    alone, _ = ended(one, law, duration / 600, duration, slice(1, 2))
+    alone, _ = ended(single, law, duration / 600, duration, slice(1, 2))
     crowd, _ = ended(many, law, duration / 600, duration, slice(1, 2))
     np.testing.assert_allclose(crowd, alone, atol=1e-11)  # six hundred steps of round-off
 

@@ -226,8 +226,8 @@ class Twin:
 
     def is_tied(self, key):
         """Whether a contact at the limit is within a rigid group, so that round-off decides if it slides."""
-        one, other = self.control.group[list(key[:2])]
-        return one == other >= 0 and self.memory[key].reached
+        own, other = self.control.group[list(key[:2])]
+        return own == other >= 0 and self.memory[key].reached
 
     def overlap(self, key):
         """Overlap of a pair at the present positions."""

@@ -331,13 +331,13 @@ def twin_after(name, dim, memory, control):
     return case, twin, sampled
 
 
-def same_bits(one, other):
+def same_bits(state, other):
     """Whether two states agree to the last bit, lists apart."""
-    for a, b in ((one.grains, other.grains), (one.walls, other.walls), (one.cell, other.cell)):
+    for a, b in ((state.grains, other.grains), (state.walls, other.walls), (state.cell, other.cell)):
         for name, mine, his in zip(a._fields, a, b, strict=True):
             assert np.array_equal(mine, his), name
-    assert one.time == other.time
-    mine, his = (Twin.read(s.contacts) for s in (one, other))
+    assert state.time == other.time
+    mine, his = (Twin.read(s.contacts) for s in (state, other))
     assert mine.keys() == his.keys()
     for key in mine:
         assert all(np.array_equal(x, y) for x, y in zip(mine[key], his[key], strict=True)), key

@@ -153,9 +153,9 @@ def in_own_units(name):
     return observed((BUILDERS | BY_VOLUME)[name](Units()), Units())
 
 
-def observed(found, u):
+def observed(built, u):
     """What a builder returned, in the units of the test: arrays, numbers and what else must be equal."""
-    state, numbers = found if not hasattr(found, "grains") else (found, [])
+    state, numbers = built if not hasattr(built, "grains") else (built, [])
     count, dim = int(state.contacts.count[0]), state.cell.dim
     cell = state.cell.vectors[:dim] / u.length if state.cell.periodic.any() else np.zeros(0)
     arrays = {
@@ -225,9 +225,9 @@ LAWS = {"jammed, R_eff": "hertz_mindlin_reff", "jammed disks": "linear", "jammed
 @example(Units(0.1, 1.0, 0.1**0.25))  # radii times 0.1 alone
 def test_any_units_change_forces_by_round_off(name, units):
     """Forces are differences of positions, whose round-off the way to equilibrium amplifies by some powers of ten."""
-    (one, cell), (other, same) = (
+    (own, cell), (other, same) = (
         mechanics((BUILDERS | BY_VOLUME)[name](u), u.law(LAWS.get(name, "hertz_mindlin")), u) for u in (Units(), units)
     )
-    assert other.keys() == one.keys()
+    assert other.keys() == own.keys()
     np.testing.assert_allclose(same, cell, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(list(other.values()), list(one.values()), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(list(other.values()), list(own.values()), rtol=0, atol=1e-9)

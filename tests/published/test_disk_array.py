@@ -59,8 +59,8 @@ main()
 """
 
 
-def stickslip(*words, cwd=None, code="from stickslip.cli import main; main()"):
-    return subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, cwd=cwd)
+def stickslip(*arguments, cwd=None, code="from stickslip.cli import main; main()"):
+    return subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +139,8 @@ def test_what_the_paper_states_is_quoted_as_published(claims):
     printed = {name for name, row in claims.items() if row["paper"] is not None and "@" not in name}
     assert printed == {row["id"] for row in rows} | derived
     for row in rows:
-        words = row["paper"].split()
-        value = row["paper"] == "true" if words[0] == "true" else [float(w) for w in words]
+        numbers = row["paper"].split()
+        value = row["paper"] == "true" if numbers[0] == "true" else [float(w) for w in numbers]
         paper = claims[row["id"]]["paper"]
         assert paper is value if isinstance(value, bool) else np.ravel(paper).tolist() == value, row["id"]
 

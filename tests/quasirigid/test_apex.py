@@ -52,22 +52,22 @@ def drawn(seed):
 def test_cells_are_disjoint_and_cover_the_plane(normal, along, sign):
     apex = single(np.eye(2), [0, 0])._replace(sign=np.array([sign]))
     velocity, now = np.array([[normal, along]]), np.zeros(1, int)
-    found = status_of_velocity(apex, velocity, now)[0]
+    status = status_of_velocity(apex, velocity, now)[0]
     if sign == 0 and normal > 0:
-        assert found == OPENS
+        assert status == OPENS
     elif sign >= 0 and 1.2 * normal + along > 0:
-        assert found == SLIDES
+        assert status == SLIDES
     elif sign <= 0 and 1.2 * normal - along > 0:
-        assert found == SLIDES_BACK
+        assert status == SLIDES_BACK
     else:
-        assert found == STICKS
+        assert status == STICKS
 
 
 def test_a_contact_in_a_stiff_surrounding_does_what_it_is_pushed_to():
     for load, status in (([-1, 0], STICKS), ([1, 0.3], OPENS), ([-0.1, 1], SLIDES), ([-0.1, -1], SLIDES_BACK)):
-        found, coherent = consistent_statuses(single(np.eye(2), load))
+        answer, coherent = consistent_statuses(single(np.eye(2), load))
         assert coherent
-        assert found.tolist() == [[status]]
+        assert answer.tolist() == [[status]]
 
 
 @given(st.integers(0, 100_000))
@@ -113,8 +113,8 @@ def test_without_stability_statuses_are_consistent_together_or_not_at_all():
 
 
 def test_too_many_choices_are_not_gone_through():
-    one = drawn(0)
-    many = one._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
+    case = drawn(0)
+    many = case._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
     with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 combinations .* at most 4096"):
         consistent_statuses(many)
 

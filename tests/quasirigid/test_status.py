@@ -194,12 +194,12 @@ def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
     m, pair, choice = verdicts[True, Verdict.SINGULAR]
     assert choice.ok
     assert choice.uniqueness.value < 1e-12
-    one, other = [c for c in (choice, *choice.others) if c.sliding[pair].sum() == 1]
-    assert not (one.sliding & other.sliding).any()
-    assert one.rate.max() == pytest.approx(other.rate.max())
-    here, there = (force_rates(m, c.sliding, c.velocity) for c in (one, other))
+    first, other = [c for c in (choice, *choice.others) if c.sliding[pair].sum() == 1]
+    assert not (first.sliding & other.sliding).any()
+    assert first.rate.max() == pytest.approx(other.rate.max())
+    here, there = (force_rates(m, c.sliding, c.velocity) for c in (first, other))
     np.testing.assert_allclose(here, there, atol=1e-9 * np.abs(here).max())
-    assert np.abs(one.velocity - other.velocity).max() > 0.1 * np.abs(one.velocity).max()
+    assert np.abs(first.velocity - other.velocity).max() > 0.1 * np.abs(first.velocity).max()
 
 
 def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
@@ -365,11 +365,11 @@ def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent(
         load = stiffness_matrix(m, slides) @ rng.normal(size=len(m.free))
         choice = contact_status(m, load, critical=critical)
         met.add(choice.verdict)
-        for one in [choice, *choice.others] if choice.ok else []:
-            normal, along = (m.c.T @ one.velocity).reshape(-1, 2).T[:, critical]
+        for status in [choice, *choice.others] if choice.ok else []:
+            normal, along = (m.c.T @ status.velocity).reshape(-1, 2).T[:, critical]
             rate = m.slope[critical] * normal + m.sign[critical] * along
-            slack = 1e-6 * np.abs(rate).max() + 1e-12 * np.abs(one.velocity).max()
-            assert (np.where(one.sliding[critical], rate, -rate) > -slack).all()
+            slack = 1e-6 * np.abs(rate).max() + 1e-12 * np.abs(status.velocity).max()
+            assert (np.where(status.sliding[critical], rate, -rate) > -slack).all()
     assert len(met) > 1
 
 

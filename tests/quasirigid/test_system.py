@@ -136,8 +136,8 @@ def test_pivoting_that_comes_back_gives_up():
     rng, ended = np.random.default_rng(0), []
     for _ in range(300):
         problem = Complementarity(rng.normal(size=(3, 3)), rng.normal(size=3))
-        found, pivots = principal_pivoting(problem)
-        ended.append((found is None, pivots))
+        solution, pivots = principal_pivoting(problem)
+        ended.append((solution is None, pivots))
     assert any(gone and pivots > 0 for gone, pivots in ended)
     assert max(pivots for _, pivots in ended) <= 8
 

@@ -139,11 +139,11 @@ def test_a_page_says_it_and_shows_no_mode(without, tmp_path):
 
 def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp_path, monkeypatch):
     file = without(*MEMORY)
-    for words, said in (
+    for arguments, said in (
         ([], SENTENCE),
         (["--settle"], "is stable or has no growing mode (the verdict is for the SETTLED"),
     ):
-        done = run("movie", file, *words, cwd=tmp_path)
+        done = run("movie", file, *arguments, cwd=tmp_path)
         assert done.returncode == 2 and said in done.stderr and not list(tmp_path.glob("*.gif"))
     assert run("stability", EXAMPLE, "--modes", tmp_path / "m.npz").returncode == 0
     labels = []
@@ -167,8 +167,8 @@ def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(tmp_path):
     moved = rest._replace(contacts=rest.contacts._replace(slip=0.5 * rest.contacts.slip))
     tree = {"law": law, "frames": {"0000": rest, "0001": moved._replace(time=1.0)}}
     archive.write(tmp_path / "run" / "results.h5", tree, scenario='{"experiment": "flow"}', version="9")
-    for words, modes, warned in ((["--frame", "0001"], 0, True), (["--frame", "0000"], 1, False), ([], 1, False)):
-        done = run("report", tmp_path / "run", *words)
+    for arguments, modes, warned in ((["--frame", "0001"], 0, True), (["--frame", "0000"], 1, False), ([], 1, False)):
+        done = run("report", tmp_path / "run", *arguments)
         assert done.returncode == 0, done.stderr
         shown = page(tmp_path / "run" / "report.html")
         assert len(view_of(shown)["modes"]) == modes

@@ -154,8 +154,8 @@ def test_the_movie_of_a_run_lasts_eight_seconds_and_shows_its_last_stage(tmp_pat
 
     monkeypatch.setattr("stickslip.figures.animation.movie", film)
     assert run("movie", tmp_path).returncode == run("movie", tmp_path, "--whole", "--overwrite").returncode == 0
-    for (times, fps, labels), start, words in zip(filmed, (2, 0), ("flow, time 2", "pour, time 0"), strict=True):
-        assert (len(times), fps, labels[0]) == (200, 25, words)
+    for (times, fps, labels), start, label in zip(filmed, (2, 0), ("flow, time 2", "pour, time 0"), strict=True):
+        assert (len(times), fps, labels[0]) == (200, 25, label)
         np.testing.assert_allclose(times, np.linspace(start, 4, 200), atol=1e-12)
 
 
@@ -308,7 +308,7 @@ def test_a_mode_is_drawn_as_ellipses_with_its_axes():
     u[0], u[1] = [2.0, 1j, 0], [0, 0.5, 0]
     figure = ss.figures.packing(state, SHARP, mode=(u, 0 * u, 0.1 - 1j))
     paths = [c.get_segments() for c in figure.axes[0].collections if isinstance(c, LineCollection)]
-    drawn = [path for found in paths for path in found if len(path) == 49]
+    drawn = [path for segments in paths for path in segments if len(path) == 49]
     assert len(drawn) == 2
     spans = np.ptp(drawn[0], axis=0)
     radius = state.grains.radius

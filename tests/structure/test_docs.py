@@ -35,8 +35,8 @@ def tables_of(kind):
     """A class of tables and all within it, each once."""
     results = [kind]
     for table in results:
-        inner = [one for field in table.model_fields.values() for one in tables_in(field.annotation)]
-        results += [one for one in dict.fromkeys(inner) if one not in results]
+        inner = [nested for field in table.model_fields.values() for nested in tables_in(field.annotation)]
+        results += [nested for nested in dict.fromkeys(inner) if nested not in results]
     return results
 
 
@@ -74,8 +74,8 @@ def test_the_overview_of_a_namespace_has_a_row_for_each_of_its_names(namespace):
 
 
 def test_functions_come_before_classes_and_constants():
-    found = API.names("packings")
-    assert found.index("jammed") < found.index("PackingError") < found.index("TOP")
+    names = API.names("packings")
+    assert names.index("jammed") < names.index("PackingError") < names.index("TOP")
     assert ":py:obj:`~stickslip.packings.jammed`" in API.page("packings")
 
 
@@ -246,10 +246,10 @@ def test_papers_have_their_authors_names():
     root = DOCS.parent
     texts = (root / "README.md", *PAGES, *(root / "examples").glob("*.*"), *(root / "src").rglob("*.py*"))
     numbered = [
-        f"{path.relative_to(root)}: {found}"
+        f"{path.relative_to(root)}: {number}"
         for path in texts
         if path.suffix in (".md", ".py", ".pyi", ".toml")
-        for found in re.findall(r"(?i)\bpapers?[ -]00\d", path.read_text(encoding="utf-8"))
+        for number in re.findall(r"(?i)\bpapers?[ -]00\d", path.read_text(encoding="utf-8"))
     ]
     assert not numbered
 

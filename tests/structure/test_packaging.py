@@ -31,8 +31,8 @@ def clean(**more):
     return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | more
 
 
-def called(*words, cwd, **env):
-    return subprocess.run([*map(str, words)], cwd=cwd, env=clean(**env), capture_output=True, text=True)
+def called(*arguments, cwd, **env):
+    return subprocess.run([*map(str, arguments)], cwd=cwd, env=clean(**env), capture_output=True, text=True)
 
 
 def interpreter(release):
@@ -158,8 +158,8 @@ def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alo
 
 @pytest.mark.slow
 def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
-    def stickslip(*words):
-        return called(installed / "stickslip", *words, cwd=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    def stickslip(*arguments):
+        return called(installed / "stickslip", *arguments, cwd=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
 
     run = stickslip("--version")
     assert (run.returncode, run.stdout) == (0, f"stickslip {built_version()}\n"), run.stderr
@@ -232,7 +232,7 @@ def test_the_address_of_the_repository_is_one_setting(tmp_path):
 
 def test_the_four_papers_can_be_cited():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())["references"]
-    assert [one["authors"][0]["family-names"] for one in cited] == ["Charan", "Bonfanti", "McNamara", "Ferdowsi"]
+    assert [entry["authors"][0]["family-names"] for entry in cited] == ["Charan", "Bonfanti", "McNamara", "Ferdowsi"]
 
 
 def test_the_changelog_has_a_screen_for_each_release_newest_first():
@@ -246,7 +246,8 @@ def test_the_changelog_has_a_screen_for_each_release_newest_first():
 def test_the_conda_recipe_has_the_dependencies_of_the_package():
     recipe = yaml.safe_load((ROOT / "release" / "conda" / "recipe.yaml").read_text())
     listed = {
-        words.replace(" ", "").replace("matplotlib-base", "matplotlib") for words in recipe["requirements"]["run"]
+        requirement.replace(" ", "").replace("matplotlib-base", "matplotlib")
+        for requirement in recipe["requirements"]["run"]
     }
     assert listed == {f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]}
 

@@ -31,7 +31,7 @@ class Tosses(NamedTuple):
 CALLS = []
 
 
-def simulate(scenario, *, folder=None, workers=None, report=lambda *words: None):
+def simulate(scenario, *, folder=None, workers=None, report=lambda *now: None):
     kept = checkpoint_in(folder, scenario)
     heads = load_or_compute(kept, "tosses", lambda: np.random.default_rng(scenario.seed).random(100) < scenario.bias)
     CALLS.append(scenario.seed)
@@ -44,16 +44,16 @@ def simulate(scenario, *, folder=None, workers=None, report=lambda *words: None)
 def coins(monkeypatch):
     toy = Experiment(
         Coins, "tosses of a coin", simulate,
-        numbers=lambda found: {"heads": found.heads.astype(float)},
-        measures=lambda found: {"share": (found.heads.mean(), "1")},
-        show=lambda found: print(f"{found.heads.sum()} heads"),
+        numbers=lambda result: {"heads": result.heads.astype(float)},
+        measures=lambda result: {"share": (result.heads.mean(), "1")},
+        show=lambda result: print(f"{result.heads.sum()} heads"),
     )  # fmt: skip
     monkeypatch.setitem(EXPERIMENTS, toy.name, toy)
     CALLS[:] = [None]
 
 
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, words)])
+def call(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, arguments)])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code

@@ -194,10 +194,10 @@ def test_a_free_cell_must_bear_its_stress(sheared):
 
 def test_a_wide_tolerance_leaves_nothing_to_judge(sheared):
     pushed = with_slip(sheared, 0.9)
-    for tolerance, words in ((1.0, "not in equilibrium (residual"), (1e-12, "")):
+    for tolerance, message in ((1.0, "not in equilibrium (residual"), (1e-12, "")):
         _, outcome = ss.equilibrate(pushed, SHARP, tolerance=tolerance)
-        assert outcome.ok and outcome.warning.startswith(words)
-        assert bool(outcome.warning) == bool(words)
+        assert outcome.ok and outcome.warning.startswith(message)
+        assert bool(outcome.warning) == bool(message)
 
 
 def test_more_friction_lets_what_slid_stick(sheared):

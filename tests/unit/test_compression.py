@@ -109,7 +109,9 @@ def test_friction_lowers_contact_number_and_packing_fraction():
 def test_a_law_and_progress():
     told = []
     law = ss.laws.linear(kn=2.0, kt=1.0, mu=0.5)
-    state, info = compressed(30, law=law, pressure=2e-3, dim=2, report=lambda share, words: told.append((share, words)))
+    state, info = compressed(
+        30, law=law, pressure=2e-3, dim=2, report=lambda share, message: told.append((share, message))
+    )
     assert ss.measure.residual(state, law)[0] <= 1e-13  # round-off of forces over their mean
     assert info.pressure == pytest.approx(2e-3, rel=1e-8)
     assert told[0][0] < told[-1][0] == pytest.approx(1.0, abs=0.01)
@@ -146,7 +148,7 @@ def test_a_pressure_that_is_not_reached_is_told_with_what_was_reached(monkeypatc
     monkeypatch.setattr(compression, "_find_scales", lambda *given: scales)
     with pytest.raises(ss.NotInEquilibriumError) as problem:
         compressed(20, mu=0.5, pressure=1e-4, dim=2)
-    words = str(problem.value)
-    assert words.startswith("no packing at rest under a pressure of 0.0001 was found, the compression ended at ")
-    assert "with a packing fraction of 0.7" in words
-    assert "\n" not in words
+    message = str(problem.value)
+    assert message.startswith("no packing at rest under a pressure of 0.0001 was found, the compression ended at ")
+    assert "with a packing fraction of 0.7" in message
+    assert "\n" not in message

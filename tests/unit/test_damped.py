@@ -57,9 +57,9 @@ def test_the_law_is_taken_as_it_is_unless_dashpots_are_left_out(packing):
     )
     plain = ss.stability(packing, ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp"), method="all")
     assert plain.undamped is left_out.undamped is None
-    for found in (left_out, damped.undamped):
+    for result in (left_out, damped.undamped):
         for name in ("pairs", "negative", "modes"):
-            assert np.array_equal(getattr(found, name), getattr(plain, name))
+            assert np.array_equal(getattr(result, name), getattr(plain, name))
     assert "dashpots of the law were left out" in left_out.scope and "dashpots" not in damped.scope + plain.scope
     assert len(damped.pairs) < len(plain.pairs) and damped.slowest.real < 0
     np.testing.assert_allclose(damped.growth_rate, damped.exponents[: len(damped.pairs)].real, rtol=1e-12)
@@ -80,7 +80,7 @@ def test_the_command_line_leaves_dashpots_out_on_request(tmp_path):
         done = run("stability", tmp_path / "two.npz", *option, "--json", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         values[option] = json.loads(done.stdout)
-    assert [one["spectrum"] for one in values.values()] == ["damped", "undamped"]
+    assert [answer["spectrum"] for answer in values.values()] == ["damped", "undamped"]
     assert values["--no-dashpots",]["scope"] == "the dashpots of the law were left out"
     done = run("report", tmp_path / "two.npz", "--no-dashpots", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -38,9 +38,9 @@ def test_a_kept_factor_leads_to_the_same_equilibrium():
     state, _ = jammed(40, packing_fraction=0.68, seed=1)
     keep, a, b = Factorisation(), state, state
     for _ in range(5):
-        a, one = equilibrate(sheared(a, 1e-5), LAW, keep=keep)
+        a, outcome = equilibrate(sheared(a, 1e-5), LAW, keep=keep)
         b, other = equilibrate(sheared(b, 1e-5), LAW)
-        assert one.ok
+        assert outcome.ok
         assert other.ok
     assert keep.factorisations < 5
     # both balance forces to 5e-14; the softest mode, some 1e-3 of the stiffest, turns that into displacement

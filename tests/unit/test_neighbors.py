@@ -39,17 +39,17 @@ def sample(radii, dim, seed):
 
 def pairs_within_range(state):
     """All pairs closer than the skin, by comparing everything with everything."""
-    x, radius, n, found = body_positions(state), body_radii(state), len(state.grains.radius), set()
+    x, radius, n, pairs = body_positions(state), body_radii(state), len(state.grains.radius), set()
     reach = radius[:n, None] + radius[:n] + state.contacts.skin
     for image in itertools.product(*(range(-5, 6) if periodic else (0,) for periodic in state.cell.periodic)):
         apart = x[:n, None] - x[:n] + np.array(image) @ state.cell.vectors
         for i, j in np.argwhere((apart**2).sum(axis=2) < reach**2):
             if i < j or (i == j and image > (0, 0, 0)):
-                found.add((int(i), int(j), image))
+                pairs.add((int(i), int(j), image))
     for w in range(n, len(x)):
         gap = (x[:n] - x[w]) @ state.walls.normal[w - n] - radius[:n]
-        found |= {(int(i), w, (0, 0, 0)) for i in np.flatnonzero(gap < state.contacts.skin)}
-    return sorted(found)
+        pairs |= {(int(i), w, (0, 0, 0)) for i in np.flatnonzero(gap < state.contacts.skin)}
+    return sorted(pairs)
 
 
 def rebuilt(state, **changes):

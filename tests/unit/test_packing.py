@@ -120,8 +120,10 @@ def test_what_a_load_a_spring_or_a_fixed_body_holds_is_no_rattler():
     spring = np.zeros((5, 3))
     spring[2, 1] = 1.0
     assert loose(spring=spring) == [True, False, False, True]
-    two, one = (ss.control.rigid(state.control, members) for members in ([0, 1, 2], [1, 2]))  # contacts with the floor
-    assert loose(two) == [False, False, False, True] and loose(one) == [True] * 4
+    double, single = (
+        ss.control.rigid(state.control, members) for members in ([0, 1, 2], [1, 2])
+    )  # contacts with the floor
+    assert loose(double) == [False, False, False, True] and loose(single) == [True] * 4
 
 
 def test_affine_strain_moves_grains_and_cell_alike():

@@ -38,17 +38,17 @@ def packing(request):
     return state, spectrum(state, LAW)
 
 
-def assert_same(found, full):
+def assert_same(result, full):
     expected = full.pairs
     scale = np.abs(full.eigenvalues).max()
-    assert len(found.eigenvalues) == len(expected)
+    assert len(result.eigenvalues) == len(expected)
     # both solve to 1e-15 of the largest |λ|, and eigenvalues next to their birth amplify that by a hundred
-    np.testing.assert_allclose(found.eigenvalues, expected, rtol=0, atol=1e-12 * scale)
-    norm = (found.free.mass[:, None] * np.abs(found.modes) ** 2).sum(axis=0)
+    np.testing.assert_allclose(result.eigenvalues, expected, rtol=0, atol=1e-12 * scale)
+    norm = (result.free.mass[:, None] * np.abs(result.modes) ** 2).sum(axis=0)
     np.testing.assert_allclose(norm, 1, rtol=1e-12)
     for k, p in enumerate(full.pair_indices):
-        assert mode_overlap(found.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
-    assert np.all(found.residual < 1e-12)
+        assert mode_overlap(result.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
+    assert np.all(result.residual < 1e-12)
 
 
 def test_windows_find_the_pairs_of_lapack(packing):
@@ -104,14 +104,14 @@ def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     scale = np.abs(full.eigenvalues).max()
 
     def consistent(pairs):
-        return gershgorin_certificate(matrix, None, pairs, 0, lambda share, words: None).consistent
+        return gershgorin_certificate(matrix, None, pairs, 0, lambda share, message: None).consistent
 
     assert consistent(values)
     assert not consistent(values[1:])
     assert not consistent(np.append(values, 0.5 * scale + 1e-3j))
 
 
-def quiet(share, words):
+def quiet(share, message):
     pass
 
 
@@ -127,12 +127,12 @@ def test_discs_are_gershgorins_after_the_blocks_are_diagonal():
             T[np.ix_(together, together)] = np.linalg.eig(B[np.ix_(together, together)])[1]
         turned = np.linalg.inv(T) @ B @ T
         radii = np.abs(turned).sum(axis=1) - np.abs(np.diag(turned))
-        centres, found = _discs(B.copy(), 0.0, quiet, passes=0)
+        centres, sizes = _discs(B.copy(), 0.0, quiet, passes=0)
         at = np.lexsort((np.diag(turned).imag.round(9), np.diag(turned).real.round(9)))
         mine = np.lexsort((centres.imag.round(9), centres.real.round(9)))
         np.testing.assert_allclose(centres[mine], np.diag(turned)[at], atol=1e-12)
-        np.testing.assert_allclose(found[mine], radii[at], atol=1e-12)
-        wider = _discs(B.copy(), 10.0, quiet, passes=0)[1] - found
+        np.testing.assert_allclose(sizes[mine], radii[at], atol=1e-12)
+        wider = _discs(B.copy(), 10.0, quiet, passes=0)[1] - sizes
         np.testing.assert_allclose(wider, 6 * np.finfo(float).eps * 10.0, rtol=0.1)  # a difference of two radii
 
 
@@ -171,10 +171,10 @@ def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
 
 def test_progress_is_told_in_order(packing):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, words: told.append(share))
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(share))
     assert told == sorted(told)
     told.clear()
-    complex_pairs(packing[0], LAW, certificate=True, dense_below=0, report=lambda share, words: told.append(share))
+    complex_pairs(packing[0], LAW, certificate=True, dense_below=0, report=lambda share, message: told.append(share))
     assert told == sorted(told)
     assert told[-1] == 1.0
 
@@ -204,7 +204,7 @@ def test_windows_miss_nothing_on_independent_packings(seed):
 
 def test_a_certificate_announces_its_time_first(packing):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, words: told.append(words))
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(message))
     assert "certificate" in told[0] and "estimated time" in told[0]
 
 

@@ -74,13 +74,13 @@ def test_one_packing_with_a_pair_at_zero_slip_is_enough_against_the_paper():
 
 @pytest.mark.parametrize(("start", "end", "decades"), [(1e-25, 1e-6, 19), (1e-25, 1e-9, 16), (1e-23, 1e-5, 18)])
 def test_decades_are_those_of_the_growth_and_not_of_the_window_of_the_fit(start, end, decades):
-    found = shear_claims.exponential_stretch(released(start, end))
+    stretch = shear_claims.exponential_stretch(released(start, end))
     # the line is left where the level of the start is as high as the growing part, and the growth is cut at `end`
-    assert found.decades == pytest.approx(decades, abs=0.7)
-    assert found.last == pytest.approx(end, rel=0.1)
-    assert found.ended
+    assert stretch.decades == pytest.approx(decades, abs=0.7)
+    assert stretch.last == pytest.approx(end, rel=0.1)
+    assert stretch.ended
     row = sheared([released(start, end), released(start, end)])["decades-of-growth"]
-    assert row.measured == pytest.approx(found.decades)
+    assert row.measured == pytest.approx(stretch.decades)
     assert row.verdict == UNDECIDED  # the paper does not print how large its perturbation was
     assert sheared([released(start, end)] * 2)["growth-follows-prediction"].verdict == REPRODUCED
 
@@ -137,8 +137,8 @@ def test_the_collapse_ratio_counts_every_sample():
     row = quasi_claims._collapse(Made(tested=tested, scenario=Made(dynamics=Made(beyond=0.1))))
     assert row.measured is None
     assert row.verdict == NO_REFERENCE
-    for words in ("all 3 samples", "1.0000 to 1.0000 in 1", "above 1.1000 in 1", "1 whose path did not end"):
-        assert words in row.note
+    for part in ("all 3 samples", "1.0000 to 1.0000 in 1", "above 1.1000 in 1", "1 whose path did not end"):
+        assert part in row.note
 
 
 def looked(symmetric, unique):
@@ -209,12 +209,12 @@ def test_both_estimators_of_a_front_have_an_error_that_repeated_ensembles_show()
 
 def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
     late = np.array([1.6e-5, 1.7e-5, 1.5e-5])
-    found = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), np.array([1.2, 1.1, 1.3]), 9)
-    msd, pairs = disk_claims._arrest_claims(found)
+    arrest = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), np.array([1.2, 1.1, 1.3]), 9)
+    msd, pairs = disk_claims._arrest_claims(arrest)
     assert msd.id == "arrest-msd-0.030" and msd.measured == pytest.approx(1.632e-5) and msd.verdict == REPRODUCED
     assert "agrees with the reference 1.6e-05" in msd.note and "of 9 disk–disk contacts they have 1, 1, 2" in msd.note
     assert pairs.measured == 0 and "2 have none" in pairs.note
-    far = disk_claims._arrest_claims(found._replace(static=0.01 * late))[0]
+    far = disk_claims._arrest_claims(arrest._replace(static=0.01 * late))[0]
     assert far.verdict == NOT_REPRODUCED and "differs from the reference" in far.note
 
 
@@ -224,12 +224,12 @@ def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
      ((-np.inf, 0.045), UNDECIDED)],
 )  # fmt: skip
 def test_the_threshold_must_lie_between_arrest_and_sliding(interval, verdict):
-    found = Made(
+    threshold = Made(
         loads=np.array([0.04, 0.083]), probability=np.array([[0.1], [1.0]]), runs=np.full((2, 1), 16), distance=0.1,
         lasting_probability=np.array([[0.0], [0.9]]), kicks=np.array([1e-4]), lasting_threshold=np.array([0.044]),
         lasting_interval=np.array([interval]), arrest=np.array([[0.04, 0.045]] * 3), arrest_range=(0.04, 0.045),
     )  # fmt: skip
-    value, between = disk_claims._threshold_claims(found)
+    value, between = disk_claims._threshold_claims(threshold)
     assert "slide by 0.1, and that slide on: 0.1 and 0 at 0.04, 1 and 0.9 at 0.083" in value.note
     assert "3 sliding arrays stopped between 0.04 and 0.045" in value.note
     assert between.verdict == verdict and value.verdict == NO_REFERENCE

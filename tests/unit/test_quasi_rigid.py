@@ -100,12 +100,12 @@ def test_difference_and_collapse_of_made_up_curves():
     burst = energy.copy()
     burst[70:73] = 1e-9
     fallen = Curve(load, np.where(load > 0.7, load + 0.2, load), load, load)
-    for curve, found in ((fallen, load[71]), (path, None)):  # a burst after which the run is on the path is none
+    for curve, expected in ((fallen, load[71]), (path, None)):  # a burst after which the run is on the path is none
         both = [
             SlowDynamics(3e4, curve, burst, 0.0),
             SlowDynamics(1e5, curve, np.maximum(burst, energy) - 0.9 * energy, 0.0),
         ]
-        assert collapse_load(both, path) == (None if found is None else pytest.approx(found))
+        assert collapse_load(both, path) == (None if expected is None else pytest.approx(expected))
 
 
 def test_run_leaves_curves_figures_numbers(small, tmp_path):

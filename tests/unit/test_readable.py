@@ -110,9 +110,9 @@ def test_one_value(value, text):
 
 
 def test_a_scenario_names_what_differs_from_its_defaults():
-    one = ss.scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)})
-    assert repr(one).startswith("DiskArrayScenario: disk-array, array.disks = 5, load.push = 0, 0.05")
-    assert ["load.push", "0, 0.05", "[unit]", "turning points of the quasi-static load path"] in cells(one)
+    chosen = ss.scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)})
+    assert repr(chosen).startswith("DiskArrayScenario: disk-array, array.disks = 5, load.push = 0, 0.05")
+    assert ["load.push", "0, 0.05", "[unit]", "turning points of the quasi-static load path"] in cells(chosen)
     assert len(repr(ss.scenario(dynamics={"loads": tuple(np.linspace(0, 0.09, 999))}))) < 1000
 
 

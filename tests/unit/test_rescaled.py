@@ -63,7 +63,7 @@ def test_what_has_not_moved_keeps_its_slip_to_the_last_bit():
     state = stirred(make_packing(3), law := make_law("hertz_mindlin_rescaled", "sharp"), np.random.default_rng(0))
     plain = make_law("hertz_mindlin", "sharp")
     assert state.contacts.slip.any()
-    mine, other = (ss.forces(state, one, memory=FREE)[1].slip for one in (law, plain))
+    mine, other = (ss.forces(state, kind, memory=FREE)[1].slip for kind in (law, plain))
     assert np.array_equal(mine, other)
 
 
@@ -142,8 +142,8 @@ def test_the_jacobian_of_a_packing_is_that_of_growing_overlaps(name):
 
     def slope(h):
         here, there = (ss.modes.displaced(state, free, x * way) for x in (0.0, h))
-        one, other = (ss.modes.residual_vector(x, ss.forces(x, law)[0], free) for x in (here, there))
-        return (other - one) / h
+        before, after = (ss.modes.residual_vector(x, ss.forces(x, law)[0], free) for x in (here, there))
+        return (after - before) / h
 
     tangent = ss.jacobian(state, law) @ way
     scale = np.abs(tangent).max()
@@ -170,13 +170,13 @@ def test_what_rescaling_takes_stands_under_nonpotential(rescaled):
 
 @pytest.mark.parametrize(("name", "plain"), PLAIN.items())
 def test_other_scalars_are_those_of_the_plain_law(name, plain):
-    one, other = LAWS[name](2.0, 0.7), LAWS[plain](2.0, 0.7)
-    values = [evaluate(law, "force", "energy", "stiffness", overlap=0.01, r_eff=0.3) for law in (one, other)]
+    rescaled, other = LAWS[name](2.0, 0.7), LAWS[plain](2.0, 0.7)
+    values = [evaluate(law, "force", "energy", "stiffness", overlap=0.01, r_eff=0.3) for law in (rescaled, other)]
     assert values[0] == values[1]
-    assert laws.rescales(one) and not laws.rescales(other)
-    assert not laws.laws_equal(one, other)
+    assert laws.rescales(rescaled) and not laws.rescales(other)
+    assert not laws.laws_equal(rescaled, other)
     at = {"radius": 0.5, "mass": 1.0, "speed": 0.1}
-    assert ss.laws.collision(one, **at) == ss.laws.collision(other, **at)
+    assert ss.laws.collision(rescaled, **at) == ss.laws.collision(other, **at)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -191,9 +191,9 @@ def test_flows_take_the_law_by_name():
     tables = {"experiment": "flow", "stages": [{"name": "settle", "duration": 1.0}], "gravity": [0.0, -1.0]}
     grains = {"number": 4, "mass": 1.0, "low": [0.0, 0.0], "high": [6.0, 16.0]}
     law = {"kind": "hertz_mindlin_reff_rescaled", "young": 1e5, "poisson": 0.3, "damping_n": 1.0}
-    found = flow_law(ss.scenario(grains=grains, law=law, **tables), [0.5], [1.0])
-    assert NAMES[found.kind] == law["kind"]
-    assert found.damping & 3 == laws.VISCOELASTIC
+    chosen = flow_law(ss.scenario(grains=grains, law=law, **tables), [0.5], [1.0])
+    assert NAMES[chosen.kind] == law["kind"]
+    assert chosen.damping & 3 == laws.VISCOELASTIC
     with pytest.raises(ScenarioError, match="hertz_mindlin_reff"):
         ss.scenario(grains=grains, law=law | {"kind": "hertz_mindlin_rescaled"}, **tables)
 
@@ -201,7 +201,7 @@ def test_flows_take_the_law_by_name():
 def test_spectra_say_that_unloading_was_not_looked_at():
     state, _ = jammed(12, dim=2, pressure=1e-2, seed=1)
     values = [stability(state, LAWS[name](1.0, 0.5, 10.0, coulomb="smooth"), method="all") for name in PLAIN]
-    assert all(UNLOADED in one.scope for one in values)
+    assert all(UNLOADED in result.scope for result in values)
     law = LAWS["hertz_mindlin_rescaled"](1.0, 0.5, 10.0, coulomb="smooth", damping_n=0.1)
     assert UNLOADED in stability(state, law, method="all").scope
     assert UNLOADED not in stability(state, ss.laws.hertz_mindlin(1.0, 0.5, 10.0, coulomb="smooth"), method="all").scope

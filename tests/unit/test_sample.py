@@ -37,8 +37,8 @@ def arrays_of(state):
 
 def test_a_packing_comes_back_with_the_same_forces_and_spectrum(unstable, tmp_path):
     np.savez(tmp_path / "p.npz", **arrays_of(unstable))
-    state, law, words = read_packing(tmp_path / "p.npz", mu=10.0, i0=0.4)
-    assert not words
+    state, law, notes = read_packing(tmp_path / "p.npz", mu=10.0, i0=0.4)
+    assert not notes
     before, after = ss.forces(unstable, LAW)[0], ss.forces(state, law)[0]
     np.testing.assert_allclose(after.force, before.force, atol=1e-15)
     result, direct = stability(state, law), ss.spectrum(unstable, LAW)

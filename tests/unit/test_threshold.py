@@ -375,7 +375,7 @@ def test_wrapped_grains_have_the_same_forces_and_go_on_alike():
     assert np.abs(inside.contacts.image[: inside.contacts.count[0]]).max() <= 1
     for mine, other in zip(forces(state, law)[0][:2], forces(inside, law)[0][:2], strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-12)
-    later, then = (ss.run(one, law, 200, 0.1, threads=1)[0] for one in (state, inside))
+    later, then = (ss.run(start, law, 200, 0.1, threads=1)[0] for start in (state, inside))
     np.testing.assert_allclose(later.grains.velocity, then.grains.velocity, atol=1e-9)
 
 
@@ -388,7 +388,7 @@ def test_wrapped_grains_on_a_wall_have_the_same_forces_and_go_on_alike():
     assert (inside.grains.position[:, 0] < 3).all() and (shift > 3).all() and np.allclose(shift % 3, 0)
     for mine, other in zip(forces(state, LAW)[0][:2], forces(inside, LAW)[0][:2], strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-14)
-    later, then = (ss.run(one, LAW, 200, 0.1, threads=1)[0] for one in (state, inside))
+    later, then = (ss.run(start, LAW, 200, 0.1, threads=1)[0] for start in (state, inside))
     np.testing.assert_allclose(later.grains.velocity, then.grains.velocity, atol=1e-12)
 
 

@@ -264,7 +264,7 @@ def test_a_page_names_the_units_of_its_run(flows):
             shown = page.folder_content(flows[name], search=False)
             data = view_data(shown.frames, shown.modes, labels=shown.labels)
         assert time in shown.labels[-1]
-        assert speed in {one["unit"] for one in data["quantities"]}
+        assert speed in {quantity["unit"] for quantity in data["quantities"]}
 
 
 def test_labels_of_figures_name_units(flows):
@@ -299,8 +299,8 @@ def test_packings_have_units_as_well(tmp_path, capsys):
         more = ["--after", "--more"] if path.stem == "named" else []
         app(["stability", str(path), "--modes", str(tmp_path / "m.npz"), *more], standalone_mode=False)
         table = " ".join(capsys.readouterr().out.split())
-        for words in ("period [s]", "growth rate [1/s]", "moduli in g/(mm s²)", " mm"):
-            assert (words in table) == (path.stem == "named"), words
+        for text in ("period [s]", "growth rate [1/s]", "moduli in g/(mm s²)", " mm"):
+            assert (text in table) == (path.stem == "named"), text
     assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["sheared_spheres"]) == told["named"]
     np.savez(tmp_path / "wrong.npz", **source, units="furlongs")
     with pytest.raises(ValueError, match=r"wrong.npz: units = 'furlongs' was given: use"):

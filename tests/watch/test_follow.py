@@ -40,16 +40,16 @@ def test_a_simulation_is_followed_while_it_writes(each, tmp_path):
     writer = simulate(tmp_path / "run", each=each)
     while not any(path.stat().st_size for path in (tmp_path / "run").glob("*.dump")):
         pass
-    found = list(ss.io.follow_packings(tmp_path / "run", until_idle=1.0, interval=0.01, **LAW))
+    followed = list(ss.io.follow_packings(tmp_path / "run", until_idle=1.0, interval=0.01, **LAW))
     writer.join()
-    assert [name for name, *_ in found] == [str(step) for step in STEPS]
-    for name, state, law, words in found:
+    assert [name for name, *_ in followed] == [str(step) for step in STEPS]
+    for name, state, law, notes in followed:
         files = {"contacts": SHEARED / "contacts.dump", "frame": name}
         twin, its_law, said = ss.io.read_packing(SHEARED / "grains.dump", **files, **LAW)
         assert np.array_equal(law.table, its_law.table)
         assert np.array_equal(state.contacts.slip, twin.contacts.slip)
         assert np.array_equal(state.grains.position, twin.grains.position)
-        assert words == said
+        assert notes == said
 
 
 def test_a_frame_waits_for_its_contacts(tmp_path):
