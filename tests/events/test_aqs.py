@@ -24,7 +24,7 @@ def path(state, law, strains, **options):
         return ss.protocols.ramp(state, strains, ss.protocols.aqs(law, **options))
 
 
-def test_a_step_across_an_event_is_told(state):
+def test_a_step_across_an_event_is_reported(state):
     strains = np.arange(0.0, 0.0072, 8e-4)
     marks = [point.outcome.left for point in path(state, FRICTIONLESS, strains)]
     across = int(np.searchsorted(strains, EVENT))

@@ -73,7 +73,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("tables", "message"), BAD)
-def test_what_cannot_be_run_is_said_in_one_sentence(tables, message):
+def test_what_cannot_be_run_is_refused_in_one_sentence(tables, message):
     with pytest.raises(ss.experiments.ScenarioError) as caught:
         ss.scenario(experiment="catalogue", **tables)
     assert message in str(caught.value) and "\n" not in str(caught.value)

@@ -96,7 +96,7 @@ def test_which_steps_an_event_follows():
     assert followed.tolist() == [False, True, True, False, False, False, False, True, True]
 
 
-def test_a_predictor_that_announces_is_told_from_those_that_do_not():
+def test_a_predictor_that_announces_is_distinguished_from_those_that_do_not():
     made = samples(12, 6)
     steps, events = step_table(made), event_table(made)
     steps["switch"][5] = np.nan

@@ -146,7 +146,7 @@ for share in range(0, 100, 5):
 """
 
 
-def test_truncated_files_are_refused_politely(tmp_path):
+def test_truncated_files_are_refused(tmp_path):
     """In a process of its own: a reader in C could end it."""
     ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     done = subprocess.run([sys.executable, "-c", CUT, str(tmp_path / "p.gsd")], capture_output=True, text=True)
@@ -181,7 +181,7 @@ def rewritten(path, change):
         (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
     ],
 )
-def test_files_of_another_kind_are_refused_politely(change, message, tmp_path):
+def test_files_of_another_kind_are_refused(change, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     rewritten(tmp_path / "p.gsd", change)
     with pytest.raises(ss.packings.PackingError, match=message) as problem:

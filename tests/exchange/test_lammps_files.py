@@ -58,7 +58,7 @@ def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
     np.testing.assert_allclose(ss.forces(again, law)[0].force, ss.forces(state, SHARP)[0].force, atol=1e-11)
 
 
-def test_in_motion_what_sticks_comes_back_and_what_slides_is_said(tmp_path):
+def test_in_motion_sticking_contacts_come_back_and_sliding_ones_are_reported(tmp_path):
     """A sliding contact's force says how far its spring is stretched only up to what its dashpot bears."""
     state = spheres()
     notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
@@ -128,7 +128,7 @@ def test_a_general_triclinic_box(tmp_path):
     assert any("the box is open along y: the file contains no walls" in word for word in notes)
 
 
-def test_time_steps_are_chosen_and_said(tmp_path):
+def test_time_steps_are_chosen_and_reported(tmp_path):
     state = spheres()
     for step in (0, 10, 20):
         rows = np.column_stack([np.arange(1, 65), state.grains.position + step, state.grains.radius])
@@ -186,7 +186,7 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
         ({"boundary": "xyz"}, "three letters"),
     ],
 )
-def test_what_does_not_fit_is_one_sentence(change, message, tmp_path):
+def test_what_does_not_fit_gives_a_one_sentence_error(change, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     with pytest.raises(ss.packings.PackingError, match=message) as problem:
         back(tmp_path / "p.data", **change)
@@ -220,7 +220,7 @@ def test_other_styles_are_not_taken_for_spheres(style, named, tmp_path):
             ss.io.read_packing(path, law="linear", mu=0.5, atom_style="sphere")
 
 
-def test_spheres_without_a_style_are_asked_for_or_said(tmp_path):
+def test_spheres_without_a_style_are_asked_for_or_reported(tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / "p.data", "Atoms # sphere", "Atoms")
     state, _, notes = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5)  # radii that are no whole numbers
@@ -253,7 +253,7 @@ def edited(path, old, new, count=1):
         ("p.contacts.dump", "tx ty tz\n", "tx ty tz\n999 ", "truncated|grain 999"),
     ],
 )
-def test_broken_files_are_one_sentence(name, old, new, message, tmp_path):
+def test_broken_files_give_a_one_sentence_error(name, old, new, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / name, old, new)
     with pytest.raises(ss.packings.PackingError, match=message) as problem:
@@ -263,7 +263,7 @@ def test_broken_files_are_one_sentence(name, old, new, message, tmp_path):
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9, 0.99])
 @pytest.mark.parametrize("name", ["p.data", "p.contacts.dump"])
-def test_truncated_files_are_one_sentence(name, share, tmp_path):
+def test_truncated_files_give_a_one_sentence_error(name, share, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     whole = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])

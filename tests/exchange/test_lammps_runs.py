@@ -93,7 +93,7 @@ def answer(capsys, *arguments):
         ("dialects/packing.vtk", "has no box: the grains are taken as a cluster"),
     ],
 )
-def test_what_was_assumed_is_said(name, text, cases):
+def test_what_was_assumed_is_reported(name, text, cases):
     """The grains are the same in every dialect: positions up to whole periods, radii, and masses if there are any."""
     reading = ss.io.read_packing(cases / name)
     assert any(text in note for note in reading.notes)
@@ -401,7 +401,7 @@ def test_compressed_text_is_read(opener, cases, tmp_path):
         ss.io.read_packing(packed)
 
 
-def test_what_is_compressed_otherwise_is_told(tmp_path):
+def test_unknown_compression_is_reported(tmp_path):
     (tmp_path / "p.zst").write_bytes(b"\x28\xb5\x2f\xfd rest")
     with pytest.raises(ss.packings.PackingError, match=r"Zstandard|cannot be decompressed"):
         ss.io.read_packing(tmp_path / "p.zst")
@@ -788,7 +788,7 @@ def test_two_logs_that_name_the_grains_with_other_laws(cases, tmp_path):
 
 
 @pytest.mark.parametrize(("plane", "behind"), [("zplane 2 NULL", True), ("zplane -9 NULL contacts", False)])
-def test_grains_behind_a_wall_are_told(plane, behind, cases, tmp_path):
+def test_grains_behind_a_wall_are_reported(plane, behind, cases, tmp_path):
     line = f"fix q all wall/gran granular hooke 2000 20 tangential linear_history 600 0.5 0.4 {plane}"
     notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
     assert any("behind the wall of fix q" in note for note in notes if isinstance(note, Obstacle)) == behind

@@ -91,7 +91,7 @@ def test_ase_reads_extended_xyz_to_the_last_bit(make, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "library"), [("p.gsd", "gsd"), ("p.vtu", "pyevtk")])
-def test_a_missing_library_is_one_sentence(name, library, tmp_path, monkeypatch):
+def test_a_missing_library_gives_a_one_sentence_error(name, library, tmp_path, monkeypatch):
     for module in [m for m in sys.modules if m.partition(".")[0] == library]:
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, library, None)

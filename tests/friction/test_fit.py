@@ -391,7 +391,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         ([], {}, "no data were given"),
     ],
 )
-def test_bad_input_is_one_sentence(data, options, sentence):
+def test_bad_input_gives_a_one_sentence_error(data, options, sentence):
     with pytest.raises(ValueError, match=sentence) as caught:
         fit(data, **options)
     assert "\n" not in str(caught.value)

@@ -44,7 +44,7 @@ def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
         read_csv(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.234,5;1;1", *["1;2;3"] * 11]))
 
 
-def test_rows_with_empty_cells_are_left_out_and_told(tmp_path):
+def test_rows_with_empty_cells_are_left_out_and_reported(tmp_path):
     path = written(tmp_path / "a.csv", HEAD + ", note", [f"{row}, " for row in [*ROWS, "12, , 0.6", "13, 130, "]])
     with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out; the first is line 14"):
         record = read_csv(path)

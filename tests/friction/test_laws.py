@@ -250,7 +250,7 @@ def test_alpha_is_fitted_with_two_states():
         (lambda: closed.stiff_healing(USUAL._replace(b2=0.1), 1e-6, 1.0), "this closed form is for"),
     ],
 )
-def test_bad_input_is_one_sentence(call, message):
+def test_bad_input_gives_a_one_sentence_error(call, message):
     with pytest.raises(ValueError, match=r"^.+$") as caught:
         call()
     assert message in str(caught.value)

@@ -99,6 +99,6 @@ def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
         ),
     ],
 )
-def test_bad_input_is_one_sentence(call, sentence):
+def test_bad_input_gives_a_one_sentence_error(call, sentence):
     with pytest.raises(ValueError, match=sentence):
         call()

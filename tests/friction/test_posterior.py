@@ -139,7 +139,7 @@ def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
         ({"free": ("b2", "dc2")}, RuntimeError, "there is no posterior to sample: these data do not determine"),
     ],
 )
-def test_what_is_not_a_posterior_is_one_sentence(options, error, message):
+def test_what_is_not_a_posterior_gives_a_one_sentence_error(options, error, message):
     with pytest.raises(error) as caught:
         posterior(record(3), **{"law": "slip", **options})
     assert message in str(caught.value)

@@ -76,7 +76,7 @@ def test_tables_for_people(folder, capsys):
         (["--free-stiffness", "--normal"], "no normal_stress"),
     ],
 )
-def test_wrong_words(folder, arguments, sentence):
+def test_unknown_commands_and_options_are_refused(folder, arguments, sentence):
     with pytest.raises(ValueError) as caught:
         app(["fit", str(folder / "series.csv"), *arguments], standalone_mode=False)
     assert sentence in str(caught.value)

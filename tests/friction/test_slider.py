@@ -221,7 +221,7 @@ def test_published_parameters_strengthen_with_velocity():
         (lambda: steady_sliding(PAPER, Spring(1.0), 0.0), "velocity = 0.0"),
     ],
 )
-def test_bad_input_is_one_sentence(call, sentence):
+def test_bad_input_gives_a_one_sentence_error(call, sentence):
     with pytest.raises(ValueError, match=sentence.replace("(", r"\(")) as caught:
         call()
     assert "\n" not in str(caught.value)

@@ -68,7 +68,7 @@ def contents(folder):
 @pytest.mark.parametrize(
     "arguments", [["run", "0.toml"], ["reproduce", "quasi-rigid", "--quick"]], ids=["run", "paper"]
 )
-def test_somebodys_files_stay(call, tmp_path, name, arguments):
+def test_foreign_files_stay(call, tmp_path, name, arguments):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("mine")
     done = call(*arguments, "--out", "out")
@@ -300,7 +300,7 @@ def test_what_others_have_is_left_where_only_other_names_are_there(call, tmp_pat
     assert (tmp_path / "out" / "results.h5").exists()
 
 
-def test_a_folder_by_the_name_of_a_result_is_told_before_anything_is_computed(call, tmp_path):
+def test_a_folder_by_the_name_of_a_result_is_reported_before_anything_is_computed(call, tmp_path):
     (tmp_path / "out" / "series.csv").mkdir(parents=True)
     (tmp_path / "out" / "series.csv" / "mine").write_text("mine")
     done = call("run", "0.toml", "--out", "out", "--overwrite")
@@ -327,7 +327,7 @@ def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
 
 @pytest.mark.parametrize("named", [{"../victim": None}, {"thesis.tex": None}, {"fig1_mine.png": None}, {}, None])
 @pytest.mark.parametrize("arguments", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
-def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, arguments):
+def test_a_foreign_manifest_moves_and_removes_nothing(call, tmp_path, named, arguments):
     """Names that no run writes, results that are not there, and digests of nothing."""
     assert call("run", "0.toml", "--out", "out").code == 0
     (tmp_path / "victim").write_text("precious")

@@ -74,7 +74,7 @@ def test_modes_and_laws_that_a_conversion_reads_stay(here):
     refused(text, "convert", "a.npz", "--modes", "m.npz", "--to", "m.xyz", "--overwrite", cwd=here)
 
 
-def test_a_folder_by_the_name_of_a_conversion_is_told(here):
+def test_a_folder_by_the_name_of_a_conversion_is_reported(here):
     (here / "b.xyz").mkdir()
     run = stickslip_here("convert", "a.npz", "--to", "b.xyz", "--overwrite", cwd=here)
     assert (run.returncode, run.stderr) == (2, "stickslip: b.xyz is a folder: give the name of a file\n")

@@ -66,7 +66,7 @@ def test_no_number_of_a_scenario_is_larger_than_what_may_be_squared(value):
         ("mu0", -1e150, "-1e+150"),
     ],
 )
-def test_sizes_are_told(tmp_path, key, value, given):
+def test_sizes_are_reported(tmp_path, key, value, given):
     table = {"noise": "samples", "mu0": "surface"}[key]
     (tmp_path / "a.json").write_text(json.dumps({"experiment": "rate-state", table: {key: value}}))
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)

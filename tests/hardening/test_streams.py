@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a
 @pytest.mark.parametrize(
     "arguments", [["--help"], ["cite", "--json", "examples/rate_state.toml"], ["doctor", "--nonsense"]]
 )
-def test_a_full_device_is_told_in_a_sentence(arguments):
+def test_a_full_device_is_reported_in_one_sentence(arguments):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "stickslip", *arguments], stdout=full, stderr=subprocess.PIPE, text=True
@@ -32,7 +32,7 @@ def test_a_pipe_that_is_closed_is_no_traceback():
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
-def test_closed_streams_change_nothing_but_what_is_said(tmp_path, closed):
+def test_closed_streams_change_nothing_but_what_is_reported(tmp_path, closed):
     (tmp_path / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
     shell = 'exec "$@" ' + closed
     arguments = [sys.executable, "-m", "stickslip", "run", "s.toml", "--out", "out"]

@@ -75,7 +75,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
         ("a.py", LAW, ["stability", "b.dump", "--law", "a.py", "--modes", "m.npz"]),
     ],
 )
-def test_text_in_utf_16_is_told(tmp_path, encoding, name, text, arguments):
+def test_text_in_utf_16_is_reported(tmp_path, encoding, name, text, arguments):
     saved(tmp_path / name, text, encoding)
     saved(tmp_path / "b.dump", DUMP, "utf-8")
     run = stickslip_here(*arguments, cwd=tmp_path)
@@ -177,7 +177,7 @@ def huge_messages(folder):
     ]
 
 
-def test_messages_are_short_whatever_they_quote(tmp_path):
+def test_messages_stay_short_for_any_quoted_value(tmp_path):
     """The beginning says what was got, and the end what to do: what was given is shortened in between."""
     for number, call in enumerate(huge_messages(tmp_path)):
         with pytest.raises(ValueError) as caught:

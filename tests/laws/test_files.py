@@ -156,7 +156,7 @@ def test_archives_without_rolling_memory_still_read(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
+def test_the_command_line_analyses_a_packing_under_a_user_defined_law(tmp_path):
     dry = ss.laws.hertz_mindlin(coulomb="sharp")
     state, _ = ss.equilibrate(ss.packings.jammed(12, packing_fraction=0.9, dim=2, seed=1)[0], dry, tolerance=1e-12)
     ss.io.write_packing(tmp_path / "packing.npz", state, dry)
@@ -192,7 +192,7 @@ def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_flow_runs_with_a_law_of_ones_own(folder):
+def test_a_flow_runs_with_a_user_defined_law(folder):
     said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out", "--trust")
     assert said.returncode == 0, said.stderr
     assert (folder / "out" / "results.h5").exists()

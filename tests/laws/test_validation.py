@@ -72,7 +72,7 @@ def test_a_bad_law_is_refused_in_one_sentence(functions, message):
     assert "\n" not in str(told.value)
 
 
-def test_what_only_the_compiler_refuses_is_one_sentence():
+def test_what_only_the_compiler_refuses_gives_a_one_sentence_error():
     def imports(overlap, kn):
         import os  # noqa: F401
 
@@ -86,7 +86,7 @@ def test_what_only_the_compiler_refuses_is_one_sentence():
 
 @pytest.mark.parametrize("line", ["import os", "global k; k = 1.0", "from math import sqrt"])
 @pytest.mark.parametrize("inner", [False, True])
-def test_what_only_the_compiler_refuses_in_a_file_is_told_with_its_line(line, inner, tmp_path):
+def test_what_only_the_compiler_refuses_in_a_file_is_reported_with_its_line(line, inner, tmp_path):
     path = tmp_path / "mine.py"
     text = "k = 2.0\ndef {}(overlap):\n    {}\n    return k * overlap\n"
     shell = "def normal_force(overlap):\n    return helper(overlap)\n"
@@ -98,7 +98,7 @@ def test_what_only_the_compiler_refuses_in_a_file_is_told_with_its_line(line, in
     assert "\n" not in str(told.value)
 
 
-def test_a_force_that_jumps_is_told_and_one_that_does_not_is_not():
+def test_a_force_that_jumps_is_reported_and_a_continuous_one_is_not():
     with pytest.warns(ss.laws.LawWarning, match="jumps from 0 to 0.5 where grains begin to touch"):
         ss.laws.custom(normal_force=lambda overlap: overlap + 0.5)
     with pytest.warns(ss.laws.LawWarning, match=r"at the end of its range \(a gap of 0.1\)"):

@@ -70,7 +70,7 @@ def test_participation_of_waves_grains_and_groups():
     assert ss.modes.participation_ratio(alike, free)[0] == pytest.approx(100 / 154)
 
 
-def test_bad_input_is_told():
+def test_bad_input_is_reported():
     state = chain(5)
     with pytest.raises(ValueError, match="use auto, dense or polynomials"):
         ss.modes.density_of_states(state, CHAIN, method="kpm")

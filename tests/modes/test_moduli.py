@@ -87,7 +87,7 @@ def test_isotropic_parts_of_an_isotropic_tensor():
         assert voigt(tensor)[-1, -1] == pytest.approx(0.6)
 
 
-def test_what_has_no_moduli_is_told():
+def test_what_has_no_moduli_is_reported():
     with pytest.raises(ValueError, match="periodic in all its dimensions"):
         ss.modes.elastic_moduli(ss.packings.disk_array(4, press=5e-5), LAW)
     law = ss.laws.linear()

@@ -140,7 +140,7 @@ def test_a_grain_that_is_let_go_is_left_out():
 
 
 @pytest.mark.slow
-def test_how_good_first_order_shifts_are():
+def test_first_order_shifts_correlate_with_computed_ones():
     """What the page says of them."""
     sensitivity = ss.modes.contact_sensitivity(sheared(30, 3, 0.68, 3e-3, seed=3), LAW, most=1000)
     order = np.argsort(sensitivity.predicted, kind="stable")
@@ -170,7 +170,7 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
         np.testing.assert_allclose(np.sort(values.real), truth, atol=1e-10 * truth.max())
 
 
-def test_bad_input_is_told(calm, swinging):
+def test_bad_input_is_reported(calm, swinging):
     with pytest.raises(ValueError, match="at least 0"):
         ss.modes.contact_sensitivity(calm, LAW, most=-1)
     with pytest.raises(ValueError, match="this packing has 1 pairs, counted from 0"):

@@ -99,7 +99,7 @@ def test_dashpots_take_from_it(calm):
     assert 1 <= growth.amplitude < free.amplitude
 
 
-def test_what_has_no_transient_is_told(swinging, calm):
+def test_what_has_no_transient_is_reported(swinging, calm):
     with pytest.raises(ValueError, match="the packing is unstable"):
         ss.modes.transient_growth(swinging, LAW)
     with pytest.raises(ValueError, match="use energy or displacement"):

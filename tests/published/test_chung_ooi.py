@@ -147,7 +147,7 @@ def test_1_and_2_elastic_normal_impact(test, case, kind):
 
 @pytest.mark.parametrize("kind", ALL)
 @pytest.mark.parametrize("case", ["aluminium oxide", "cast iron"])
-def test_3_restitution_asked_is_restitution_found(case, kind):
+def test_3_restitution_is_the_prescribed_one(case, kind):
     """Each sphere is a material of its own, whose dashpot with the wall gives the restitution asked."""
     pair = Pair(3, case)
     asked, published = curve(3, case, "restitution")

@@ -87,13 +87,13 @@ def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
         ({"release": {"dt": -0.1}}, "release.dt = -0.1"),
     ],
 )
-def test_a_wrong_shear_scenario_is_one_sentence(tables, message):
+def test_a_wrong_shear_scenario_gives_a_one_sentence_error(tables, message):
     with pytest.raises(ScenarioError, match=message) as problem:
         scenario(experiment="sphere-shear", **tables)
     assert "\n" not in str(problem.value)
 
 
-def test_an_unknown_experiment_is_one_sentence():
+def test_an_unknown_experiment_gives_a_one_sentence_error():
     with pytest.raises(ScenarioError, match="use 'disk-array', 'sphere-shear', 'quasi-rigid'"):
         scenario(experiment="sphere")
 

@@ -63,7 +63,7 @@ def test_cells_are_disjoint_and_cover_the_plane(normal, along, sign):
         assert status == STICKS
 
 
-def test_a_contact_in_a_stiff_surrounding_does_what_it_is_pushed_to():
+def test_a_contact_in_stiff_surroundings_follows_its_push():
     for load, status in (([-1, 0], STICKS), ([1, 0.3], OPENS), ([-0.1, 1], SLIDES), ([-0.1, -1], SLIDES_BACK)):
         answer, coherent = consistent_statuses(single(np.eye(2), load))
         assert coherent
@@ -112,7 +112,7 @@ def test_without_stability_statuses_are_consistent_together_or_not_at_all():
     assert max(number) > 1
 
 
-def test_too_many_choices_are_not_gone_through():
+def test_too_many_choices_are_refused():
     case = drawn(0)
     many = case._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
     with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 combinations .* at most 4096"):

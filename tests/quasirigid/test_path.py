@@ -124,7 +124,7 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     holds_everywhere(path)
 
 
-def test_what_is_not_known_of_uniqueness_is_counted_and_told(monkeypatch):
+def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
     """Every decision whose certificate, or search at the apex, leaves it open, once."""
     open_ = []
 
@@ -170,7 +170,7 @@ def test_loading_the_other_wall_and_back():
     assert there < state.walls.point[RIGHT, 0]
 
 
-def test_wrong_starts_are_one_sentence(boxed):
+def test_wrong_starts_give_a_one_sentence_error(boxed):
     state, law = boxed
     up = with_load(state.control, 60 + TOP, 1.5)
     with pytest.raises(ValueError, match="no leg was given"):

@@ -147,7 +147,7 @@ def test_cycles_hand_over_to_pivoting_and_that_to_lemke(monkeypatch):
         assert np.array_equal(other.sliding, first.sliding)
 
 
-def test_a_mechanism_that_the_load_drives_is_said_so():
+def test_a_mechanism_that_the_load_drives_is_reported():
     law = ss.laws.linear(1.0, 0.5, 0.5)
     grains = ss.disks([[0, 0.49], [1.5, 0.49]], 0.5)
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), ss.control.loads(2, 1))

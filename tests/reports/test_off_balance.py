@@ -75,7 +75,7 @@ def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
     assert (quiet.returncode, quiet.stdout.strip()) == (3, SENTENCE)
 
 
-def test_programs_are_told_what_is_known(without, tmp_path):
+def test_json_has_the_likely_causes_off_equilibrium(without, tmp_path):
     done = run("stability", without(*MEMORY, "cell"), "--mu", "0.3", "--json", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     answer = json.loads(done.stdout)

@@ -237,7 +237,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_written(command, make, arguments, said, tmp_path):
+def test_bad_input_gives_a_one_sentence_error_and_nothing_is_written(command, make, arguments, said, tmp_path):
     make(tmp_path)
     before = sorted(tmp_path.rglob("*"))
     out = run(command, *arguments, cwd=tmp_path)
@@ -247,7 +247,7 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(command, make, argumen
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_an_unknown_colour_or_frame_is_one_sentence(folder):
+def test_an_unknown_colour_or_frame_gives_a_one_sentence_error(folder):
     out = run("report", folder, "--colour", "taste")
     assert out.returncode == 2
     assert "these grains have radius" in out.stderr or "these grains have " in out.stderr

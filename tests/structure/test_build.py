@@ -79,7 +79,7 @@ def test_only_what_changed_is_compiled(trial):
     )
 
 
-def test_an_error_in_a_source_is_one_sentence_with_its_line(trial):
+def test_an_error_in_a_source_gives_a_one_sentence_error_with_its_line(trial):
     (trial / "wrong.cpp").write_text("int first;\nint second = third;\n")
     with pytest.raises(build.BuildError) as error:
         build.build(trial)

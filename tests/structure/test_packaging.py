@@ -184,7 +184,7 @@ LICENCES = {  # other than BSD and MIT
 
 
 @pytest.mark.slow
-def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_path):
+def test_every_missing_extra_gives_a_one_sentence_error_with_its_command(installed, tmp_path):
     code = "\n".join([
         "import sys", "from stickslip import cli, extras",
         "def ask(library: str, extra: str):", "    extras.require(library, extra)",

@@ -48,7 +48,7 @@ def test_what_grows_while_contacts_stick_is_unstable():
     assert growth(state, law, result.if_stuck.growth_rate[0], 15) > 1000
 
 
-def test_with_dashpots_both_are_told_too():
+def test_with_dashpots_both_are_reported_too():
     state, law = sheared(0, 2, 1.2, 0.1, damping=1e-4)
     result = ss.stability(state, law)
     assert result.stable is None and result.undamped.stable is None

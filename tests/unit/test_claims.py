@@ -152,7 +152,7 @@ def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
     [(1.0, 1.0, float("nan"), 0.0), (1.0, 1.0, -0.1, 0.0), (1.0, 1.0, float("inf"), 0.0), (1.0, 1.0, 0.1, -0.5),
      (1.0, 1.0, 0.1, 0.0, "often"), ([1.0, 2.0], 1.0, 0.1, 0.0), (1.0, [1.0, 2.0], 0.1, 0.0), ([1, 2], [1], 0.1, 0.0)],
 )  # fmt: skip
-def test_what_cannot_be_compared_is_one_sentence(given):
+def test_what_cannot_be_compared_gives_a_one_sentence_error(given):
     with pytest.raises(ValueError, match=r"(was given: |compare windows)"):
         verdict(*given)
 
@@ -281,7 +281,7 @@ def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
     assert all(f"- **{word}**" in text for word in VERDICTS)
 
 
-def test_what_failed_is_told_in_claims_md_and_on_the_terminal(tmp_path, capsys):
+def test_what_failed_is_reported_in_claims_md_and_on_the_terminal(tmp_path, capsys):
     claims_report.write_claims(tmp_path, ROWS[:1], SHOWS, "Paper 9", ["sample 4: no rest [after 9 s]"])
     assert "sample 4: no rest [after 9 s]" in capsys.readouterr().out
     text = (tmp_path / run_files.NOTES).read_text()

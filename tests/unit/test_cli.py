@@ -51,7 +51,7 @@ def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
         (["jump"], "command 'jump' is not known: use reproduce, run"),
     ],
 )
-def test_wrong_words(arguments, sentence, tmp_path):
+def test_unknown_commands_and_options_are_refused(arguments, sentence, tmp_path):
     run = stickslip(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert sentence in run.stderr
@@ -104,7 +104,7 @@ def test_unwritable_folders(tmp_path):
     ],
     ids=["paper", "unlike-radii-linear", "two-newton"],
 )
-def test_a_run_of_ones_own(change, tmp_path):
+def test_a_scenario_of_the_user_runs(change, tmp_path):
     scenario = short(tmp_path / "s.toml", **change)
     run = stickslip("run", scenario, "--out", tmp_path / "out", "--workers", "1")
     assert run.returncode == 0, run.stderr

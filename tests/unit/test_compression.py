@@ -134,13 +134,13 @@ def test_a_law_and_progress():
         ({"pressure": 1e-3, "mu": 0.1, "mass": -1.0}, "mass"),
     ],
 )
-def test_an_impossible_compression_is_one_sentence(options, message):
+def test_an_impossible_compression_gives_a_one_sentence_error(options, message):
     with pytest.raises(ValueError, match=message) as problem:
         compressed(20, **options)
     assert "\n" not in str(problem.value)
 
 
-def test_a_pressure_that_is_not_reached_is_told_with_what_was_reached(monkeypatch):
+def test_a_pressure_that_is_not_reached_is_reported_with_what_was_reached(monkeypatch):
     monkeypatch.setattr(compression, "STEPS", 2000)
     with pytest.raises(ValueError, match="about 1e\\+04 steps"):
         compressed(20, mu=0.5, pressure=1e-4, dim=2)

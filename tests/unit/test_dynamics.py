@@ -122,7 +122,7 @@ def test_the_first_step_sees_slip_that_is_not_yet_committed():
     assert end.grains.velocity[0, 0] == pytest.approx(-0.5 * 1e-3 * 0.1, rel=2e-2)  # O(dt²) of the step itself
 
 
-def test_driven_and_frozen_bodies_do_as_told():
+def test_driven_bodies_move_as_prescribed_and_frozen_ones_stay():
     law = ss.laws.linear(mu=0.3)
     state = make_packing(2, 1)._replace(control=ss.control.fixed(make_packing(2, 1).control, [0]))
     state = state._replace(control=ss.control.driven(state.control, [1], [0, 1e-3, 0, 0, 0, 2e-3]))

@@ -115,7 +115,7 @@ def test_complex_pairs_are_reported_on_request():
         equilibrate(state, LAW, check="spectrum")
 
 
-def test_a_check_that_is_none_is_one_sentence():
+def test_an_unknown_check_gives_a_one_sentence_error():
     with pytest.raises(ValueError, match="'buckling', 'spectrum' and 'nothing'"):
         equilibrate(buckled(), LAW, check="all")
 

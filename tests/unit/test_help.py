@@ -52,7 +52,7 @@ def follow(command, root):
     return run.stdout
 
 
-def test_every_command_has_examples_and_cheap_ones_work_as_typed(clone):
+def test_every_command_has_examples_and_fast_ones_work_as_typed(clone):
     for command in COMMANDS:
         typed = examples(command)
         assert len(typed) >= 2, command
@@ -65,7 +65,7 @@ def test_every_command_has_examples_and_cheap_ones_work_as_typed(clone):
 
 
 @pytest.mark.slow
-def test_dear_examples_work_as_typed(clone):
+def test_slow_examples_work_as_typed(clone):
     follow("run examples/rate_state.toml --out results/rate-state --overwrite", clone)
     for command in COMMANDS:
         for line in filter(is_dear, examples(command)):

@@ -34,7 +34,7 @@ def holder(tmp_path):
     process.communicate()
 
 
-def test_a_second_process_is_told_who_works_there_and_a_killed_one_leaves_it_free(holder, tmp_path):
+def test_a_second_process_is_told_who_holds_the_lock_and_a_killed_holder_releases_it(holder, tmp_path):
     out = tmp_path / "out"
     (tmp_path / "s.toml").write_text(SLIDER)
     (tmp_path / "many.toml").write_text(SLIDER + '[sweep]\n"surface.mu0" = [0.3, 0.4]\n')
@@ -88,7 +88,7 @@ def test_what_goes_wrong_inside_leaves_neither_lock_nor_folder(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_of_many_at_once_one_is_in_at_a_time(tmp_path):
+def test_only_one_of_many_holds_the_lock_at_a_time(tmp_path):
     """Threads hold locks of their own, as processes do; none may pass by a lock file that is just being removed."""
     inside, most, wrong = [], [], []
 

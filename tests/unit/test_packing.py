@@ -63,7 +63,7 @@ def test_a_large_packing_is_quenched_by_fire_to_the_same_tolerance():
         ({"packing_fraction": 0.68, "radius": [5.0] + [0.5] * 19}, "use more grains"),
     ],
 )
-def test_an_impossible_packing_is_one_sentence(options, message):
+def test_an_impossible_packing_gives_a_one_sentence_error(options, message):
     with pytest.raises(ValueError, match=message):
         jammed(20, **options)
 
@@ -175,7 +175,7 @@ def test_a_cell_described_by_shorter_vectors_is_the_same_packing(dim, seed):
 @pytest.mark.parametrize(
     ("gradient", "message"), [(np.eye(4), "shape"), ([[0, 0, 1], [0, 0, 0], [0, 0, 0]], "z components")]
 )
-def test_an_impossible_strain_is_one_sentence(gradient, message):
+def test_an_impossible_strain_gives_a_one_sentence_error(gradient, message):
     state = jammed(20, packing_fraction=0.86, dim=2)[0]
     with pytest.raises(ValueError, match=message):
         strained(state, gradient)

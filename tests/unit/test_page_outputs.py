@@ -103,7 +103,7 @@ def test_the_commands_for_a_packing_from_lammps_print_what_the_pages_show(tmp_pa
                 require_output(shown, run(command, tmp_path))
 
 
-def test_agreement_is_of_words_and_numbers():
+def test_printed_outputs_agree_in_text_and_numbers():
     assert agree("residual 5.9e-12 of  3 grains", "residual 2.1e-12 of 3 grains")
     assert not agree("period 23.49", "period 24.49") and not agree("1 pair", "1 pairs")
     require_output(["first", "…", "last"], "first\nother\nlast\n")

@@ -169,7 +169,7 @@ def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
         complex_pairs(packing[0], LAW)
 
 
-def test_progress_is_told_in_order(packing):
+def test_progress_is_reported_in_order(packing):
     told = []
     complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(share))
     assert told == sorted(told)
@@ -231,7 +231,7 @@ def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way
     np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=1e-9)
 
 
-def test_too_many_coordinates_for_a_certificate_name_the_other_way(packing, monkeypatch):
+def test_too_many_coordinates_for_a_certificate_name_the_other_method(packing, monkeypatch):
     monkeypatch.setattr("stickslip.solve.stability.PAIRS_UP_TO", 10)
     with pytest.raises(ValueError, match=r"would take about .* use 'fastest'"):
         ss.stability(packing[0], LAW, method="certify")

@@ -150,7 +150,7 @@ def test_shear_from_the_command_line(tmp_path):
         ({"dynamics": {"times": (-1.0,)}}, "dynamics.times"),
     ],
 )
-def test_wrong_scenarios_are_one_sentence(tables, message):
+def test_wrong_scenarios_give_a_one_sentence_error(tables, message):
     with pytest.raises(ss.experiments.ScenarioError) as problem:
         ss.scenario(experiment="quasi-rigid", **tables)
     assert message in str(problem.value)

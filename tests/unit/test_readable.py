@@ -65,7 +65,7 @@ def test_no_type_prints_the_generic_tuple(kind):
     assert hasattr(kind, "_repr_html_")
 
 
-def test_a_large_value_stays_short_whatever_it_holds():
+def test_the_repr_of_a_large_value_stays_short():
     path = ss.results.Ledger(*[np.arange(1e5)] * len(ss.results.Ledger._fields))
     for text in (repr(path), str(path)):
         assert len(text) < 1000

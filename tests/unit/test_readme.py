@@ -113,7 +113,7 @@ def test_a_name_in_two_namespaces_names_both():
         stickslip.complex_pairs  # noqa: B018
 
 
-def test_words_of_other_programs_lead_to_names_that_exist():
+def test_names_of_other_programs_lead_to_names_that_exist():
     with pytest.raises(AttributeError, match=r"did you mean stickslip\.packings\.jammed\?"):
         stickslip.packings.random  # noqa: B018
     with pytest.raises(AttributeError, match=r"did you mean `stickslip report`\?"):

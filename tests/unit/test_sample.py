@@ -46,7 +46,7 @@ def test_a_packing_comes_back_with_the_same_forces_and_spectrum(unstable, tmp_pa
     np.testing.assert_allclose(result.pairs, direct.pairs, rtol=1e-9)
 
 
-def test_pairs_may_be_given_the_other_way_round_and_in_any_order(unstable):
+def test_pairs_may_be_given_in_either_direction_and_any_order(unstable):
     given = arrays_of(unstable)
     rng = np.random.default_rng(0)
     flip = rng.random(len(given["pair_i"])) < 0.5
@@ -82,7 +82,7 @@ def test_contacts_may_be_left_out(unstable):
     assert not state.contacts.slip.any()
 
 
-def test_slip_that_is_not_tangential_is_projected_and_said(unstable):
+def test_slip_that_is_not_tangential_is_projected_and_reported(unstable):
     given = arrays_of(unstable)
     with pytest.warns(PackingWarning, match="normal part was up to"):
         state = from_arrays(law=LAW, **given | {"slip": given["slip"] + 1e-3})
@@ -99,7 +99,7 @@ def test_slip_that_is_too_long_for_a_number_is_refused(unstable):
         accepted(unstable._replace(contacts=unstable.contacts._replace(slip=slip)), LAW, memory=ss.FROZEN)
 
 
-def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):
+def test_slip_beyond_the_limit_and_missing_pairs_are_reported(unstable):
     given = arrays_of(unstable)
     with pytest.warns(PackingWarning, match="slip beyond the Coulomb limit at"):
         from_arrays(law=ss.laws.hertz_mindlin(mu=1e-3), **given)
@@ -139,7 +139,7 @@ def wrong(given, **changes):
         (lambda g: {"dim": 2}, "leaves the plane"),
     ],
 )
-def test_what_cannot_be_taken_is_one_sentence(unstable, change, message):
+def test_what_cannot_be_taken_gives_a_one_sentence_error(unstable, change, message):
     given = arrays_of(unstable)
     with pytest.raises(PackingError, match=message) as problem:
         from_arrays(law=LAW, **wrong(given, **change(given)))

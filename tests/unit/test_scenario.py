@@ -46,7 +46,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"experiment": "Sphere_Shear"}, "did you mean 'sphere-shear'?"),
     ],
 )
-def test_a_bad_scenario_is_one_sentence(tables, message):
+def test_a_bad_scenario_gives_a_one_sentence_error(tables, message):
     with pytest.raises(ScenarioError, match=message) as caught:
         scenario(**tables)
     assert "\n" not in str(caught.value)
@@ -55,7 +55,7 @@ def test_a_bad_scenario_is_one_sentence(tables, message):
 @pytest.mark.parametrize(
     ("text", "message"), [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks = 'ten' was given")]
 )
-def test_a_bad_file_is_one_sentence(tmp_path, text, message):
+def test_a_bad_file_gives_a_one_sentence_error(tmp_path, text, message):
     path = tmp_path / "bad.toml"
     path.write_text(text)
     with pytest.raises(ScenarioError, match=message):

@@ -338,7 +338,7 @@ def test_states_that_are_not_at_rest_at_their_loads_are_refused():
         ss.protocols.kinetic_threshold([path[0], wrong, path[2]], protocol, loads=[0.0, 0.1], **how)  # it is not used
 
 
-def test_travel_is_the_strain_of_a_cell_the_way_of_a_plate_and_else_the_median_way():
+def test_travel_is_the_strain_of_a_cell_the_path_of_a_plate_or_else_the_median_displacement():
     state = ss.assembly(ss.spheres([[0, 0, 0], [0, 1, 0], [3, 0, 0]], 0.25), cell=ss.box([4.0, 4.0, 4.0], [True] * 3))
     ways = np.array([[0.1, 0, 0], [0.3, 0.4, 0], [1.0, 0, 0]])
     moved = state._replace(grains=state.grains._replace(position=state.grains.position + ways))

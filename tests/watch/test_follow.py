@@ -28,7 +28,7 @@ def test_only_complete_frames_are_found_wherever_the_file_ends(tmp_path):
         assert dump.partial == (cut > 0 and cut not in ends)
 
 
-def test_a_file_that_begins_anew_is_read_anew(tmp_path):
+def test_a_file_that_is_rewritten_is_read_again(tmp_path):
     path = copy(tmp_path, contacts=False) / "grains.dump"
     known = find_dumps(tmp_path, {})
     path.write_bytes(frames("grains.dump")[2])
@@ -77,7 +77,7 @@ def test_a_frame_waits_for_its_contacts(tmp_path):
         (lambda part: part.replace(b"ATOMS\n27", b"ATOMS\n29"), "cut off after 27 of 29 rows"),
     ],
 )  # fmt: skip
-def test_damaged_frames_are_told_and_the_others_read(harm, text, tmp_path, monkeypatch):
+def test_damaged_frames_are_reported_and_the_others_read(harm, text, tmp_path, monkeypatch):
     monkeypatch.setattr(follow, "FRESH", 0.0)  # no contacts are waited for
     parts = frames("grains.dump")
     (tmp_path / "grains.dump").write_bytes(parts[0] + harm(parts[1]) + parts[2])
@@ -89,7 +89,7 @@ def test_damaged_frames_are_told_and_the_others_read(harm, text, tmp_path, monke
     assert "grains.dump" in note
 
 
-def test_of_two_files_with_the_same_step_the_last_one_is_used_and_said(tmp_path, monkeypatch):
+def test_of_two_files_with_the_same_step_the_last_one_is_used_and_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(follow, "FRESH", 0.0)  # no contacts are waited for
     copy(tmp_path, contacts=False)
     (tmp_path / "again.dump").write_bytes(frames("grains.dump")[1])

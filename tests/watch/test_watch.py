@@ -89,7 +89,7 @@ def test_a_running_simulation_is_watched_to_its_end(tmp_path):
     assert once.rows == seen[-1].rows
 
 
-def test_the_newest_frame_comes_first_and_the_others_are_told(tmp_path):
+def test_the_newest_frame_comes_first_and_the_others_are_reported(tmp_path):
     source = open_source(SHEARED, **LAW)
     some = list(islice(watch(source, {}), 6))
     assert [done.fresh.step for done in some if done.fresh] == STEPS[::-1]
