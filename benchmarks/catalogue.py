@@ -22,7 +22,7 @@ from stickslip.experiments import EXPERIMENTS
 from stickslip.experiments.catalogue.measures import class_counts
 from stickslip.experiments.catalogue.predictors import PREDICTORS, Skill, skills
 from stickslip.experiments.catalogue.report import law_label
-from stickslip.experiments.catalogue.tables import Table, joined_tables, read_table, rows_of, write_table
+from stickslip.experiments.catalogue.tables import Table, read_table, rows_of, stack_tables, write_table
 from stickslip.figures import catalogue as figures
 from stickslip.figures.style import save
 from stickslip.loading.event_class import fit_power, vanishes
@@ -102,8 +102,8 @@ def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:
         done = [place for place in places if (place / "events.csv").is_file()]
         if done:
             label = law_label(run.scenario(0))
-            events[label] = joined_tables([(place.name, read_table(place / "events.csv")) for place in done], "part")
-            steps[label] = joined_tables([(place.name, read_table(place / "steps.csv")) for place in done], "part")
+            events[label] = stack_tables([(place.name, read_table(place / "events.csv")) for place in done], "part")
+            steps[label] = stack_tables([(place.name, read_table(place / "steps.csv")) for place in done], "part")
     return events, steps
 
 
@@ -126,7 +126,7 @@ def write_reference(folder: Path, out: Path = OUT) -> None:
     found = {law: skills(steps[law], events[law], SHEAR["window"]) for law in events}
     kept, bare = stored(events, out), {law: _without(table, "part") for law, table in events.items()}
     every = {label: (bare | kept)[label] for label in _labels() if label in bare or label in kept}
-    whole = joined_tables([(_plain(law), table) for law, table in every.items()], "law")
+    whole = stack_tables([(_plain(law), table) for law, table in every.items()], "law")
     write_table(out / "events.csv", whole, digits=7)
     _write_skills(out / "skill.csv", found, kept)
     save(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")

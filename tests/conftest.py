@@ -115,12 +115,12 @@ def stirred(state, law, rng, size=0.02, times=3):
     return accept(state, trial)
 
 
-def stickslip_here(*words, cwd=None):
+def stickslip_here(*arguments, cwd=None):
     """What the command line says and returns, in this process: a second less than in one of its own."""
     from stickslip.cli import main
 
     out, err, argv = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["stickslip", *map(str, words)]
+    sys.argv = ["stickslip", *map(str, arguments)]
     go = contextlib.chdir(cwd) if cwd else contextlib.nullcontext()
     with go, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
         try:

@@ -25,15 +25,15 @@ def _tree(path: Path) -> ast.AST:
 
 def _imports(path: Path) -> dict[str, str]:
     """Rooms of the names that a file imports."""
-    found = {}
+    values = {}
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             module = node.module.removeprefix("stickslip.") if not node.level else node.module
             if node.level or node.module.startswith("stickslip."):
-                found |= {alias.asname or alias.name: module.split(".")[0] for alias in node.names}
+                values |= {alias.asname or alias.name: module.split(".")[0] for alias in node.names}
             elif node.module == "stickslip":
-                found |= {alias.asname or alias.name: alias.name for alias in node.names}
-    return found
+                values |= {alias.asname or alias.name: alias.name for alias in node.names}
+    return values
 
 
 @cache
@@ -48,16 +48,16 @@ def public() -> dict[str, str]:
 @cache
 def used(path: Path) -> frozenset[str]:
     """Rooms that a test file uses."""
-    found, names = set(), public()
+    needed, names = set(), public()
     for name, room in _imports(path).items():
-        found.add(names.get(name, room) if room in SPACES or room == name else room)
+        needed.add(names.get(name, room) if room in SPACES or room == name else room)
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Attribute):
             dotted = ast.unparse(node)
             if dotted.startswith("ss."):
                 parts = dotted.split(".")[1:3]
-                found |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
-    return frozenset(found)
+                needed |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
+    return frozenset(needed)
 
 
 def files(room: str) -> list[Path]:

@@ -24,7 +24,7 @@ def path(state, law, strains, **options):
         return ss.protocols.ramp(state, strains, ss.protocols.aqs(law, **options))
 
 
-def test_a_step_across_an_event_is_told(state):
+def test_a_step_across_an_event_is_reported(state):
     strains = np.arange(0.0, 0.0072, 8e-4)
     marks = [point.outcome.left for point in path(state, FRICTIONLESS, strains)]
     across = int(np.searchsorted(strains, EVENT))
@@ -82,12 +82,12 @@ def test_pairs_are_in_the_outcome_and_count_only_if_they_grow():
 
 
 def test_missing_drag_and_unknown_choices_are_refused():
-    for options, words in (
+    for options, message in (
         ({"on_instability": "follow-dynamics"}, "without drag"),
         ({"on_instability": "ignore"}, "'tell', 'follow-dynamics', 'stop' are allowed"),
         ({"drag": -1.0}, "drag = -1.0"),
     ):
-        with pytest.raises(ValueError, match=words) as error:
+        with pytest.raises(ValueError, match=message) as error:
             ss.protocols.aqs(SMOOTH, **options)
         assert "\n" not in str(error.value)
 
@@ -98,8 +98,8 @@ def test_sphere_shear_counts_such_steps():
         experiment="sphere-shear", **short, law={"mu": 0.5, "coulomb": "smooth"},
         shear={"strain": (0.0, 4e-3), "step": 1e-3}, release={"duration": 10.0},
     )  # fmt: skip
-    (found,) = ss.simulate(scenario, workers=1).paths
-    assert found.unstable == int(((found.pairs > 0) | (found.negative > 0)).sum())
-    assert 0 <= found.left <= 4
+    (sheared,) = ss.simulate(scenario, workers=1).paths
+    assert sheared.unstable == int(((sheared.pairs > 0) | (sheared.negative > 0)).sum())
+    assert 0 <= sheared.left <= 4
     with pytest.raises(ValueError, match=r"without shear\.drag"):
         ss.scenario(experiment="sphere-shear", shear={"on_instability": "follow-dynamics"})

@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.catalogue import read_table, report, simulate
 from stickslip.experiments.catalogue.measures import measures
-from stickslip.experiments.catalogue.tables import event_table, joined_tables, rows_of, step_table, write_table
+from stickslip.experiments.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
 from stickslip.figures import catalogue as figures
 from stickslip.runs.writer import write_result
 from tests.events.made import events_of, samples
@@ -72,35 +72,35 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("tables", "words"), BAD)
-def test_what_cannot_be_run_is_said_in_one_sentence(tables, words):
+@pytest.mark.parametrize(("tables", "message"), BAD)
+def test_what_cannot_be_run_is_refused_in_one_sentence(tables, message):
     with pytest.raises(ss.experiments.ScenarioError) as caught:
         ss.scenario(experiment="catalogue", **tables)
-    assert words in str(caught.value) and "\n" not in str(caught.value)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("wanted", "packings", "seeds"), [
     (1, 50, [0]), (3, 50, [0]), (4, 50, [0, 1]), (9, 50, [0, 1, 2, 3]), (11, 50, [0, 1, 2, 3, 5]), (99, 3, [0, 1, 2]),
 ])  # fmt: skip
 def test_packings_are_sheared_until_there_are_enough_events(made, wanted, packings, seeds):
-    found = ss.simulate(scenario(events=wanted, packings=packings), workers=1)
-    assert [one.seed for one in found.samples] == seeds
-    assert found.number == sum(2 + (seed % 3 == 0) for seed in seeds)
-    assert len(found.failures) == (max(seeds) > 4)
-    assert repr(found).startswith("CatalogueResult: ")
+    result = ss.simulate(scenario(events=wanted, packings=packings), workers=1)
+    assert [sample.seed for sample in result.samples] == seeds
+    assert result.number == sum(2 + (seed % 3 == 0) for seed in seeds)
+    assert len(result.failures) == (max(seeds) > 4)
+    assert repr(result).startswith("CatalogueResult: ")
 
 
 @pytest.mark.parametrize("events", [10, 14])  # 10: exactly those of the first four packings
 def test_the_result_does_not_depend_on_how_many_run_at_a_time(made, monkeypatch, events):
     chosen = scenario(events=events)
-    one = ss.simulate(chosen, workers=1)
+    result = ss.simulate(chosen, workers=1)
     monkeypatch.setattr(simulate, "reach", lambda workers: ss.ensemble.Spread(5, "five"))
     CALLS.clear()
     five = ss.simulate(chosen, workers=1)
     assert CALLS[:5] == [0, 1, 2, 3, 4]  # a batch
-    assert [s.seed for s in five.samples] == [s.seed for s in one.samples]
-    assert five.failures == one.failures
-    for name, column in event_table(one.samples).items():
+    assert [s.seed for s in five.samples] == [s.seed for s in result.samples]
+    assert five.failures == result.failures
+    for name, column in event_table(result.samples).items():
         np.testing.assert_array_equal(column, event_table(five.samples)[name])
 
 
@@ -109,8 +109,8 @@ def test_nothing_but_failures_is_an_error(made):
         ss.simulate(scenario(seed=4, packings=1), workers=1)
 
 
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, words)])
+def call(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, arguments)])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
@@ -143,16 +143,16 @@ def test_a_run_that_was_stopped_goes_on_and_equals_one_that_was_not(made, monkey
 
 
 def test_the_dataset_has_the_tables_with_units(made, monkeypatch, tmp_path):
-    found = ss.simulate(scenario(events=5), workers=1)
-    write_result(tmp_path, ss.experiments.EXPERIMENTS["catalogue"], found)
+    result = ss.simulate(scenario(events=5), workers=1)
+    write_result(tmp_path, ss.experiments.EXPERIMENTS["catalogue"], result)
     data = ss.io.open_dataset(tmp_path)
-    events = event_table(found.samples)
+    events = event_table(result.samples)
     np.testing.assert_array_equal(data["events"].strain, events["strain"])
     np.testing.assert_array_equal(data["events"].softest, events["softest"])
     assert data["events"].softest.attrs["units"] == "1/time^2"
-    np.testing.assert_array_equal(data["steps"].switch, step_table(found.samples)["switch"])
+    np.testing.assert_array_equal(data["steps"].switch, step_table(result.samples)["switch"])
     assert [str(kind) for kind in data["events"].kind.values] == events["kind"].tolist()
-    assert data["frames"].sizes["frame"] == len(found.samples)
+    assert data["frames"].sizes["frame"] == len(result.samples)
 
 
 def test_members_of_a_sweep_are_measured(made, tmp_path):
@@ -172,7 +172,7 @@ def test_a_table_comes_back_from_its_file(tmp_path):
             assert back[name].shape == column.shape and back[name].dtype.kind == column.dtype.kind, name
             np.testing.assert_array_equal(back[name], column)
     table = event_table(samples())
-    events = [event for one in samples() for event in one.found.events]
+    events = [event for sample in samples() for event in sample.found.events]
     assert list(zip(table["trigger_i"], table["trigger_j"], strict=True)) == [event.trigger for event in events]
     write_table(tmp_path / "t.csv", table)
     head = (tmp_path / "t.csv").read_text().splitlines()[0].split(",")
@@ -186,20 +186,20 @@ def test_a_table_without_events_comes_back(tmp_path):
 
 
 def test_tables_with_different_numbers_of_distances_are_joined():
-    one, two = event_table(samples(1, 3)), event_table(samples(2, 2))
-    two["softest"] = two["softest"][:, :4]
-    both = joined_tables([("a", one), ("b", two)], "law")
+    first, second = event_table(samples(1, 3)), event_table(samples(2, 2))
+    second["softest"] = second["softest"][:, :4]
+    both = stack_tables([("a", first), ("b", second)], "law")
     assert both["law"].tolist() == ["a"] * 3 + ["b"] * 4
     assert both["softest"].shape == (7, 6) and np.isnan(both["softest"][3:, 4:]).all()
-    np.testing.assert_array_equal(rows_of(both, both["law"] == "b")["strain"], two["strain"])
+    np.testing.assert_array_equal(rows_of(both, both["law"] == "b")["strain"], second["strain"])
 
 
 def test_measures_are_those_of_the_table(made):
-    found = ss.simulate(scenario(events=5), workers=1)
-    numbers = {name: value for name, (value, _) in measures(found).items()}
+    result = ss.simulate(scenario(events=5), workers=1)
+    numbers = {name: value for name, (value, _) in measures(result).items()}
     assert numbers["events"] == 5 and numbers["packings"] == 2
     assert numbers["events_per_strain"] == pytest.approx(
-        5 / sum(s.found.steps.strain[-1] + 4e-4 for s in found.samples)
+        5 / sum(s.found.steps.strain[-1] + 4e-4 for s in result.samples)
     )
     assert sum(value for name, value in numbers.items() if name.startswith("share_")) == pytest.approx(1)
     assert numbers["saddle_node_exponent"] == 0.5
@@ -230,9 +230,9 @@ def test_figures_show_the_events():
 
 def test_a_run_without_events_is_still_reported(monkeypatch, capsys):
     monkeypatch.setattr(simulate, "find_events", lambda state, law, **o: events_of(0, 0, state, o["step"]))
-    found = ss.simulate(scenario(packings=1), workers=1)
-    assert found.number == 0 and list(report.figures(found)) == []
-    report.show(found)
+    result = ss.simulate(scenario(packings=1), workers=1)
+    assert result.number == 0 and list(report.figures(result)) == []
+    report.show(result)
     assert "0 events in 1 packing," in capsys.readouterr().out
-    numbers = {name: value for name, (value, _) in measures(found).items()}
+    numbers = {name: value for name, (value, _) in measures(result).items()}
     assert numbers["events_per_strain"] == 0 and np.isnan(numbers["saddle_node_exponent"])

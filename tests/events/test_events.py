@@ -41,10 +41,10 @@ def test_without_friction_many_packings_have_only_saddle_nodes():
 
 
 def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding):
-    for found in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5)):
-        for event in found.events:
-            assert 0 < event.strain - event.below <= found.resolution
-            assert (np.diff(event.distances) < 0).all() and event.distances[0] <= found.step
+    for record in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5)):
+        for event in record.events:
+            assert 0 < event.strain - event.below <= record.resolution
+            assert (np.diff(event.distances) < 0).all() and event.distances[0] <= record.step
 
 
 def test_events_do_not_depend_on_step_and_drag(frictionless, sliding):
@@ -54,12 +54,12 @@ def test_events_do_not_depend_on_step_and_drag(frictionless, sliding):
         (LINEAR, 3, 0.006, 0.86, sliding),
     ):
         for change in ({"step": STEP / 2}, {"share": 0.2}):
-            found = search(law, seed, to, fraction=fraction, **change)
-            assert [e.kind for e in found.events] == [e.kind for e in known.events]
-            assert [e.trigger for e in found.events] == [e.trigger for e in known.events]
+            record = search(law, seed, to, fraction=fraction, **change)
+            assert [e.kind for e in record.events] == [e.kind for e in known.events]
+            assert [e.trigger for e in record.events] == [e.trigger for e in known.events]
             same = law is FRICTIONLESS or "share" in change
             np.testing.assert_allclose(
-                [e.strain for e in found.events], [e.strain for e in known.events], rtol=0, atol=1e-6 if same else 3e-5
+                [e.strain for e in record.events], [e.strain for e in known.events], rtol=0, atol=1e-6 if same else 3e-5
             )
 
 
@@ -146,11 +146,11 @@ def sliding_contacts(state, law):
 
 def test_dynamics_confirms_the_switch_test():
     """With the trigger made unable to slide, the packing passes the event."""
-    found = search(LINEAR, 3, 0.006)
-    event = found.events[0]
+    record = search(LINEAR, 3, 0.006)
+    event = record.events[0]
     free = packing(LINEAR, 3)
     stuck = ss.laws.linear(mu=1e3)  # no contact slides
-    passed = ss.protocols.find_events(free, stuck, to=0.006, drag=found.drag, step=STEP)
+    passed = ss.protocols.find_events(free, stuck, to=0.006, drag=record.drag, step=STEP)
     assert all(abs(other.strain - event.strain) > 1e-5 for other in passed.events)
 
 
@@ -204,22 +204,22 @@ def test_errors_of_exponents_cover_what_is_not_known(kind, size):
     inside = []
     for offset in np.linspace(-0.5, 0.5, 41):
         values = np.exp(np.interp(np.log(distances + offset), *np.log(series(size))))
-        found, error = fit_power(distances, values, 1.0)
-        inside.append(abs(found - power) <= 2 * error)
-        assert abs(found - power) <= 3 * error
-        assert vanishes(found, error)
+        exponent, error = fit_power(distances, values, 1.0)
+        inside.append(abs(exponent - power) <= 2 * error)
+        assert abs(exponent - power) <= 3 * error
+        assert vanishes(exponent, error)
     assert np.mean(inside) >= 0.95
 
 
 def test_exponents_of_a_contact_that_is_about_to_open_are_between_a_third_and_a_half():
     """d = A λ² + B λ³: the exponent lies between, and is that of the term that dominates at the distances used."""
     distances = 8.0 ** np.arange(3, -1, -1)
-    found = []
+    results = []
     for lead in (1e-3, 1.0, 10.0, 1e3):
         values = np.exp(np.interp(np.log(distances), np.log(lead * LEAD**2 + LEAD**3), np.log(LEAD)))
-        found.append(fit_power(distances, values, 1 / 16))
-        assert 1 / 3 - 2 * found[-1][1] < found[-1][0] < 1 / 2 + 2 * found[-1][1]
-    powers, errors = np.transpose(found)
+        results.append(fit_power(distances, values, 1 / 16))
+        assert 1 / 3 - 2 * results[-1][1] < results[-1][0] < 1 / 2 + 2 * results[-1][1]
+    powers, errors = np.transpose(results)
     assert (np.diff(powers) > 0).all()
     assert abs(powers[0] - 1 / 3) < 2 * errors[0]
     assert (np.abs(powers[2:] - 1 / 2) < 2 * errors[2:]).all()
@@ -227,8 +227,8 @@ def test_exponents_of_a_contact_that_is_about_to_open_are_between_a_third_and_a_
 
 def test_no_class_from_values_that_fall_by_a_jump():
     """Another mode is the softest at all but the nearest distance: nothing is known about a limit of zero."""
-    found, error = fit_power(8.0 ** np.arange(3, -1, -1), np.array([1.1, 1.05, 1.0, 0.01]), 1 / 16)
-    assert not vanishes(found, error)
+    exponent, error = fit_power(8.0 ** np.arange(3, -1, -1), np.array([1.1, 1.05, 1.0, 0.01]), 1 / 16)
+    assert not vanishes(exponent, error)
 
 
 def test_small_jumps_are_events_only_if_asked_for(sliding):
@@ -239,12 +239,12 @@ def test_small_jumps_are_events_only_if_asked_for(sliding):
 
 
 def test_the_search_ends_with_the_number_of_events():
-    found = search(FRICTIONLESS, 3, 0.03, fraction=0.88, most=1)
-    assert found.events and "number" in found.end and len(found.steps.strain) == 5
+    record = search(FRICTIONLESS, 3, 0.03, fraction=0.88, most=1)
+    assert record.events and "number" in record.end and len(record.steps.strain) == 5
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"step": -1e-3}, "step = -0.001"),
         ({"to": 0.0}, "to = 0.0"),
@@ -257,8 +257,8 @@ def test_the_search_ends_with_the_number_of_events():
         ({"smallest": 0.0}, r"smallest = 0\.0"),
     ],
 )
-def test_bad_options_are_refused_in_one_sentence(options, words):
-    with pytest.raises(ValueError, match=words) as error:
+def test_bad_options_are_refused_in_one_sentence(options, message):
+    with pytest.raises(ValueError, match=message) as error:
         ss.protocols.find_events(packing(LINEAR, 3), LINEAR, **{"to": 0.01, "drag": 0.1, "step": STEP, **options})
     assert "\n" not in str(error.value)
 
@@ -278,13 +278,13 @@ def test_unsuitable_packings_and_laws_are_refused():
         (ss.packings.from_arrays([[0, 0], [2, 2]], [0.5, 0.5], LINEAR, cell=[4, 4], dim=2), LINEAR, "without contacts"),
         (state._replace(control=state.control._replace(gravity=np.array([0.0, -1.0, 0.0]))), LINEAR, "loads"),
     ]
-    for bad, law, words in wrong:
-        with pytest.raises(ValueError, match=words) as error:
+    for bad, law, message in wrong:
+        with pytest.raises(ValueError, match=message) as error:
             ss.protocols.find_events(bad, law, **options)
         assert "\n" not in str(error.value)
 
 
 def test_the_same_search_twice_gives_the_same_numbers(sliding):
     again = search(LINEAR, 3, 0.006)
-    for one, other in zip(again.events, sliding.events, strict=True):
-        np.testing.assert_equal(one._asdict(), other._asdict())
+    for event, other in zip(again.events, sliding.events, strict=True):
+        np.testing.assert_equal(event._asdict(), other._asdict())

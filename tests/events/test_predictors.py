@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.experiments.catalogue.predictors import follow, resampled_skill, roc, skills
+from stickslip.experiments.catalogue.predictors import label_steps, resampled_skill, roc, skills
 from stickslip.experiments.catalogue.tables import event_table, step_table
 from tests.events.made import samples
 
@@ -19,20 +19,20 @@ def test_area_is_the_share_of_pairs_in_the_right_order(levels):
     rng = np.random.default_rng(levels)
     followed = rng.random(60) < 0.3
     score = np.round(rng.normal(size=60) * levels + levels * followed) / levels  # with many ties, or few
-    found = roc(score, followed)
-    assert found.area == pytest.approx(area_by_pairs(score, followed), abs=1e-12)
-    assert found.false_alarms[0] == found.hits[0] == 0 and found.false_alarms[-1] == found.hits[-1] == 1
-    assert (np.diff(found.hits) >= 0).all() and (np.diff(found.false_alarms) >= 0).all()
+    curve = roc(score, followed)
+    assert curve.area == pytest.approx(area_by_pairs(score, followed), abs=1e-12)
+    assert curve.false_alarms[0] == curve.hits[0] == 0 and curve.false_alarms[-1] == curve.hits[-1] == 1
+    assert (np.diff(curve.hits) >= 0).all() and (np.diff(curve.false_alarms) >= 0).all()
 
 
 def test_points_of_the_curve_are_those_of_all_thresholds():
     rng = np.random.default_rng(1)
     score, followed = rng.integers(0, 6, 40).astype(float), rng.random(40) < 0.4
-    found = roc(score, followed)
+    curve = roc(score, followed)
     for threshold in np.unique(score):
         announced = score >= threshold
         point = (announced[~followed].mean(), announced[followed].mean())
-        assert np.isclose(np.stack([found.false_alarms, found.hits], axis=1), point).all(axis=1).any()
+        assert np.isclose(np.stack([curve.false_alarms, curve.hits], axis=1), point).all(axis=1).any()
 
 
 def test_weights_count_steps_several_times():
@@ -76,33 +76,33 @@ def test_interval_covers_the_true_area():
         block = np.repeat(np.arange(25), 8)
         score = rng.normal(size=25)[block] + 0.3 * rng.normal(size=200)
         followed = rng.random(200) < 0.25
-        one = resampled_skill("x", score, followed, block, resamples=200)
-        inside += one.low <= 0.5 <= one.high
+        skill = resampled_skill("x", score, followed, block, resamples=200)
+        inside += skill.low <= 0.5 <= skill.high
     assert 86 <= inside <= 100
 
 
 def test_one_packing_has_no_interval():
-    one = resampled_skill("x", np.arange(4.0), np.array([False, True, False, True]), np.zeros(4, int), resamples=10)
-    assert np.isnan(one.low) and np.isnan(one.band).all() and one.roc.area == 0.75
+    skill = resampled_skill("x", np.arange(4.0), np.array([False, True, False, True]), np.zeros(4, int), resamples=10)
+    assert np.isnan(skill.low) and np.isnan(skill.band).all() and skill.roc.area == 0.75
 
 
 def test_which_steps_an_event_follows():
     steps = {"sample": np.array([1] * 6 + [2] * 3), "strain": np.array([0, 1, 2, 3, 4, 5, 0, 1, 2.0])}
     events = {"sample": np.array([1, 2]), "strain": np.array([3.0, 2.5])}
-    followed, known = follow(steps, events, 1.0)
+    followed, known = label_steps(steps, events, 1.0)
     assert followed.tolist() == [False, False, True, False, False, False, False, False, True]
     assert known.tolist() == [True, True, True, True, True, False, True, True, True]
-    followed, _ = follow(steps, events, 2.0)
+    followed, _ = label_steps(steps, events, 2.0)
     assert followed.tolist() == [False, True, True, False, False, False, False, True, True]
 
 
-def test_a_predictor_that_announces_is_told_from_those_that_do_not():
+def test_a_predictor_that_announces_is_distinguished_from_those_that_do_not():
     made = samples(12, 6)
     steps, events = step_table(made), event_table(made)
     steps["switch"][5] = np.nan
-    found = {one.predictor: one for one in skills(steps, events, 4e-4, resamples=200)}
-    assert found["switch"].low > 0.95 and found["nonaffine_rate"].low > 0.6
-    assert found["loss_ahead"].roc.area == 1 and len(found["loss_ahead"].roc.hits) == 3  # infinite strains are ties
-    assert found["softest"].low < 0.5 < found["softest"].high
-    assert found["switch"].followed == found["softest"].followed == 72
-    assert found["softest"].steps - found["switch"].steps == 1
+    values = {skill.predictor: skill for skill in skills(steps, events, 4e-4, resamples=200)}
+    assert values["switch"].low > 0.95 and values["nonaffine_rate"].low > 0.6
+    assert values["loss_ahead"].roc.area == 1 and len(values["loss_ahead"].roc.hits) == 3  # infinite strains are ties
+    assert values["softest"].low < 0.5 < values["softest"].high
+    assert values["switch"].followed == values["softest"].followed == 72
+    assert values["softest"].steps - values["switch"].steps == 1

@@ -32,8 +32,8 @@ def unstable():
 def test_npz_keeps_state_motion_and_law(make, tmp_path):
     state = make()
     assert ss.io.write_packing(tmp_path / "p.npz", state, SHARP) == []
-    back, law, words = ss.io.read_packing(tmp_path / "p.npz")
-    assert not words
+    back, law, notes = ss.io.read_packing(tmp_path / "p.npz")
+    assert not notes
     assert np.array_equal(law.table, SHARP.table)
     assert law[:2] == SHARP[:2]
     assert law.damping == SHARP.damping
@@ -103,10 +103,10 @@ def test_three_commands_make_an_animation(unstable, tmp_path):
 
 def test_the_animation_is_what_the_linearised_motion_does(unstable):
     """M q̈ = J q for q = Re(mode exp(st)): second differences of a growing animation against the Jacobian."""
-    found = ss.stability(unstable, SMOOTH)
-    mode, free = found.modes[:, 0], found.free
+    result = ss.stability(unstable, SMOOTH)
+    mode, free = result.modes[:, 0], result.free
     full = free.spread(mode)
-    s = complex(-1j * np.sqrt(found.pairs[0]))
+    s = complex(-1j * np.sqrt(result.pairs[0]))
     assert s.real > 0
     frames = ss.io.mode_frames(
         ss.io.frame_of(unstable, SMOOTH), full[:, :3], full[:, 3:], s, count=400, amplitude=1e-3, grow=True
@@ -132,14 +132,14 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
     truth = ss.modes.damped_growth(unstable, law)
     fastest = truth[truth.real.argmax()]
     done = run(*options, "--json")
-    found = json.loads(done.stdout)
-    assert found["spectrum"] == "damped"
-    assert found["pairs"][0]["growth_rate"] == pytest.approx(fastest.real, rel=1e-6)
+    answer = json.loads(done.stdout)
+    assert answer["spectrum"] == "damped"
+    assert answer["pairs"][0]["growth_rate"] == pytest.approx(fastest.real, rel=1e-6)
     assert np.load(tmp_path / "m.npz")["exponent"][0].real == pytest.approx(fastest.real, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         (["convert", "{p}", "--to", "{d}/x.gds"], "did you mean '.gsd'"),
         (["convert", "{p}", "--to", "{p}"], "would replace its own input file"),
@@ -153,10 +153,10 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
         (["stability", "{p}", "--damping-n", "-1"], "not negative"),
     ],
 )
-def test_bad_input_ends_with_code_2_and_one_sentence(words, said, tmp_path):
+def test_bad_input_ends_with_code_2_and_one_sentence(arguments, said, tmp_path):
     path = tmp_path / "p.npz"
     ss.io.write_packing(path, disks(), SHARP)
-    done = run(*(word.format(p=path, d=tmp_path) for word in words))
+    done = run(*(word.format(p=path, d=tmp_path) for word in arguments))
     assert done.returncode == 2
     assert said in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -20,8 +20,8 @@ from .packings import SHARP, assert_same, disks, spheres, walled
 def test_our_own_file_is_read_to_the_last_bit(make, tmp_path):
     state, law = make()
     ss.io.write_packing(tmp_path / "p.gsd", state, law)
-    back, its_law, words = ss.io.read_packing(tmp_path / "p.gsd")
-    assert not words
+    back, its_law, notes = ss.io.read_packing(tmp_path / "p.gsd")
+    assert not notes
     assert_same(state, back)
     assert its_law[:2] == law[:2]
     assert its_law.damping == law.damping
@@ -89,8 +89,8 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
         frame = ours[0]
         frame.log.clear()
         file.append(frame)
-    back, _, words = ss.io.read_packing(tmp_path / "f.gsd", law="linear")
-    assert any("was not written by stickslip" in word for word in words)
+    back, _, notes = ss.io.read_packing(tmp_path / "f.gsd", law="linear")
+    assert any("was not written by stickslip" in word for word in notes)
     shift = back.grains.position - state.grains.position
     shift -= shift[0]
     np.testing.assert_allclose(shift - np.round(shift / 5.7) * [5.7, 5.7, 0], 0, atol=1e-5)
@@ -98,8 +98,8 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
         np.testing.assert_allclose(getattr(back.grains, name), getattr(state.grains, name), rtol=1e-5, atol=1e-9)
     assert back.cell.dim == 2
     assert not back.contacts.slip.any()
-    _, _, words = ss.io.read_packing(tmp_path / "f.gsd")
-    assert any("no contact law" in word for word in words)
+    _, _, notes = ss.io.read_packing(tmp_path / "f.gsd")
+    assert any("no contact law" in word for word in notes)
 
 
 def test_spins_of_turned_grains_are_read(tmp_path):
@@ -146,7 +146,7 @@ for share in range(0, 100, 5):
 """
 
 
-def test_truncated_files_are_refused_politely(tmp_path):
+def test_truncated_files_are_refused(tmp_path):
     """In a process of its own: a reader in C could end it."""
     ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     done = subprocess.run([sys.executable, "-c", CUT, str(tmp_path / "p.gsd")], capture_output=True, text=True)
@@ -169,7 +169,7 @@ def rewritten(path, change):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda meta, chunks: meta.update(schema=9), "has schema 9"),
         (lambda meta, chunks: meta.pop("law"), "cannot be read"),
@@ -181,23 +181,23 @@ def rewritten(path, change):
         (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
     ],
 )
-def test_files_of_another_kind_are_refused_politely(change, words, tmp_path):
+def test_files_of_another_kind_are_refused(change, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     rewritten(tmp_path / "p.gsd", change)
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         ss.io.read_packing(tmp_path / "p.gsd")
     assert "\n" not in str(problem.value)
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (b"", "it is empty"),
         (b"no gsd at all", "it begins with 'no gsd at all'"),
         (b"\xdf\x65\xdf\x65\xdf\x65\xdf\x65" + bytes(300), "cannot be read as GSD"),
     ],
 )
-def test_what_is_no_gsd_is_refused(content, words, tmp_path):
+def test_what_is_no_gsd_is_refused(content, message, tmp_path):
     (tmp_path / "p.gsd").write_bytes(content)
-    with pytest.raises(ss.packings.PackingError, match=words):
+    with pytest.raises(ss.packings.PackingError, match=message):
         ss.io.read_packing(tmp_path / "p.gsd")

@@ -25,8 +25,8 @@ def back(path, **options):
 def test_data_and_contacts_come_back(make, tmp_path):
     """Slip comes back through the force: to round-off of its division by overlaps."""
     state = make(motion=False)
-    words = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    assert any("p.contacts.dump, for --contacts" in word for word in words)
+    notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
+    assert any("p.contacts.dump, for --contacts" in word for word in notes)
     again, law, _ = back(tmp_path / "p.data", boundary="ppp")
     for name in ("radius", "velocity", "spin"):
         assert np.array_equal(getattr(again.grains, name), getattr(state.grains, name))
@@ -58,11 +58,11 @@ def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
     np.testing.assert_allclose(ss.forces(again, law)[0].force, ss.forces(state, SHARP)[0].force, atol=1e-11)
 
 
-def test_in_motion_what_sticks_comes_back_and_what_slides_is_said(tmp_path):
+def test_in_motion_sticking_contacts_come_back_and_sliding_ones_are_reported(tmp_path):
     """A sliding contact's force says how far its spring is stretched only up to what its dashpot bears."""
     state = spheres()
-    words = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    assert any("9 sliding contacts in motion" in word for word in words)
+    notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
+    assert any("9 sliding contacts in motion" in word for word in notes)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ss.packings.PackingWarning)
         again, _, _ = back(tmp_path / "p.data")
@@ -106,13 +106,13 @@ def test_positions_in_all_their_columns(kind, tmp_path):
     rows = np.hstack([n, *chosen, 2 * g.radius[:, None], g.mass[:, None]])
     order = np.random.default_rng(0).permutation(64)
     dump(tmp_path / "g.dump", state, columns=f"id {kind} diameter mass", rows=rows, order=order)
-    again, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
+    again, _, notes = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(again.cell.vectors, state.cell.vectors, atol=1e-14)
     known = "u" in kind or "ix" in kind
     expected = g.position if known else wrapped @ state.cell.vectors
     np.testing.assert_allclose(again.grains.position, expected, atol=1e-13)
     np.testing.assert_allclose(again.grains.radius, g.radius, rtol=1e-15)
-    assert any("without memory" in word for word in words)
+    assert any("without memory" in word for word in notes)
 
 
 def test_a_general_triclinic_box(tmp_path):
@@ -123,23 +123,23 @@ def test_a_general_triclinic_box(tmp_path):
     assert table.vectors.tolist() == [[0, 5, 0], [-6, 0, 0], [0, 0, 7]]
     assert table.corner.tolist() == [-1, -2, -3]
     assert table.periodic.tolist() == [True, False, True]
-    state, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
+    state, _, notes = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     assert state.cell.periodic.tolist() == [True, False, True]
-    assert any("the box is open along y: the file contains no walls" in word for word in words)
+    assert any("the box is open along y: the file contains no walls" in word for word in notes)
 
 
-def test_time_steps_are_chosen_and_said(tmp_path):
+def test_time_steps_are_chosen_and_reported(tmp_path):
     state = spheres()
     for step in (0, 10, 20):
         rows = np.column_stack([np.arange(1, 65), state.grains.position + step, state.grains.radius])
         dump(tmp_path / "g.dump", state, columns="id xu yu zu radius", rows=rows, step=step)
-    last, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
+    last, _, notes = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(last.grains.position, state.grains.position + 20)
-    assert any("has 3 time steps: the last, 20, is used" in word for word in words)
-    assert any("those of grains of density 1 are assumed" in word for word in words)
-    chosen, _, words = ss.io.read_packing(tmp_path / "g.dump", frame="10", **GIVEN)
+    assert any("has 3 time steps: the last, 20, is used" in word for word in notes)
+    assert any("those of grains of density 1 are assumed" in word for word in notes)
+    chosen, _, notes = ss.io.read_packing(tmp_path / "g.dump", frame="10", **GIVEN)
     np.testing.assert_allclose(chosen.grains.position, state.grains.position + 10)
-    assert not any("time steps" in word for word in words)
+    assert not any("time steps" in word for word in notes)
     assert len(ss.io.read_packings(tmp_path / "g.dump", **GIVEN)) == 3
     with pytest.raises(ss.packings.PackingError, match="no time step 7: it has 0, 10, 20"):
         ss.io.read_packing(tmp_path / "g.dump", frame="7", **GIVEN)
@@ -148,9 +148,9 @@ def test_time_steps_are_chosen_and_said(tmp_path):
 def test_flat_packings_are_two_dimensional(tmp_path):
     state = disks(motion=False)
     ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    again, _, words = back(tmp_path / "p.data", i0=0.5)
+    again, _, notes = back(tmp_path / "p.data", i0=0.5)
     assert again.cell.dim == 2
-    assert any("two-dimensional" in word for word in words)
+    assert any("two-dimensional" in word for word in notes)
     assert np.array_equal(again.grains.inertia, 0.5 * again.grains.mass * again.grains.radius**2)
 
 
@@ -177,7 +177,7 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"kn": 3.0}, "differ from those in the dump"),
         ({"coulomb": "smooth"}, "friction is sharp"),
@@ -186,9 +186,9 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
         ({"boundary": "xyz"}, "three letters"),
     ],
 )
-def test_what_does_not_fit_is_one_sentence(change, words, tmp_path):
+def test_what_does_not_fit_gives_a_one_sentence_error(change, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         back(tmp_path / "p.data", **change)
     assert "\n" not in str(problem.value)
 
@@ -220,13 +220,13 @@ def test_other_styles_are_not_taken_for_spheres(style, named, tmp_path):
             ss.io.read_packing(path, law="linear", mu=0.5, atom_style="sphere")
 
 
-def test_spheres_without_a_style_are_asked_for_or_said(tmp_path):
+def test_spheres_without_a_style_are_asked_for_or_reported(tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / "p.data", "Atoms # sphere", "Atoms")
-    state, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5)  # radii that are no whole numbers
-    assert "the section Atoms names no style: sphere is assumed" in words
-    asked, _, words = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="sphere")
-    assert not [line for line in words if "sphere" in line]
+    state, _, notes = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5)  # radii that are no whole numbers
+    assert "the section Atoms names no style: sphere is assumed" in notes
+    asked, _, notes = ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="sphere")
+    assert not [line for line in notes if "sphere" in line]
     assert (asked.grains.radius == state.grains.radius).all()
     with pytest.raises(ss.packings.PackingError, match=r"atoms of style full with 10 columns .* diameter and density"):
         ss.io.read_packing(tmp_path / "p.data", law="linear", mu=0.5, atom_style="full")
@@ -239,7 +239,7 @@ def edited(path, old, new, count=1):
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "words"),
+    ("name", "old", "new", "message"),
     [
         ("p.data", "64 atoms", "65 atoms", "declares 65 atoms"),
         ("p.data", "Atoms # sphere", "Atoms # atomic", "atom_style sphere is supported"),
@@ -253,17 +253,17 @@ def edited(path, old, new, count=1):
         ("p.contacts.dump", "tx ty tz\n", "tx ty tz\n999 ", "truncated|grain 999"),
     ],
 )
-def test_broken_files_are_one_sentence(name, old, new, words, tmp_path):
+def test_broken_files_give_a_one_sentence_error(name, old, new, message, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / name, old, new)
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         back(tmp_path / "p.data")
     assert "\n" not in str(problem.value)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9, 0.99])
 @pytest.mark.parametrize("name", ["p.data", "p.contacts.dump"])
-def test_truncated_files_are_one_sentence(name, share, tmp_path):
+def test_truncated_files_give_a_one_sentence_error(name, share, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     whole = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
@@ -297,14 +297,14 @@ def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
 def test_what_was_assumed_travels_with_the_file(tmp_path, to):
     """A law that nobody has given is still a guess in the files that are made from the packing."""
     np.savez(tmp_path / "pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
-    _, words = convert(tmp_path / "pair.npz", tmp_path / to)
+    _, notes = convert(tmp_path / "pair.npz", tmp_path / to)
     law = "hertz_mindlin, smooth Coulomb, kn = 1, kt = 0.285714, mu = 10"
     said = f"no contact law was given: the defaults are assumed ({law})"
-    assert said in words
+    assert said in notes
     for again in (to, f"y{to[1:]}"):
         assert said in ss.io.read_packing(tmp_path / again)[2]
         if again == to:
             convert(tmp_path / to, tmp_path / f"y{to[1:]}")
-    assert not any("assumed" in one for one in ss.io.read_packing(tmp_path / to, kn=2.0)[2])
+    assert not any("assumed" in note for note in ss.io.read_packing(tmp_path / to, kn=2.0)[2])
     convert(tmp_path / to, tmp_path / f"z{to[1:]}", kn=2.0)
-    assert not any("assumed" in one for one in ss.io.read_packing(tmp_path / f"z{to[1:]}")[2])
+    assert not any("assumed" in note for note in ss.io.read_packing(tmp_path / f"z{to[1:]}")[2])

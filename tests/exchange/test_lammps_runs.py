@@ -59,9 +59,9 @@ def cases(tmp_path_factory):
     return folder
 
 
-def answer(capsys, *words):
+def answer(capsys, *arguments):
     """Exit code and output of the command line."""
-    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, arguments)]
     try:
         with pytest.raises(SystemExit) as end:
             main()
@@ -72,7 +72,7 @@ def answer(capsys, *words):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "text"),
     [
         ("sheared/sheared.restart", "law from the restart file: pair_style gran/hertz/history"),
         ("sheared/dump.grains", "no contacts were given"),
@@ -93,26 +93,26 @@ def answer(capsys, *words):
         ("dialects/packing.vtk", "has no box: the grains are taken as a cluster"),
     ],
 )
-def test_what_was_assumed_is_said(name, words, cases):
+def test_what_was_assumed_is_reported(name, text, cases):
     """The grains are the same in every dialect: positions up to whole periods, radii, and masses if there are any."""
-    found = ss.io.read_packing(cases / name)
-    assert any(words in note for note in found.notes)
-    assert set(found.assumed) <= set(found.notes)
-    if "from the restart file" not in words:
-        assert any(words in note for note in found.assumed)
+    reading = ss.io.read_packing(cases / name)
+    assert any(text in note for note in reading.notes)
+    assert set(reading.assumed) <= set(reading.notes)
+    if "from the restart file" not in text:
+        assert any(text in note for note in reading.assumed)
     run = "sheared" if name.startswith("sheared") else "poured"
     known = ss.io.read_packing(cases / run / f"{run}.restart").state
     size, place = known.grains.radius, known.grains.position
     if name != "dialects/part.dump":
-        assert sorted(found.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
+        assert sorted(reading.state.grains.radius) == pytest.approx(sorted(size), rel=1e-5)
     cell = np.where(known.cell.periodic[:, None], known.cell.vectors, np.eye(3) * 1e9)
-    away = (found.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
+    away = (reading.state.grains.position[:, None] - place[None]) @ np.linalg.inv(cell)
     nearest = np.abs((away - np.round(away)) @ cell).max(axis=2).min(axis=1)
     assert nearest.max() < 1e-4  # of files with six digits
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "message"),
     [
         ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
         ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
@@ -127,7 +127,7 @@ def test_what_was_assumed_is_said(name, words, cases):
         ("dialects", "has no restart file, dump of atoms or data file of LAMMPS"),
     ],
 )
-def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
+def test_what_is_not_read_says_what_it_is(name, message, cases, tmp_path):
     path = cases / name
     (cases / "dialects" / "packing.vtu").write_text('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n')
     (cases / "dialects" / "empty.vtk").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n")
@@ -136,7 +136,7 @@ def test_what_is_not_read_says_what_it_is(name, words, cases, tmp_path):
         (path / "yade.txt").write_bytes((cases / "dialects" / "yade.txt").read_bytes())
     with pytest.raises(ss.packings.PackingError) as problem:
         ss.io.read_packing(path)
-    assert words in str(problem.value)
+    assert message in str(problem.value)
     assert "\n" not in str(problem.value)
 
 
@@ -168,10 +168,10 @@ def test_columns_of_contacts_are_found_by_their_contents(grains, contacts, law, 
     theirs = ss.measure.touching(known.state)
     theirs = theirs[known.state.contacts.j[theirs] < n]
     assert len(rows) == len(theirs) > 30
-    mine, other = (one.contacts.slip[r] for one, r in ((state, rows), (known.state, theirs)))
+    mine, other = (packing.contacts.slip[r] for packing, r in ((state, rows), (known.state, theirs)))
     first, last = (
-        np.lexsort((np.round(one.contacts.slip[r][:, 0], 9), one.contacts.j[r], one.contacts.i[r]))
-        for one, r in ((state, rows), (known.state, theirs))
+        np.lexsort((np.round(packing.contacts.slip[r][:, 0], 9), packing.contacts.j[r], packing.contacts.i[r]))
+        for packing, r in ((state, rows), (known.state, theirs))
     )
     miss = mine[first] - other[last]
     assert np.abs(miss).max() < 1e-6 * np.abs(other).max()
@@ -238,7 +238,7 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
 
 
 @pytest.mark.parametrize(
-    ("run", "code", "words"),
+    ("run", "code", "text"),
     [
         ("adhesive", 0, ["e-11 of the mean contact force stable", "R - delta/2 for torques and R for the slip"]),
         ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
@@ -248,10 +248,10 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
         ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for the slip"]),
     ],
 )
-def test_one_command_on_the_folder_of_a_run(run, code, words, cases, capsys, tmp_path):
+def test_one_command_on_the_folder_of_a_run(run, code, text, cases, capsys, tmp_path):
     got, said = answer(capsys, "stability", cases / run, "--modes", tmp_path / "m.npz")
     assert got == code, said
-    assert all(word in said for word in words), said
+    assert all(word in said for word in text), said
 
 
 def test_a_run_without_a_restart_file(cases, tmp_path):
@@ -291,7 +291,7 @@ def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
             assert its.damping == law.damping
         np.testing.assert_allclose(its.table[0, :3], law.table[0, [0, 0, 1]], rtol=1e-15)
         np.testing.assert_allclose(again.walls.normal, state.walls.normal, atol=1e-15)
-        heights = [np.einsum("wk,wk->w", one.walls.point, one.walls.normal) for one in (again, state)]
+        heights = [np.einsum("wk,wk->w", packing.walls.point, packing.walls.normal) for packing in (again, state)]
         np.testing.assert_allclose(*heights, atol=1e-15)
         np.testing.assert_allclose(again.control.gravity, state.control.gravity, atol=1e-17)
 
@@ -368,12 +368,12 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
     """LAMMPS exerts a force on the spheres of `granular_lammps` across the first gap, and none across the second."""
     state = granular_lammps.two_spheres(-gap)
     law = ss.laws.jkr(granular_lammps.KN, granular_lammps.KT, 0.5, work=granular_lammps.WORK)
-    one, none = np.zeros((1, 4)), np.zeros(0, int)
+    values, none = np.zeros((1, 4)), np.zeros(0, int)
     pair = np.array([0]), np.array([1]), np.zeros((1, 3))
     grains = state.grains
     memory = Restart(
         grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
-        np.zeros(2), *pair, none, none, np.zeros((0, 3)), one, np.zeros((0, 4)), np.arange(2),
+        np.zeros(2), *pair, none, none, np.zeros((0, 3)), values, np.zeros((0, 4)), np.arange(2),
     )  # fmt: skip
     assert len(ss.measure.touching(restore_memory(state, law, memory))) == holds
 
@@ -381,8 +381,8 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
 @pytest.mark.parametrize(("model", "make"), [("hooke", ss.laws.linear), ("hertz", ss.laws.hertz_mindlin_reff)])
 def test_tsuji_before_and_after_its_factor(model, make):
     tangential = "linear_history" if model == "hooke" else "mindlin"
-    words = f"{model} 2 0.7 tangential {tangential} 1 0.3 0.3 damping tsuji".split()
-    contact = contact_of("granular", words)[0]
+    arguments = f"{model} 2 0.7 tangential {tangential} 1 0.3 0.3 damping tsuji".split()
+    contact = contact_of("granular", arguments)[0]
     old, new = (law_of_contacts({(0, 0): of_release(contact, year)}, 1, 0)[0] for year in (2025, 2026))
     given = make(2.0, 1.0, 0.3, damping="tsuji", damping_n=0.7, damping_t=0.3)
     ours = dashpot_coefficients(given)[0, 0]
@@ -401,7 +401,7 @@ def test_compressed_text_is_read(opener, cases, tmp_path):
         ss.io.read_packing(packed)
 
 
-def test_what_is_compressed_otherwise_is_told(tmp_path):
+def test_unknown_compression_is_reported(tmp_path):
     (tmp_path / "p.zst").write_bytes(b"\x28\xb5\x2f\xfd rest")
     with pytest.raises(ss.packings.PackingError, match=r"Zstandard|cannot be decompressed"):
         ss.io.read_packing(tmp_path / "p.zst")
@@ -423,9 +423,9 @@ def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
         (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
     whole = (tmp_path / "poured.restart").read_bytes()
     (tmp_path / "poured.restart").write_bytes(whole[:-100])
-    found = ss.io.read_packing(tmp_path)
-    assert any("poured.restart cannot be read" in note and "write_data" in note for note in found.assumed)
-    assert any("contacts in contacts.dump" in note for note in found.notes)
+    reading = ss.io.read_packing(tmp_path)
+    assert any("poured.restart cannot be read" in note and "write_data" in note for note in reading.assumed)
+    assert any("contacts in contacts.dump" in note for note in reading.notes)
 
 
 def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
@@ -444,7 +444,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "text"),
     [
         ("neigh_modify exclude type 1 2", "neigh_modify exclude type 1 2 was not taken over"),
         ("fix s all spring/self 1.0", "fix s (spring/self) was not taken over: it acts on the grains"),
@@ -467,7 +467,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
 )
-def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_path):
+def test_what_acts_and_is_not_taken_over_has_its_name(line, text, cases, tmp_path):
     run = "materials" if line.startswith("pair_coeff") else "poured"
     for name in ("log.lammps", f"{run}.restart"):
         (tmp_path / name).write_bytes((cases / run / name).read_bytes())
@@ -476,7 +476,7 @@ def test_what_acts_and_is_not_taken_over_has_its_name(line, words, cases, tmp_pa
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ss.packings.PackingWarning)
         left_out = [note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle)]
-    assert any(words in note for note in left_out) if words else not left_out
+    assert any(text in note for note in left_out) if text else not left_out
 
 
 def test_grains_that_have_crossed_the_box_many_times(cases, tmp_path):
@@ -506,9 +506,9 @@ def test_options_take_precedence_over_the_law_of_a_run(cases):
 def test_a_folder_of_dumps_asks_for_the_law(cases, tmp_path):
     for name in ("dump.grains", "contacts.dump"):
         (tmp_path / name).write_bytes((cases / "sheared" / name).read_bytes())
-    found = ss.io.read_packing(tmp_path)
+    reading = ss.io.read_packing(tmp_path)
     assert any(
-        "the memory of contacts in contacts.dump needs the law: give --law, --kn" in note for note in found.assumed
+        "the memory of contacts in contacts.dump needs the law: give --law, --kn" in note for note in reading.assumed
     )
     state, law, notes = ss.io.read_packing(tmp_path, **HERTZ)
     assert any("no log.lammps and no input script" in note for note in notes)
@@ -563,7 +563,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("x,y,z\n0,0,0\n", "it begins with 'x,y,z | 0,0,0'"),
         ("1 2 3\n4 5 6\n", "it begins with '1 2 3 | 4 5 6'"),
@@ -578,10 +578,10 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n", "at least one grain|empty|0 grains"),
     ],
 )
-def test_tables_that_are_none(text, words, tmp_path):
+def test_tables_that_are_none(text, message, tmp_path):
     (tmp_path / "t").write_text(text)
     with pytest.raises(
-        ss.packings.PackingError, match=words.replace("|", r"\|") if "begins" in words else words
+        ss.packings.PackingError, match=message.replace("|", r"\|") if "begins" in message else message
     ) as problem:
         ss.io.read_packing(tmp_path / "t")
     assert "\n" not in str(problem.value)
@@ -640,7 +640,7 @@ def test_what_a_script_leaves_open(line, cases, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("dim", "words", "direction"),
+    ("dim", "text", "direction"),
     [
         (3, "chute 20", [0.34202, 0, -0.93969]),
         (2, "chute 20", [0.34202, -0.93969, 0]),
@@ -649,11 +649,11 @@ def test_what_a_script_leaves_open(line, cases, tmp_path):
         (2, "vector 3 -4 0", [0.6, -0.8, 0]),
     ],
 )
-def test_directions_of_gravity(dim, words, direction):
+def test_directions_of_gravity(dim, text, direction):
     """Those of LAMMPS, whose forces of runs in two dimensions balance with them."""
     packing, everybody = SimpleNamespace(arrays={"dim": dim}), np.ones(3, bool)
     course = SimpleNamespace(packing=packing, members=lambda group: everybody, gravity=np.zeros(3))
-    TAKEN["gravity"](course, "g", "all", ["2.0", *words.split()])
+    TAKEN["gravity"](course, "g", "all", ["2.0", *text.split()])
     np.testing.assert_allclose(course.gravity, 2 * np.array(direction), atol=2e-5)
 
 
@@ -699,15 +699,15 @@ def in_poured(cases, folder, line="", name="poured.restart"):
 
 
 @pytest.mark.parametrize(
-    ("words", "how"),
+    ("text", "how"),
     [
         ("1 xy erate 1e-4 remap x", "xy erate 1e-4"),
         ("1 x trate 2e-3 z volume remap v", "x trate 2e-3, z volume"),
         ("1 y final 0 2 xz delta 0.1 units box", "y final 0 2, xz delta 0.1"),
     ],
 )
-def test_a_cell_that_was_being_strained_is_judged_as_it_is(words, how, cases, tmp_path):
-    read = ss.io.read_packing(in_poured(cases, tmp_path, f"fix shear all deform {words}"))
+def test_a_cell_that_was_being_strained_is_judged_as_it_is(text, how, cases, tmp_path):
+    read = ss.io.read_packing(in_poured(cases, tmp_path, f"fix shear all deform {text}"))
     assert (
         f"fix shear (deform) was straining the cell ({how}): judged at the instant, with the cell fixed" in read.assumed
     )
@@ -788,7 +788,7 @@ def test_two_logs_that_name_the_grains_with_other_laws(cases, tmp_path):
 
 
 @pytest.mark.parametrize(("plane", "behind"), [("zplane 2 NULL", True), ("zplane -9 NULL contacts", False)])
-def test_grains_behind_a_wall_are_told(plane, behind, cases, tmp_path):
+def test_grains_behind_a_wall_are_reported(plane, behind, cases, tmp_path):
     line = f"fix q all wall/gran granular hooke 2000 20 tangential linear_history 600 0.5 0.4 {plane}"
     notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
     assert any("behind the wall of fix q" in note for note in notes if isinstance(note, Obstacle)) == behind

@@ -22,22 +22,22 @@ def vtk_arrays(path) -> dict[str, np.ndarray]:
     raw = path.read_bytes()
     head, _, body = raw.partition(b'<AppendedData encoding="raw">')
     body = body[body.index(b"_") + 1 :]
-    found = {}
+    values = {}
     for tag in re.findall(r"<DataArray (.*?)/>", head.decode()):
-        words = dict(re.findall(r'(\w+)="(.*?)"', tag))
-        start = int(words["offset"])
+        attributes = dict(re.findall(r'(\w+)="(.*?)"', tag))
+        start = int(attributes["offset"])
         size = int(np.frombuffer(body[start : start + 8], np.uint64)[0])
-        array = np.frombuffer(body[start + 8 : start + 8 + size], KINDS[words["type"]])
-        width = int(words["NumberOfComponents"])
-        found[words["Name"]] = array.reshape(-1, width) if width > 1 else array
-    return found
+        array = np.frombuffer(body[start + 8 : start + 8 + size], KINDS[attributes["type"]])
+        width = int(attributes["NumberOfComponents"])
+        values[attributes["Name"]] = array.reshape(-1, width) if width > 1 else array
+    return values
 
 
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
 def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
     state, law = make()
-    words = ss.io.write_packing(tmp_path / "p.vtu", state, law)
-    assert "VTK does not store" in words[0]
+    notes = ss.io.write_packing(tmp_path / "p.vtu", state, law)
+    assert "VTK does not store" in notes[0]
     grains, lines = vtk_arrays(tmp_path / "p.vtu"), vtk_arrays(tmp_path / "p-contacts.vtu")
     g, rows = state.grains, ss.measure.touching(state)
     for name in ("radius", "mass", "velocity", "spin", "angle"):
@@ -91,7 +91,7 @@ def test_ase_reads_extended_xyz_to_the_last_bit(make, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "library"), [("p.gsd", "gsd"), ("p.vtu", "pyevtk")])
-def test_a_missing_library_is_one_sentence(name, library, tmp_path, monkeypatch):
+def test_a_missing_library_gives_a_one_sentence_error(name, library, tmp_path, monkeypatch):
     for module in [m for m in sys.modules if m.partition(".")[0] == library]:
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, library, None)

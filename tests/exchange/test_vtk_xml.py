@@ -34,7 +34,7 @@ def test_every_encoding_of_vtk_is_read(kind, cases):
         np.testing.assert_allclose(grains.velocity, place[:, ::-1] / 10, atol=1e-12, err_msg=path.name)
 
 
-def test_other_compression_is_told(cases):
+def test_other_compression_is_reported(cases):
     with pytest.raises(ss.packings.PackingError, match="compressed by vtkLZ4DataCompressor: only vtkZLib"):
         ss.io.read_packing(cases / "binary-lz4.vtu")
 
@@ -48,7 +48,7 @@ def test_what_stickslip_writes_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         (b'type="UnstructuredGrid"', b'type="ImageData"', "VTK of type ImageData: UnstructuredGrid and PolyData are"),
         (b"radii", b"size", "no radii among them"),
@@ -56,17 +56,17 @@ def test_what_stickslip_writes_is_read(tmp_path):
         (b"AAAA", b"A!AA", "truncated, or not VTK of points"),
     ],
 )
-def test_damaged_files_are_told(old, new, words, cases, tmp_path):
+def test_damaged_files_are_reported(old, new, message, cases, tmp_path):
     content = (cases / "binary-plain.vtu").read_bytes()
     assert old in content
     (tmp_path / "p.vtu").write_bytes(content.replace(old, new))
-    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=message) as problem:
         ss.io.read_packing(tmp_path / "p.vtu")
     assert "\n" not in str(problem.value)
 
 
 @pytest.mark.parametrize("name", ["appended-zlib-raw.vtu", "appended-plain-base64.vtp", "binary-zlib.vtu"])
-def test_truncated_files_are_told(name, cases, tmp_path):
+def test_truncated_files_are_reported(name, cases, tmp_path):
     content = (cases / name).read_bytes()
     for share in np.linspace(0.05, 0.97, 40):
         (tmp_path / "p.vtu").write_bytes(content[: int(share * len(content))])
@@ -102,7 +102,7 @@ def test_what_vtk_reads_is_read(tmp_path):
     np.testing.assert_array_equal(grains.radius, [0.5, 0.6])
 
 
-def test_points_that_are_missing_are_told(tmp_path):
+def test_points_that_are_missing_are_reported(tmp_path):
     with pytest.raises(ss.packings.PackingError, match="5 points are declared, but there are 2"):
         read_grid(tmp_path, piece(count=5))
 

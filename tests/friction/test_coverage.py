@@ -16,22 +16,22 @@ def fits(law, legs, rho, count, seed):
         yield fit(clean._replace(friction=clean.friction + noise), law=law, fixed={"stiffness": STIFFNESS})
 
 
-def share(found):
+def share(estimates):
     """How many of the 95 % intervals hold the truth: of a, b, dc, mu0 and a − b."""
     hits = []
-    for one in found:
-        hits += [low <= TRUE[name] <= high for name, (low, high) in one.intervals.items()]
-        hits.append(one.difference[1] <= TRUE["a"] - TRUE["b"] <= one.difference[2])
+    for estimate in estimates:
+        hits += [low <= TRUE[name] <= high for name, (low, high) in estimate.intervals.items()]
+        hits.append(estimate.difference[1] <= TRUE["a"] - TRUE["b"] <= estimate.difference[2])
     return np.mean(hits)
 
 
 @pytest.mark.timeout(180)  # 60 fits, some 5 s on an idle core; a busy machine has taken 50
 def test_intervals_hold_the_truth_with_slow_noise():
     """60 records, noise of neighbours correlated by 0.8: 1.8 % is about one deviation."""
-    found = list(fits("aging", STEPS, 0.8, 60, 0))
-    assert 0.93 <= share(found) <= 0.97
+    estimates = list(fits("aging", STEPS, 0.8, 60, 0))
+    assert 0.93 <= share(estimates) <= 0.97
     # the mean's error is √((1 − 0.8²)/235)/√60 = 0.005; the method of Yule and Walker has a bias of −4φ/235
-    assert np.mean([one.noise.sum() for one in found]) == pytest.approx(0.8 - 0.014, abs=0.015)
+    assert np.mean([estimate.noise.sum() for estimate in estimates]) == pytest.approx(0.8 - 0.014, abs=0.015)
 
 
 @pytest.mark.slow
@@ -59,7 +59,7 @@ def test_what_a_fit_takes_out_of_noise_is_given_back():
     """Six columns that follow slow noise make it look faster than it is."""
     columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 200), 5)
     series = [correlated(seed, 200, 0.7) for seed in range(100)]
-    plain, corrected = (np.mean([memory(one, columns, back) for one in series]) for back in (False, True))
+    plain, corrected = (np.mean([memory(values, columns, back) for values in series]) for back in (False, True))
     # the mean's error is √((1 − 0.7²)/200)/10 = 0.005; the method of Yule and Walker has a bias of its own, −4φ/200
     assert corrected == pytest.approx(0.7 - 0.014, abs=0.015)
     assert plain < 0.65

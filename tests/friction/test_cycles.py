@@ -42,8 +42,8 @@ def test_artificial_steps():
     assert len(event_starts(velocity)) == 6
     assert recurrence(time, velocity) == pytest.approx(7.0, abs=0.01)
     since = np.array([-3.5, 0.1, 3.5, 6.9, 7.1, 20.0])
-    found = repeated_slip(time, velocity, slip, since)
-    assert np.allclose(found, [0.0, 2.0, 2.0, 2.0, 4.0, 6.0], atol=0.01)
+    repeated = repeated_slip(time, velocity, slip, since)
+    assert np.allclose(repeated, [0.0, 2.0, 2.0, 2.0, 4.0, 6.0], atol=0.01)
     steady = passing_velocity(time, time * 1.0, np.ones(len(time)))
     assert np.isnan(recurrence(time, steady))
     assert repeated_slip(time, steady, time, since) is None

@@ -231,15 +231,15 @@ def test_slip_far_above_the_cut_off_of_the_direct_effect(v1):
 
 
 def test_a_state_of_another_fault_is_refused():
-    one, two = small(), small(b2=0.0, dc2=1.0)._replace(b2=np.full(50, 0.001), dc2=np.full(50, 5e-3))
-    for fault, other in ((one, two), (two, one)):
+    first, second = small(), small(b2=0.0, dc2=1.0)._replace(b2=np.full(50, 0.001), dc2=np.full(50, 5e-3))
+    for fault, other in ((first, second), (second, first)):
         with pytest.raises(ValueError, match=r"state variable.*, and the fault [12]: use one of this fault"):
             friction.simulate_fault(fault, 1.0, start=initial_state(other))
         with pytest.raises(ValueError, match=r"state variable.*, and the fault [12]: use one of this fault"):
             perturbed_state(fault, initial_state(other), 0.1)
-    broken = initial_state(two)._replace(log_state2=np.full(50, np.nan))
+    broken = initial_state(second)._replace(log_state2=np.full(50, np.nan))
     with pytest.raises(ValueError, match="log_state2 of the state is not an array of 50 finite numbers"):
-        friction.simulate_fault(two, 1.0, start=broken)
+        friction.simulate_fault(second, 1.0, start=broken)
 
 
 @pytest.mark.parametrize("change", [{"v1": 1e-8}, {"v2": 1e-7}, {"form": "regularized"}])
@@ -256,15 +256,15 @@ def test_a_perturbation_changes_velocities_as_asked(change):
 def test_two_equal_states_are_one(law):
     """With D_c2 = D_c, the second state equals the first, so that b + b2 acts as one evolution effect."""
     recording = friction.Recording(stations=(500.0,))
-    one = friction.simulate_fault(small(law=law), 12.0, recording=recording, tolerance=1e-7)
+    result = friction.simulate_fault(small(law=law), 12.0, recording=recording, tolerance=1e-7)
     other = small(law=law, b=0.010, b2=0.005, dc2=1.5e-3)
     two = friction.simulate_fault(other, 12.0, recording=recording, tolerance=1e-7)
-    assert len(one.events.start) > 0
-    assert np.allclose(two.events.start, one.events.start, rtol=1e-5)
-    assert np.allclose(two.events.max_slip, one.events.max_slip, atol=1e-3)
+    assert len(result.events.start) > 0
+    assert np.allclose(two.events.start, result.events.start, rtol=1e-5)
+    assert np.allclose(two.events.max_slip, result.events.max_slip, atol=1e-3)
     assert np.array_equal(two.theta2, two.theta)
-    assert one.theta2 is None
-    nucleations = [friction.nucleation(h.fault) for h in (one, two)]
+    assert result.theta2 is None
+    nucleations = [friction.nucleation(h.fault) for h in (result, two)]
     assert np.allclose(nucleations[1][1:4], nucleations[0][1:4], rtol=1e-12)
 
 
@@ -307,13 +307,13 @@ def integrated(fault, start, time):
                 break
         v = fault.v0 * np.exp(w[0])
         evolution = [
-            fault.v0 / dc * np.exp(-one) - v / dc if fault.law == "aging" else -v / dc * (w[0] + one)
-            for one, dc in ((s, fault.dc), (s2, fault.dc2))
+            fault.v0 / dc * np.exp(-state) - v / dc if fault.law == "aging" else -v / dc * (w[0] + state)
+            for state, dc in ((s, fault.dc), (s2, fault.dc2))
         ]
         return np.concatenate([v - fault.plate_rate, *evolution])
 
-    found = solve_ivp(rates, (0, time), start.unknowns.ravel(), "DOP853", rtol=1e-9, atol=1e-10)
-    return found.y[:, -1].reshape(3, n)
+    solution = solve_ivp(rates, (0, time), start.unknowns.ravel(), "DOP853", rtol=1e-9, atol=1e-10)
+    return solution.y[:, -1].reshape(3, n)
 
 
 @pytest.mark.parametrize(
@@ -452,8 +452,8 @@ def test_a_continued_run_is_the_same_run(second):
     assert len(whole.events.start) > 0
     for name in ("time", "max_velocity", "slip", "stress", "theta", "theta2", "profile_time", "profile_slip"):
         assert np.array_equal(getattr(whole, name), getattr(single, name)), name
-    for one, other in zip((*whole.events, *whole.state), (*single.events, *single.state), strict=True):
-        assert np.array_equal(one, other)
+    for value, other in zip((*whole.events, *whole.state), (*single.events, *single.state), strict=True):
+        assert np.array_equal(value, other)
     assert whole.energy.loading == pytest.approx(single.energy.loading, rel=1e-12)
 
 
@@ -470,7 +470,7 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"a": -0.01}, "a = -0.01 was given"),
         ({"dc": float("nan")}, "dc contains nan"),
@@ -494,8 +494,8 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"poisson": 0.5}, "poisson = 0.5 was given"),
     ],
 )
-def test_bad_faults_are_refused_with_one_sentence(change, words):
-    with pytest.raises((ValueError, TypeError), match=re.escape(words)):
+def test_bad_faults_are_refused_with_one_sentence(change, message):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
         small(**change)
 
 
@@ -544,7 +544,7 @@ def fastest_growth(fault, velocity):
 
 
 @pytest.mark.parametrize(
-    ("change", "unstable", "words"),
+    ("change", "unstable", "text"),
     [
         ({"v1": 1e-10}, True, "earthquakes can nucleate"),
         ({"v1": 1e-10, "b": 0.010, "b2": 0.005, "dc2": 3e-3}, True, "earthquakes can nucleate"),
@@ -555,14 +555,14 @@ def fastest_growth(fault, velocity):
         ({"a": 0.010, "b": 0.006, "b2": 0.009, "dc2": 3e-3, "v2": 1e-9}, False, "no earthquake can nucleate"),
     ],
 )
-def test_nucleation_counts_cut_offs_at_the_plate_rate(change, unstable, words):
+def test_nucleation_counts_cut_offs_at_the_plate_rate(change, unstable, text):
     fault = small(**({"a": 0.020, "form": "logarithmic"} | change))
-    found = friction.nucleation(fault)
-    assert words in found.sentence
-    assert found.possible == unstable == (fastest_growth(fault, fault.plate_rate) > 0)
+    nucleation = friction.nucleation(fault)
+    assert text in nucleation.sentence
+    assert nucleation.possible == unstable == (fastest_growth(fault, fault.plate_rate) > 0)
     fixed = fault.sliding_at(fault.plate_rate)
     assert fastest_growth(fixed, fault.plate_rate) == pytest.approx(fastest_growth(fault, fault.plate_rate), rel=1e-6)
-    assert np.array_equal(friction.nucleation(fixed)[:4], found[:4])
+    assert np.array_equal(friction.nucleation(fixed)[:4], nucleation[:4])
 
 
 def test_earthquakes_are_simulated_where_cut_offs_allow_them():
@@ -596,7 +596,7 @@ def test_lengths_at_a_velocity():
     at = fault.sliding_at(1e-7)
     wave = friction.critical_wavelength(G, at.a[0], at.b[0], 1.5e-3, 10e6)
     for share, grows in ((1.01, True), (0.99, False)):
-        found = steady_sliding(surface, Spring(np.pi * G / (wave * share) / 10e6), 1e-7)
-        assert found.stable == (not grows) == (found.growth_rate < 0)
+        sliding = steady_sliding(surface, Spring(np.pi * G / (wave * share) / 10e6), 1e-7)
+        assert sliding.stable == (not grows) == (sliding.growth_rate < 0)
     half = friction.nucleation_half_length(G, at.a[0], at.b[0], 1.5e-3, 10e6)
     assert friction.nucleation(fault, 1e-7).half_length == pytest.approx(half, rel=1e-12)

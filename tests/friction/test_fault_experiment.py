@@ -61,8 +61,8 @@ def test_files_of_the_platform_are_what_was_simulated(folder, result):
     h = result.history
     columns = np.loadtxt(folder / "fltst_dp015.txt", skiprows=lines.index("# Here is the time-series data.") + 1).T
     expected = h.time, h.slip[:, 1], np.log10(h.velocity[:, 1]), h.stress[:, 1] / 1e6, np.log10(h.theta[:, 1])
-    for found, true in zip(columns, expected, strict=True):
-        assert np.allclose(found, true, rtol=1e-6, atol=1e-12)
+    for column, true in zip(columns, expected, strict=True):
+        assert np.allclose(column, true, rtol=1e-6, atol=1e-12)
     lines = (folder / "devol.dat").read_text().splitlines()
     start = lines.index("# Here are the data")
     assert lines[start - 2 : start] == ["z", "t max_slip_rate slip"]
@@ -126,13 +126,13 @@ def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ("[loading]\nstress = 1e9", "loading: no state balances the initial stress of 1e+09 Pa at 50 m"),
         ('[friction]\nform = "logarithmic"\nv2 = 1e-10', "use a larger stress, or v2 far above this velocity"),
     ],
 )
-def test_a_start_without_balance_leaves_nothing(change, words, tmp_path, monkeypatch, capsys):
+def test_a_start_without_balance_leaves_nothing(change, message, tmp_path, monkeypatch, capsys):
     table = change.partition("\n")[0]
     text = SMALL.replace(table, change) if table in SMALL else f"{SMALL}{change}\n"
     (tmp_path / "s.toml").write_text(text)
@@ -141,7 +141,7 @@ def test_a_start_without_balance_leaves_nothing(change, words, tmp_path, monkeyp
         main()
     assert ended.value.code == 2
     told = capsys.readouterr().err
-    assert words in " ".join(told.split()) and told.count("\n") == 1
+    assert message in " ".join(told.split()) and told.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -152,7 +152,7 @@ def test_measures_are_averages_over_settled_events(result):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"friction": {"dc": 1e-3}}, "cell = 50 m was given, but the cohesive length G D_c/(b σ) is 42.72 m"),
         ({"friction": {"a": ((3e3, 0.01), (1e3, 0.02))}}, "the depths of a are not in order at 1000"),
@@ -165,10 +165,10 @@ def test_measures_are_averages_over_settled_events(result):
         ({"line": {"width": 1.01e3, "cell": 300.0}}, "three whole cells"),
     ],
 )
-def test_bad_scenarios_are_refused_with_one_sentence(change, words):
+def test_bad_scenarios_are_refused_with_one_sentence(change, message):
     with pytest.raises(ScenarioError) as caught:
         scenario(experiment="fault", **change)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

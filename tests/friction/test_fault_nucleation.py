@@ -29,17 +29,17 @@ def nucleate(ratio: float, law: str, levels, spread: float, shear: str = "antipl
     machine = Machine(fault, state.prestress)
     y, w = np.array([state.excess_slip, state.log_state]), state.log_velocity.copy()
     stages, powers, out = np.zeros((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3)), np.zeros_like(y)
-    stages[0], h, found = state.rates, state.step, []
-    while len(found) < len(levels):
+    stages[0], h, zones = state.rates, state.step, []
+    while len(zones) < len(levels):
         trial = w.copy()
         error = machine.step(y, trial, stages, powers, h, out) / 1e-5
         if error <= 1:
             y, out, w = out, y, trial
             stages[0] = stages[-1]
-            if w.max() > np.log(levels[len(found)] / fault.v0):
-                found.append((w > w.max() + np.log(spread)).sum() * fault.cell / (2 * LENGTH))
+            if w.max() > np.log(levels[len(zones)] / fault.v0):
+                zones.append((w > w.max() + np.log(spread)).sum() * fault.cell / (2 * LENGTH))
         h *= min(5.0, max(0.2, 0.9 * max(error, 1e-4) ** -EXPONENT)) if np.isfinite(error) else 0.2
-    return np.array(found)
+    return np.array(zones)
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.3])

@@ -48,13 +48,13 @@ def record(legs, rs=PAPER, noise=0.0, rho=0.0, seed=0, number=100, **options):
 @pytest.mark.parametrize("free", [(), ("stiffness", "trend")], ids=["k-fixed", "k-free"])
 def test_exact_data_give_exact_parameters(law, legs, free):
     fixed = {"v0": 0.02} | ({} if free else {"stiffness": STIFFNESS})
-    found = fit(record(legs, PAPER._replace(law=law)), law=law, free=free, fixed=fixed)
-    assert found.identifiable
-    for name, value in found.values.items():
+    best = fit(record(legs, PAPER._replace(law=law)), law=law, free=free, fixed=fixed)
+    assert best.identifiable
+    for name, value in best.values.items():
         assert value == pytest.approx(TRUE[name], rel=1e-5, abs=1e-8), name
-        low, high = found.intervals[name]
+        low, high = best.intervals[name]
         assert low <= value <= high
-    surface = found.rate_state()
+    surface = best.rate_state()
     assert surface.law == law
     assert surface[:5] == pytest.approx(PAPER[:5], rel=1e-5)
 
@@ -66,10 +66,10 @@ def coverage(law, legs, rho, free, count, seed=0):
     hits = dict.fromkeys(["a − b"], 0)
     for k in range(count):
         noise = 1e-3 * correlated(seed + k, len(clean.time), rho)
-        found = fit(clean._replace(friction=clean.friction + noise), law=law, free=free, fixed=fixed)
-        for name, (low, high) in found.intervals.items():
+        best = fit(clean._replace(friction=clean.friction + noise), law=law, free=free, fixed=fixed)
+        for name, (low, high) in best.intervals.items():
             hits[name] = hits.get(name, 0) + (low <= TRUE[name] <= high)
-        hits["a − b"] += found.difference[1] <= 0.0069 <= found.difference[2]
+        hits["a − b"] += best.difference[1] <= 0.0069 <= best.difference[2]
     return hits
 
 
@@ -96,42 +96,42 @@ def test_a_fit_of_the_level_alone_is_a_mean():
     """μ0 is added to friction, so that its fit is a mean: s/√n, Student's t of n − 1, AIC and BIC by the book."""
     clean = record(STEPS, number=20)
     noise = 1e-3 * correlated(5, len(clean.time), 0.0)
-    found = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
+    best = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
     n, spare = len(noise), noise - noise.mean()
     error = noise.std(ddof=1) / np.sqrt(n)
     # solver's tolerance and the derivative by differences
-    assert found.values["mu0"] == pytest.approx(0.4 + noise.mean(), abs=1e-3 * error)
-    assert found.errors["mu0"] == pytest.approx(error, rel=1e-4)
-    low, high = found.intervals["mu0"]
+    assert best.values["mu0"] == pytest.approx(0.4 + noise.mean(), abs=1e-3 * error)
+    assert best.errors["mu0"] == pytest.approx(error, rel=1e-4)
+    low, high = best.intervals["mu0"]
     assert (high - low) / 2 == pytest.approx(student.ppf(0.975, n - 1) * error, rel=1e-4)
-    assert found.sigma == pytest.approx(noise.std(ddof=1), rel=1e-4)
+    assert best.sigma == pytest.approx(noise.std(ddof=1), rel=1e-4)
     likelihood = norm.logpdf(spare, scale=noise.std()).sum()
-    assert found.log_likelihood == pytest.approx(likelihood, rel=1e-6)
+    assert best.log_likelihood == pytest.approx(likelihood, rel=1e-6)
     # the level and the noise's size
-    assert (found.aic, found.bic) == pytest.approx((4 - 2 * likelihood, 2 * np.log(n) - 2 * likelihood), rel=1e-6)
+    assert (best.aic, best.bic) == pytest.approx((4 - 2 * likelihood, 2 * np.log(n) - 2 * likelihood), rel=1e-6)
 
 
 @pytest.mark.parametrize(("rho", "free"), [(0.0, ()), (0.6, ()), (0.6, ("stiffness",))])
 def test_criteria_count_parameters_the_size_of_the_noise_and_its_filters(rho, free):
     fixed = {} if free else {"stiffness": STIFFNESS}
-    found = fit(record(STEPS, noise=1e-3, rho=rho, seed=3), law="slip", free=free, fixed=fixed)
-    assert (len(found.noise) > 0) == (rho > 0)
-    count = 4 + len(free) + 1 + len(found.noise)
-    assert found.aic + 2 * found.log_likelihood == pytest.approx(2 * count, abs=1e-6)
-    assert found.bic + 2 * found.log_likelihood == pytest.approx(count * np.log(found.samples), abs=1e-6)
+    best = fit(record(STEPS, noise=1e-3, rho=rho, seed=3), law="slip", free=free, fixed=fixed)
+    assert (len(best.noise) > 0) == (rho > 0)
+    count = 4 + len(free) + 1 + len(best.noise)
+    assert best.aic + 2 * best.log_likelihood == pytest.approx(2 * count, abs=1e-6)
+    assert best.bic + 2 * best.log_likelihood == pytest.approx(count * np.log(best.samples), abs=1e-6)
 
 
 def test_a_comparison_is_made_of_likelihoods_sample_by_sample():
     """ΔAIC, exp(ΔAIC/2), and Vuong's z = Σd/(√N s_d), with d from normal densities of the residuals."""
     data = record(HOLDS, noise=1e-3)
     fits = [fit(data, law=law, fixed={"stiffness": STIFFNESS}, noise="white") for law in ("slip", "aging")]
-    found = compare_laws(*fits)
+    comparison = compare_laws(*fits)
     each = [norm.logpdf(f.residuals[0], scale=np.sqrt(np.mean(f.residuals[0] ** 2))) for f in fits]
     apart = each[0] - each[1]
     gap = -2 * apart.sum()  # as many parameters in both
-    assert found.delta_aic == pytest.approx(abs(gap), rel=1e-6)
-    assert found.evidence == pytest.approx(np.exp(min(abs(gap) / 2, 700)), rel=1e-6)
-    assert found.vuong == pytest.approx(apart.sum() / (np.sqrt(len(apart)) * apart.std()), rel=1e-6)
+    assert comparison.delta_aic == pytest.approx(abs(gap), rel=1e-6)
+    assert comparison.evidence == pytest.approx(np.exp(min(abs(gap) / 2, 700)), rel=1e-6)
+    assert comparison.vuong == pytest.approx(apart.sum() / (np.sqrt(len(apart)) * apart.std()), rel=1e-6)
 
 
 def test_intervals_of_the_level_hold_it_in_95_of_100_records():
@@ -139,8 +139,8 @@ def test_intervals_of_the_level_hold_it_in_95_of_100_records():
     clean, hits, count = record(STEP, number=12), 0, 1000
     for k in range(count):
         noise = 1e-3 * correlated(k, len(clean.time), 0.0)
-        found = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
-        low, high = found.intervals["mu0"]
+        best = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
+        low, high = best.intervals["mu0"]
         hits += low <= 0.4 <= high
     assert 0.93 * count <= hits <= 0.97 * count
 
@@ -168,10 +168,10 @@ def test_intervals_that_ignore_correlation_fail():
     hits, count, clean = 0, 30, record(STEPS, number=80)
     for k in range(count):
         noise = 1e-3 * correlated(k, len(clean.time), 0.8)
-        found = fit(
+        best = fit(
             clean._replace(friction=clean.friction + noise), law="slip", fixed={"stiffness": STIFFNESS}, noise="white"
         )
-        low, high = found.intervals["mu0"]
+        low, high = best.intervals["mu0"]
         hits += low <= 0.4 <= high
     assert hits < 0.8 * count
 
@@ -180,10 +180,10 @@ def test_intervals_that_ignore_correlation_fail():
 def test_the_right_law_is_preferred(law):
     data = record(HOLDS, PAPER._replace(law=law), noise=1e-3, rho=0.4)
     fits = [fit(data, law=name, fixed={"stiffness": STIFFNESS}) for name in ("aging", "slip")]
-    found = compare_laws(*fits)
-    assert found.preferred == law
-    assert found.evidence > 1e3
-    assert compare_laws(*fits[::-1]).vuong == pytest.approx(-found.vuong)
+    comparison = compare_laws(*fits)
+    assert comparison.preferred == law
+    assert comparison.evidence > 1e3
+    assert compare_laws(*fits[::-1]).vuong == pytest.approx(-comparison.vuong)
 
 
 def test_a_noisy_short_hold_does_not_discriminate():
@@ -191,9 +191,9 @@ def test_a_noisy_short_hold_does_not_discriminate():
     fits = [
         fit(data, law=name, fixed={"stiffness": STIFFNESS, "b": 0.0178, "dc": 5.3e-3}) for name in ("aging", "slip")
     ]
-    found = compare_laws(*fits)
-    assert found.preferred is None
-    assert "do not discriminate" in found.sentence
+    comparison = compare_laws(*fits)
+    assert comparison.preferred is None
+    assert "do not discriminate" in comparison.sentence
 
 
 LONG = slide_hold_slide([1.0, 10.0, 60.0], velocity=0.02, distance=0.05)
@@ -203,26 +203,26 @@ LONG = slide_hold_slide([1.0, 10.0, 60.0], velocity=0.02, distance=0.05)
     "data", [record(STEPS, noise=1e-4), record(LONG, noise=3e-4, number=200)], ids=["slow", "led-away"]
 )
 def test_a_wrong_law_gets_values_but_no_intervals(data):
-    found = fit(data, law="aging", fixed={"stiffness": STIFFNESS})
-    assert not found.adequate
-    assert "does not describe" in found.sentence
-    assert np.isfinite(found.values["a"])
-    assert np.isnan(found.intervals["a"]).all()
-    assert np.isnan(found.covariance).all()
+    best = fit(data, law="aging", fixed={"stiffness": STIFFNESS})
+    assert not best.adequate
+    assert "does not describe" in best.sentence
+    assert np.isfinite(best.values["a"])
+    assert np.isnan(best.intervals["a"]).all()
+    assert np.isnan(best.covariance).all()
 
 
 def test_steady_parts_tell_only_the_difference():
     data = record(STEPS, noise=1e-3, number=150)
-    found = fit(data, law="slip", fixed={"stiffness": STIFFNESS}, windows=((0, 2.5), (2.8, 3.0), (4.7, 5.5)))
-    assert not found.identifiable
-    assert np.isnan([found.values[name] for name in ("a", "b", "dc")]).all()
-    assert "only a − b" in found.sentence
-    assert found.difference[1] <= 0.0069 <= found.difference[2]
-    assert np.isnan(found.covariance[0]).all()
+    best = fit(data, law="slip", fixed={"stiffness": STIFFNESS}, windows=((0, 2.5), (2.8, 3.0), (4.7, 5.5)))
+    assert not best.identifiable
+    assert np.isnan([best.values[name] for name in ("a", "b", "dc")]).all()
+    assert "only a − b" in best.sentence
+    assert best.difference[1] <= 0.0069 <= best.difference[2]
+    assert np.isnan(best.covariance[0]).all()
 
 
 @pytest.mark.parametrize(
-    ("legs", "options", "lost", "words"),
+    ("legs", "options", "lost", "text"),
     [
         (
             (LoadStep(2.0, 0.02), LoadStep(0.03, 0.0)),
@@ -235,31 +235,31 @@ def test_steady_parts_tell_only_the_difference():
     ],
     ids=["short-hold", "one-velocity", "steady-start"],
 )
-def test_what_cannot_be_known_is_named(legs, options, lost, words):
+def test_what_cannot_be_known_is_named(legs, options, lost, text):
     if "theta" in lost:  # no sample before the memory of the start has faded
         options = options | {"windows": ((2.4, 5.5),)}
-    found = fit(record(legs, noise=1e-4), law="slip", **options)
-    assert not found.identifiable
-    assert {name for name, value in found.values.items() if np.isnan(value)} == lost
-    assert words in found.sentence
+    best = fit(record(legs, noise=1e-4), law="slip", **options)
+    assert not best.identifiable
+    assert {name for name, value in best.values.items() if np.isnan(value)} == lost
+    assert text in best.sentence
 
 
 def test_what_trades_off_exactly_is_named_without_any_noise():
     time = np.linspace(0, 1, 200)  # friction of the slip law is then b ln(θ/θ_ss) e^{−x/D_c} above a constant
     friction = 0.4 + 0.0178 * np.log(3.0) * np.exp(-0.02 * time / 5.3e-3)
-    found = fit(Data(time, friction, velocity=np.full(200, 0.02)), law="slip", fixed={"a": 0.0247}, free=("theta",))
-    assert np.isnan([found.values["b"], found.values["theta"]]).all()
-    assert found.values["dc"] == pytest.approx(5.3e-3, rel=1e-6)
-    assert "b and theta trade off" in found.sentence
+    best = fit(Data(time, friction, velocity=np.full(200, 0.02)), law="slip", fixed={"a": 0.0247}, free=("theta",))
+    assert np.isnan([best.values["b"], best.values["theta"]]).all()
+    assert best.values["dc"] == pytest.approx(5.3e-3, rel=1e-6)
+    assert "b and theta trade off" in best.sentence
 
 
 def test_a_stiffness_beyond_the_data_is_only_bounded():
     time = samples(STEPS, 100)
     clean = spring_slider(PAPER, Spring(1e6), STEPS, times=time).friction
-    found = fit(Data(time, clean + 1e-3 * correlated(0, len(time), 0.0), STEPS), law="slip", free=("stiffness",))
-    assert np.isnan(found.values["stiffness"])
-    assert found.sentence.startswith("these data do not determine stiffness: ")
-    assert found.intervals["dc"][0] <= 5.3e-3 <= found.intervals["dc"][1]
+    best = fit(Data(time, clean + 1e-3 * correlated(0, len(time), 0.0), STEPS), law="slip", free=("stiffness",))
+    assert np.isnan(best.values["stiffness"])
+    assert best.sentence.startswith("these data do not determine stiffness: ")
+    assert best.intervals["dc"][0] <= 5.3e-3 <= best.intervals["dc"][1]
 
 
 def test_records_share_parameters_and_keep_their_own_level():
@@ -267,53 +267,53 @@ def test_records_share_parameters_and_keep_their_own_level():
         record(velocity_steps([0.02, v], distance=0.05), PAPER._replace(mu0=0.4 + 0.02 * k), 2e-3, 0.3, seed=k)
         for k, v in enumerate((0.1, 0.2, 0.005))
     ]
-    found = fit(records, law="slip", fixed={"stiffness": STIFFNESS})
+    best = fit(records, law="slip", fixed={"stiffness": STIFFNESS})
     alone = fit(records[0], law="slip", fixed={"stiffness": STIFFNESS})
-    assert found.names == ("a", "b", "dc", "mu0[1]", "mu0[2]", "mu0[3]")
-    assert found.errors["dc"] < alone.errors["dc"]
+    assert best.names == ("a", "b", "dc", "mu0[1]", "mu0[2]", "mu0[3]")
+    assert best.errors["dc"] < alone.errors["dc"]
     for name in ("a", "b", "dc"):
-        assert abs(found.values[name] - TRUE[name]) < 4 * found.errors[name]
-        low, high = found.intervals[name]
-        assert low * high == pytest.approx(found.values[name] ** 2, rel=1e-9)  # as far to either side in the logarithm
-    assert found.rate_state(3).mu0 == pytest.approx(0.44, abs=2e-3)
+        assert abs(best.values[name] - TRUE[name]) < 4 * best.errors[name]
+        low, high = best.intervals[name]
+        assert low * high == pytest.approx(best.values[name] ** 2, rel=1e-9)  # as far to either side in the logarithm
+    assert best.rate_state(3).mu0 == pytest.approx(0.44, abs=2e-3)
 
 
 def test_measured_slip_velocity_needs_no_spring():
     time = np.linspace(0, 5.5, 1500)
     h = spring_slider(PAPER, Spring(STIFFNESS), STEPS, times=time)
     noise = 1e-3 * correlated(1, len(time), 0.3)
-    found = fit(Data(time, h.friction + noise, velocity=h.velocity), law="slip")
-    assert "stiffness" not in found.fixed
+    best = fit(Data(time, h.friction + noise, velocity=h.velocity), law="slip")
+    assert "stiffness" not in best.fixed
     for name in ("a", "b", "dc"):  # the velocity is known at samples only: 1 % on top of the noise
-        assert found.values[name] == pytest.approx(TRUE[name], abs=4 * found.errors[name] + 0.01 * TRUE[name])
+        assert best.values[name] == pytest.approx(TRUE[name], abs=4 * best.errors[name] + 0.01 * TRUE[name])
 
 
 def test_the_state_is_carried_through_what_is_not_fitted():
     data = record(HOLDS, noise=5e-4)
     wild = np.where((data.time > 3.0) & (data.time < 10.0), 0.9, data.friction)
-    found = fit(data._replace(friction=wild), law="slip", fixed={"stiffness": STIFFNESS}, windows=((0, 3), (10, 99)))
+    best = fit(data._replace(friction=wild), law="slip", fixed={"stiffness": STIFFNESS}, windows=((0, 3), (10, 99)))
     for name in ("a", "b", "dc"):
-        assert abs(found.values[name] - TRUE[name]) < 4 * found.errors[name]
+        assert abs(best.values[name] - TRUE[name]) < 4 * best.errors[name]
 
 
 def test_normal_stress_and_start_are_fitted_too():
     rs = PAPER._replace(alpha=0.25, law="aging")
     legs = (LoadStep(2.0, 0.02), LoadStep(2.5, 0.02, 1.2), LoadStep(2.5, 0.02, 0.9), LoadStep(0.5, 0.1, 0.9))
-    found = fit(record(legs, rs, noise=5e-4), law="aging", fixed={"stiffness": STIFFNESS}, free=("alpha",))
-    assert found.values["alpha"] == pytest.approx(0.25, abs=4 * found.errors["alpha"])
+    best = fit(record(legs, rs, noise=5e-4), law="aging", fixed={"stiffness": STIFFNESS}, free=("alpha",))
+    assert best.values["alpha"] == pytest.approx(0.25, abs=4 * best.errors["alpha"])
     data = record(STEPS, noise=5e-4, theta=3 * 5.3e-3 / 0.02)
-    found = fit(data, law="slip", fixed={"stiffness": STIFFNESS}, free=("theta",))
-    assert found.values["theta"] == pytest.approx(3.0, abs=4 * found.errors["theta"])
+    best = fit(data, law="slip", fixed={"stiffness": STIFFNESS}, free=("theta",))
+    assert best.values["theta"] == pytest.approx(3.0, abs=4 * best.errors["theta"])
 
 
 def test_a_trend_in_displacement_is_taken_out():
     data = record(STEPS, noise=5e-4)
     place = np.interp(data.time, [0, 2.5, 3.0, 5.5], [0, 0.05, 0.1, 0.15])
-    found = fit(
+    best = fit(
         data._replace(friction=data.friction + 0.2 * place), law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",)
     )
-    assert found.values["trend"] == pytest.approx(0.2, abs=4 * found.errors["trend"])
-    assert abs(found.values["dc"] - 5.3e-3) < 4 * found.errors["dc"]
+    assert best.values["trend"] == pytest.approx(0.2, abs=4 * best.errors["trend"])
+    assert abs(best.values["dc"] - 5.3e-3) < 4 * best.errors["dc"]
 
 
 def test_jacobian_of_a_fit_by_richardson():
@@ -323,12 +323,12 @@ def test_jacobian_of_a_fit_by_richardson():
     task = Task([case], "slip", names, [{name: k for k, name in enumerate(names)}], fixed, 0.01)
     x = np.array([np.log(0.02), np.log(0.015), np.log(6e-3), 0.4, np.log(150.0), 0.1])
     for central, close in ((False, 1e-4), (True, 1e-6)):
-        found = jacobian(task, x, central=central)
+        slopes = jacobian(task, x, central=central)
         for k in range(6):
             e = np.eye(6)[k]
             steps = [(residual(task, x + h * e) - residual(task, x - h * e)) / (2 * h) for h in (2e-3, 1e-3)]
             exact = (4 * steps[1] - steps[0]) / 3
-            assert np.abs(found[:, k] - exact).max() < close * np.abs(exact).max(), names[k]
+            assert np.abs(slopes[:, k] - exact).max() < close * np.abs(exact).max(), names[k]
 
 
 def test_noise_is_recognised_and_whitened():
@@ -391,13 +391,13 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         ([], {}, "no data were given"),
     ],
 )
-def test_bad_input_is_one_sentence(data, options, sentence):
+def test_bad_input_gives_a_one_sentence_error(data, options, sentence):
     with pytest.raises(ValueError, match=sentence) as caught:
         fit(data, **options)
     assert "\n" not in str(caught.value)
 
 
 def test_fits_of_different_data_are_not_compared():
-    found = [fit(record(STEPS, noise=1e-3, seed=k), law="slip", fixed={"stiffness": STIFFNESS}) for k in (0, 1)]
+    values = [fit(record(STEPS, noise=1e-3, seed=k), law="slip", fixed={"stiffness": STIFFNESS}) for k in (0, 1)]
     with pytest.raises(ValueError, match="different data"):
-        compare_laws(*found)
+        compare_laws(*values)

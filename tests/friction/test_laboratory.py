@@ -23,12 +23,12 @@ def test_units_separators_and_comments(tmp_path):
     rows = [f"{k / 60};{k / 100};{3.0 + 0.01 * k};5.0;{2 + k};left out" for k in range(12)]
     head = "Time [min]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [mm/min]; note"
     path = written(tmp_path / "a.csv", head, ["# a comment", *rows[:5], "", *rows[5:]], encoding="utf-8-sig")
-    found = read_csv(path)
-    assert np.allclose(found.time, np.arange(12.0))
-    assert np.allclose(found.load_point, 1e-5 * np.arange(12))
-    assert np.allclose(found.friction, (3.0 + 0.01 * np.arange(12)) / 5.0)
-    assert np.allclose(found.normal_stress, 5e6)
-    assert np.allclose(found.velocity, 1e-3 / 60 * (2 + np.arange(12)))
+    record = read_csv(path)
+    assert np.allclose(record.time, np.arange(12.0))
+    assert np.allclose(record.load_point, 1e-5 * np.arange(12))
+    assert np.allclose(record.friction, (3.0 + 0.01 * np.arange(12)) / 5.0)
+    assert np.allclose(record.normal_stress, 5e6)
+    assert np.allclose(record.velocity, 1e-3 / 60 * (2 + np.arange(12)))
     tabs = written(tmp_path / "b.csv", HEAD.replace(", ", "\t"), [row.replace(", ", "\t") for row in ROWS])
     assert np.allclose(read_csv(tabs).load_point, 1e-5 * np.arange(12))
 
@@ -36,25 +36,25 @@ def test_units_separators_and_comments(tmp_path):
 def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
     rows = [f"{k},5;{k / 10};-0,{k:02}e1" for k in range(12)]
     path = written(tmp_path / "a.csv", "time (s); load_point (µm); friction", rows, encoding="cp1252")
-    found = read_csv(path)
-    assert np.allclose(found.time, np.arange(12) + 0.5)
-    assert np.allclose(found.load_point, 1e-7 * np.arange(12))
-    assert np.allclose(found.friction, -0.1 * np.arange(12))
+    record = read_csv(path)
+    assert np.allclose(record.time, np.arange(12) + 0.5)
+    assert np.allclose(record.load_point, 1e-7 * np.arange(12))
+    assert np.allclose(record.friction, -0.1 * np.arange(12))
     with pytest.raises(ValueError, match="not a number"):
         read_csv(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.234,5;1;1", *["1;2;3"] * 11]))
 
 
-def test_rows_with_empty_cells_are_left_out_and_told(tmp_path):
+def test_rows_with_empty_cells_are_left_out_and_reported(tmp_path):
     path = written(tmp_path / "a.csv", HEAD + ", note", [f"{row}, " for row in [*ROWS, "12, , 0.6", "13, 130, "]])
     with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out; the first is line 14"):
-        found = read_csv(path)
-    assert len(found.time) == 12
+        record = read_csv(path)
+    assert len(record.time) == 12
 
 
 def test_files_without_headers_need_the_numbers_of_columns(tmp_path):
     path = written(tmp_path / "a.csv", ROWS[0], ROWS[1:])
-    found = read_csv(path, columns={"time": 0, "load_point [um]": 1, "friction": 2})
-    assert np.allclose(found.load_point, 1e-5 * np.arange(12))
+    record = read_csv(path, columns={"time": 0, "load_point [um]": 1, "friction": 2})
+    assert np.allclose(record.load_point, 1e-5 * np.arange(12))
     assert np.allclose(read_csv(path, columns={"time": 0, "load_point": 1, "mu": 2}).load_point, 10.0 * np.arange(12))
     with pytest.raises(ValueError, match="column 3 was given for 'mu': the file has columns 0 to 2"):
         read_csv(path, columns={"time": 0, "load_point": 1, "mu": 3})
@@ -66,12 +66,12 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
     h = spring_slider(rs, Spring(1e4), legs, times=times)
     record = LabRecord(h.time, h.friction, h.load_point, np.full(len(times), 5e6), h.slip, h.velocity, h.theta)
     again = read_csv(write_csv(tmp_path / "a.csv", record, ("made by a test",)))
-    for one, other in zip(record, again, strict=True):
-        assert np.allclose(one, other, rtol=1e-11, atol=0)
+    for column, other in zip(record, again, strict=True):
+        assert np.allclose(column, other, rtol=1e-11, atol=0)
     lab = record_data(again, normal=True)
     assert [leg.velocity for leg in lab.legs] == pytest.approx([1e-6, 1e-5, 1e-6])
-    found = fit(lab, law="aging", fixed={"stiffness": 1e4})
-    assert [found.values[name] for name in ("a", "b", "dc")] == pytest.approx([0.010, 0.006, 1e-5], rel=1e-4)
+    best = fit(lab, law="aging", fixed={"stiffness": 1e4})
+    assert [best.values[name] for name in ("a", "b", "dc")] == pytest.approx([0.010, 0.006, 1e-5], rel=1e-4)
     measured = record_data(again._replace(load_point=None))
     assert measured.legs == ()
     assert np.array_equal(measured.velocity, again.velocity)
@@ -129,22 +129,22 @@ def test_binary_files_and_rest_at_the_start(tmp_path):
 def test_the_command_line_reads_files_without_headers(tmp_path):
     rows = [f"{k},5;{10 * k};0,6{k % 10}" for k in range(40)]
     written(tmp_path / "a.csv", rows[0], [*rows[1:], "41;;0,6"])
-    words = ("fit", "a.csv", "--stiffness", "1000", "--law", "slip", "-q")
-    done = stickslip_here(*words, "--columns", "time=0,load_point [um]=1,friction=2", cwd=tmp_path)
+    arguments = ("fit", "a.csv", "--stiffness", "1000", "--law", "slip", "-q")
+    done = stickslip_here(*arguments, "--columns", "time=0,load_point [um]=1,friction=2", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stderr == ("stickslip: a.csv: 1 of 41 rows have an empty cell and are left out; the first is line 41\n")
-    done = stickslip_here(*words, "--columns", "time", cwd=tmp_path)
+    done = stickslip_here(*arguments, "--columns", "time", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NAME=NUMBER" in done.stderr
 
 
 @pytest.mark.parametrize("missing", ["time", "friction", "load_point"])
 def test_unusual_headers_are_listed_with_those_that_are_read(tmp_path, missing):
-    words = {"time": "elapsed [s]", "friction": "F/N", "load_point": "x_piston [mm]"}
-    head = ", ".join(words[name] if name == missing else field for name, field in zip(words, HEAD_BY_NAME, strict=True))
+    texts = {"time": "elapsed [s]", "friction": "F/N", "load_point": "x_piston [mm]"}
+    head = ", ".join(texts[name] if name == missing else field for name, field in zip(texts, HEAD_BY_NAME, strict=True))
     with pytest.raises(ValueError) as caught:
         read_csv(written(tmp_path / "a.csv", head))
     said = str(caught.value)
-    assert repr(words[missing]) in said  # what was seen
+    assert repr(texts[missing]) in said  # what was seen
     for name in {"time": ("time", "t"), "friction": ("mu", "shear_stress"), "load_point": ("lp_disp", "slip_rate")}[
         missing
     ]:
@@ -160,9 +160,9 @@ def test_a_header_of_a_hundred_columns_is_shortened(tmp_path):
 
 
 def test_times_in_days_and_years(tmp_path):
-    found = read_csv(
+    record = read_csv(
         written(tmp_path / "a.csv", "time [yr], velocity [mm/yr], friction [-]", [f"{k}, 35, 0.6" for k in range(12)])
     )
-    assert found.time[1] == 365.25 * 86400
-    assert found.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
+    assert record.time[1] == 365.25 * 86400
+    assert record.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
     assert read_csv(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400

@@ -41,10 +41,10 @@ def test_scalars_are_the_formulas_and_their_derivatives(rs):
         states = [rs.dc / rs.v0 * np.exp(s), rs.dc2 / rs.v0 * np.exp(s2)]
         mu = scalars(rs, w, s, s2)
         assert mu == pytest.approx(float(closed.friction_of(rs, rs.v0 * np.exp(w), *states)), rel=1e-13)
-        found = scalars(rs, w, s, s2, laws.slopes)
+        slopes = scalars(rs, w, s, s2, laws.slopes)
         point, axes = np.array([w, s, s2]), d * np.eye(3)
         values = [scalars(rs, *(point + e)) - scalars(rs, *(point - e)) for e in axes]
-        assert np.allclose(found, np.array(values) / (2 * d), rtol=0, atol=1e-10)  # third derivatives times d²/6
+        assert np.allclose(slopes, np.array(values) / (2 * d), rtol=0, atol=1e-10)  # third derivatives times d²/6
         ways = [scalars(rs, *(point + e), laws.slopes) - scalars(rs, *(point - e), laws.slopes) for e in axes]
         hessian = np.array(ways) / (2 * d)
         assert np.allclose(scalars(rs, w, s, s2, laws.curvatures), hessian[np.triu_indices(3)], rtol=0, atol=1e-10)
@@ -55,13 +55,13 @@ def test_scalars_are_the_formulas_and_their_derivatives(rs):
 def test_the_jacobian_of_the_slider_is_that_of_its_rates(rs, law, damping):
     slider, d = slider_of(rs._replace(law=law), Spring(300.0, damping)), 1e-5
     for point in np.random.default_rng(1).uniform(-2, 2, (10, 3)):
-        found = rates(slider, point, 2e-6, 1.3)[1]
+        exact = rates(slider, point, 2e-6, 1.3)[1]
         columns = [rates(slider, point + e, 2e-6, 1.3)[0] - rates(slider, point - e, 2e-6, 1.3)[0]
                    for e in d * np.eye(3)]  # fmt: skip
         by_differences = np.array(columns).T / (2 * d)
         if rs.b2 == 0:
             by_differences[0, 2] = 0.0  # the second state is not part of the system
-        assert np.allclose(found, by_differences, rtol=1e-6, atol=1e-8 * np.abs(found).max())
+        assert np.allclose(exact, by_differences, rtol=1e-6, atol=1e-8 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("law", laws.EVOLUTIONS)
@@ -100,10 +100,10 @@ def test_limits_are_the_usual_law():
         "no second state": rs._replace(dc2=3e-5),
         "halves": rs._replace(b=0.0075, b2=0.0075, dc2=rs.dc),
     }
-    for words, other in same.items():
+    for limit, other in same.items():
         h = spring_slider(other, spring, legs)
-        assert np.allclose(h.friction, usual.friction, rtol=1e-8, atol=0), words
-        assert np.allclose(np.log(h.velocity), np.log(usual.velocity), rtol=0, atol=1e-6), words
+        assert np.allclose(h.friction, usual.friction, rtol=1e-8, atol=0), limit
+        assert np.allclose(np.log(h.velocity), np.log(usual.velocity), rtol=0, atol=1e-6), limit
     far = spring_slider(rs._replace(v1=1e-5, v2=1e-5), spring, legs)
     assert np.abs(far.friction - usual.friction).max() > 1e-3
 
@@ -141,9 +141,9 @@ def test_critical_stiffness_is_where_an_eigenvalue_crosses_zero(rs, law, damping
         columns = [(rates(slider, point + e, v, 1.0)[0] - rates(slider, point - e, v, 1.0)[0]) / (2 * d)
                    for e in d * np.eye(3)[:many]]  # fmt: skip
         values = np.linalg.eigvals(np.array(columns).T[:many])
-        found = steady_sliding(rs, Spring(k, damping), v)
-        assert found.stable == (k > critical)
-        gaps = np.abs(found.eigenvalues[:, None] - values).min(axis=1)
+        sliding = steady_sliding(rs, Spring(k, damping), v)
+        assert sliding.stable == (k > critical)
+        gaps = np.abs(sliding.eigenvalues[:, None] - values).min(axis=1)
         assert (gaps < 1e-7 * np.abs(values).max()).all()
         return values.real.max()
 
@@ -156,17 +156,17 @@ def test_critical_stiffness_is_where_an_eigenvalue_crosses_zero(rs, law, damping
 def test_the_sentence_on_stable_sliding_gives_the_effects_at_its_velocity(second):
     """b = 0.015 exceeds a = 0.010, but not at V = 9 V2, where it is a tenth."""
     surface = RateState(0.010, 0.015, 1e-5, v2=1e-7, **second)
-    found = steady_sliding(surface, Spring(100.0), 9e-7)
+    sliding = steady_sliding(surface, Spring(100.0), 9e-7)
     name = "b + b2" if second else "b"
-    assert found.stable
-    assert f"{name} at this velocity = {0.1 * (0.015 + surface.b2):.4g} does not exceed" in found.sentence
+    assert sliding.stable
+    assert f"{name} at this velocity = {0.1 * (0.015 + surface.b2):.4g} does not exceed" in sliding.sentence
 
 
 def test_two_states_have_the_critical_stiffness_of_each_alone():
-    one = critical_stiffness(USUAL)
-    assert critical_stiffness(USUAL._replace(b2=1e-12, dc2=3e-4)) == pytest.approx(one, rel=1e-6)
-    assert critical_stiffness(USUAL._replace(b=1e-12, b2=0.015, dc2=3e-5)) == pytest.approx(one / 3, rel=1e-6)
-    assert critical_stiffness(USUAL._replace(b=0.009, b2=0.006, dc2=USUAL.dc)) == pytest.approx(one, rel=1e-12)
+    slope = critical_stiffness(USUAL)
+    assert critical_stiffness(USUAL._replace(b2=1e-12, dc2=3e-4)) == pytest.approx(slope, rel=1e-6)
+    assert critical_stiffness(USUAL._replace(b=1e-12, b2=0.015, dc2=3e-5)) == pytest.approx(slope / 3, rel=1e-6)
+    assert critical_stiffness(USUAL._replace(b=0.009, b2=0.006, dc2=USUAL.dc)) == pytest.approx(slope, rel=1e-12)
     assert critical_stiffness(USUAL._replace(b=0.002, b2=0.001, dc2=3e-5)) <= 0
     assert "b + b2 = 0.003" in steady_sliding(USUAL._replace(b=0.002, b2=0.001), Spring(10.0), 1e-6).sentence
 
@@ -217,27 +217,27 @@ def record(rs, stiffness=5e3, noise=0.0, legs=LEGS):
     ],
 )
 def test_exact_records_give_exact_parameters(rs, options):
-    found = fit(record(rs), law=rs.law, fixed={"stiffness": 5e3, "v0": 1e-6}, **options)
-    for name in found.names:
-        assert found.values[name] == pytest.approx(getattr(rs, name), rel=1e-3), name
-    assert found.rate_state()._replace(**{n: getattr(rs, n) for n in found.names}) == rs._replace(alpha=0.0)
+    best = fit(record(rs), law=rs.law, fixed={"stiffness": 5e3, "v0": 1e-6}, **options)
+    for name in best.names:
+        assert best.values[name] == pytest.approx(getattr(rs, name), rel=1e-3), name
+    assert best.rate_state()._replace(**{n: getattr(rs, n) for n in best.names}) == rs._replace(alpha=0.0)
 
 
 def test_a_second_state_that_is_not_there_is_not_determined():
-    found = fit(record(USUAL, noise=3e-4), fixed={"stiffness": 5e3, "dc2": 1e-4}, free=("b2",))
-    assert not found.identifiable
-    assert "these data do not determine b2" in found.sentence
+    best = fit(record(USUAL, noise=3e-4), fixed={"stiffness": 5e3, "dc2": 1e-4}, free=("b2",))
+    assert not best.identifiable
+    assert "these data do not determine b2" in best.sentence
 
 
 def test_alpha_is_fitted_with_two_states():
     legs = (*LEGS[:3], LoadStep(60.0, 1e-6, 1.05), LoadStep(60.0, 1e-6, 1.0), *LEGS[3:])
     rs = USUAL._replace(b2=0.004, dc2=1e-4, alpha=0.2)
-    found = fit(record(rs, legs=legs), fixed={"stiffness": 5e3, "v0": 1e-6, "dc2": 1e-4, "b2": 0.004}, free=("alpha",))
-    assert found.values["alpha"] == pytest.approx(0.2, rel=1e-3)
+    best = fit(record(rs, legs=legs), fixed={"stiffness": 5e3, "v0": 1e-6, "dc2": 1e-4, "b2": 0.004}, free=("alpha",))
+    assert best.values["alpha"] == pytest.approx(0.2, rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (lambda: fit(record(USUAL), fixed={"stiffness": 1e4}, form="log"), "form = 'log' was given: use 'logarithmic'"),
         (lambda: fit(record(USUAL), fixed={"stiffness": 1e4}, free=("b2",)), "a second state has two parameters"),
@@ -250,7 +250,7 @@ def test_alpha_is_fitted_with_two_states():
         (lambda: closed.stiff_healing(USUAL._replace(b2=0.1), 1e-6, 1.0), "this closed form is for"),
     ],
 )
-def test_bad_input_is_one_sentence(call, words):
+def test_bad_input_gives_a_one_sentence_error(call, message):
     with pytest.raises(ValueError, match=r"^.+$") as caught:
         call()
-    assert words in str(caught.value)
+    assert message in str(caught.value)

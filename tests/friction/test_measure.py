@@ -17,12 +17,12 @@ def memory(seed, number, rho):
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_the_error_of_a_mean_is_that_of_repetitions(rho):
-    found = [steady_mean(memory(seed, 2000, rho)) for seed in range(200)]
-    scatter = np.std([one.mean for one in found])
+    values = [steady_mean(memory(seed, 2000, rho)) for seed in range(200)]
+    scatter = np.std([level.mean for level in values])
     # 200 repetitions tell a standard deviation to 5 %; the estimate is some per cent low for slow noise
-    assert np.mean([one.error for one in found]) == pytest.approx(scatter, rel=0.2)
-    assert np.mean([one.effective for one in found]) == pytest.approx(2000 * (1 - rho) / (1 + rho), rel=0.25)
-    assert np.mean([abs(one.mean) < 1.96 * one.error for one in found]) > 0.88
+    assert np.mean([level.error for level in values]) == pytest.approx(scatter, rel=0.2)
+    assert np.mean([level.effective for level in values]) == pytest.approx(2000 * (1 - rho) / (1 + rho), rel=0.25)
+    assert np.mean([abs(level.mean) < 1.96 * level.error for level in values]) > 0.88
 
 
 def test_a_constant_has_no_error():
@@ -42,8 +42,8 @@ def test_where_a_series_gets_steady():
 
 def test_healing_is_a_straight_line_in_ln_t():
     hold = np.array([1.0, 3.0, 10.0, 30.0])
-    found = healing(hold, 0.0178 * np.log(hold) + 0.003)
-    assert found[:2] == (pytest.approx(0.0178), pytest.approx(0.003))
+    line = healing(hold, 0.0178 * np.log(hold) + 0.003)
+    assert line[:2] == (pytest.approx(0.0178), pytest.approx(0.003))
     hits, rng = 0, np.random.default_rng(0)
     for noise in rng.normal(0, 0.002, (4000, 4)):
         low, high = healing(hold, 0.0178 * np.log(hold) + noise).interval
@@ -56,10 +56,10 @@ def test_the_error_of_healing_is_that_of_a_regression(count):
     """Two parameters are taken from the points: n − 2 in the variance and in Student's t, as SciPy has it."""
     hold = np.geomspace(1.0, 300.0, count)
     excess = 0.02 * np.log(hold) + 1e-3 * np.random.default_rng(count).normal(size=count)
-    found, told = healing(hold, excess), linregress(np.log(hold), excess)
-    assert found[:3] == (pytest.approx(told.slope), pytest.approx(told.intercept), pytest.approx(told.stderr))
+    line, told = healing(hold, excess), linregress(np.log(hold), excess)
+    assert line[:3] == (pytest.approx(told.slope), pytest.approx(told.intercept), pytest.approx(told.stderr))
     reach = student.ppf(0.975, count - 2) * told.stderr
-    assert found.interval == pytest.approx((told.slope - reach, told.slope + reach))
+    assert line.interval == pytest.approx((told.slope - reach, told.slope + reach))
 
 
 def test_the_error_of_few_uncorrelated_values_is_the_textbook_one():
@@ -74,11 +74,11 @@ def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
     holds = [1.0, 10.0, 100.0, 1000.0]
     legs = slide_hold_slide(holds, velocity=0.02, distance=0.1)
     h = spring_slider(rs, Spring(1e6), legs)
-    found = hold_response(h.time, h.friction, legs)
-    assert found.hold.tolist() == holds
-    assert found.steady == pytest.approx(0.4, abs=1e-6)
-    assert (np.diff(found.drop) > 0).all()
-    late = healing(found.hold[1:], found.excess[1:])
+    drops = hold_response(h.time, h.friction, legs)
+    assert drops.hold.tolist() == holds
+    assert drops.steady == pytest.approx(0.4, abs=1e-6)
+    assert (np.diff(drops.drop) > 0).all()
+    late = healing(drops.hold[1:], drops.excess[1:])
     assert late.slope == pytest.approx(rs.b, rel=0.05)  # ln(1 + V t/D_c), less what slips before the peak
     slip = spring_slider(rs._replace(law="slip"), Spring(1e6), legs)
     assert np.abs(hold_response(slip.time, slip.friction, legs).excess).max() < 0.1 * rs.b
@@ -99,6 +99,6 @@ def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
         ),
     ],
 )
-def test_bad_input_is_one_sentence(call, sentence):
+def test_bad_input_gives_a_one_sentence_error(call, sentence):
     with pytest.raises(ValueError, match=sentence):
         call()

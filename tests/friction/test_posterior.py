@@ -35,30 +35,30 @@ def record(seed, rho=0.0, number=160):
     return Data(time, friction + noise(seed, number, rho), velocity=velocity)
 
 
-def ends(found, name):
-    return np.array(found.percentiles[name])[[0, -1]]
+def ends(sampled, name):
+    return np.array(sampled.percentiles[name])[[0, -1]]
 
 
 def test_the_level_alone_has_students_distribution():
     """One parameter of which friction is a linear function, and white noise: a mean with an unknown variance."""
     data = record(1)
     known = {"a": TRUE.a, "b": TRUE.b, "dc": TRUE.dc}
-    found = posterior(data, law="slip", fixed=known, noise="white", walkers=64, seed=3)
-    rest = found.fit.residuals[0] + found.fit.values["mu0"]
+    sampled = posterior(data, law="slip", fixed=known, noise="white", walkers=64, seed=3)
+    rest = sampled.fit.residuals[0] + sampled.fit.values["mu0"]
     exact = rest.mean() + rest.std(ddof=1) / np.sqrt(len(rest)) * student.ppf(np.array(PERCENTS) / 100, len(rest) - 1)
     spread = rest.std(ddof=1) / np.sqrt(len(rest))
-    assert np.allclose(found.percentiles["mu0"], exact, rtol=0, atol=0.08 * spread)
-    assert found.acceptance > 0.5
+    assert np.allclose(sampled.percentiles["mu0"], exact, rtol=0, atol=0.08 * spread)
+    assert sampled.acceptance > 0.5
 
 
 def test_percentiles_are_those_of_a_grid():
     """Two parameters, few samples: the density is evaluated on a grid with the model and nothing else."""
     data = record(5, number=60)
     known = {"a": TRUE.a, "mu0": TRUE.mu0}
-    found = posterior(data, law="slip", fixed=known, noise="white", walkers=64)
+    sampled = posterior(data, law="slip", fixed=known, noise="white", walkers=64)
     case, n, m = prepare(data), 60, 2
-    least = np.sum(found.fit.residuals[0] ** 2)
-    axes = [np.linspace(*(np.log(found.fit.values[name]) + s * found.fit.errors[name] / found.fit.values[name]
+    least = np.sum(sampled.fit.residuals[0] ** 2)
+    axes = [np.linspace(*(np.log(sampled.fit.values[name]) + s * sampled.fit.errors[name] / sampled.fit.values[name]
                           for s in (-8, 8)), 120) for name in ("b", "dc")]  # fmt: skip
     density = np.zeros((120, 120))
     for i, b in enumerate(np.exp(axes[0])):
@@ -66,30 +66,30 @@ def test_percentiles_are_those_of_a_grid():
             values = {"v0": 1e-6, "stiffness": 1.0, "damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, **known}
             rest = data.friction - model_friction(case, values | {"b": b, "dc": dc}, "slip")
             density[i, j] = (1 + (rest @ rest - least) / least) ** (-n / 2)  # ν s² = S₀ for white noise, ν + m = n
-    assert m == len(found.names)
-    for name, axis, marginal in zip(found.names, axes, (density.sum(1), density.sum(0)), strict=True):
+    assert m == len(sampled.names)
+    for name, axis, marginal in zip(sampled.names, axes, (density.sum(1), density.sum(0)), strict=True):
         share = np.cumsum(marginal) / marginal.sum()
         exact = np.exp(np.interp(np.array(PERCENTS) / 100, share, axis))
         width = exact[-1] - exact[0]
-        assert np.allclose(found.percentiles[name], exact, rtol=0, atol=0.04 * width), name
+        assert np.allclose(sampled.percentiles[name], exact, rtol=0, atol=0.04 * width), name
 
 
 def test_percentiles_agree_with_the_interval_method():
     for rho in (0.0, 0.6):
-        found = posterior(record(2, rho), law="slip")
-        for name, interval in found.fit.intervals.items():
+        sampled = posterior(record(2, rho), law="slip")
+        for name, interval in sampled.fit.intervals.items():
             width = interval[1] - interval[0]
-            assert np.allclose(ends(found, name), interval, rtol=0, atol=0.08 * width), (rho, name)
-        assert all(found.steps >= 50 * tau for tau in found.times.values())
+            assert np.allclose(ends(sampled, name), interval, rtol=0, atol=0.08 * width), (rho, name)
+        assert all(sampled.steps >= 50 * tau for tau in sampled.times.values())
 
 
 def _coverage(count, rho):
     hits = {"posterior": 0, "interval": 0}
     total = 0
     for seed in range(count):
-        found = posterior(record(100 + seed, rho), law="slip", seed=seed)
-        for name, (low, high) in found.fit.intervals.items():
-            truth, (first, last) = getattr(TRUE, name), ends(found, name)
+        sampled = posterior(record(100 + seed, rho), law="slip", seed=seed)
+        for name, (low, high) in sampled.fit.intervals.items():
+            truth, (first, last) = getattr(TRUE, name), ends(sampled, name)
             hits["interval"] += low <= truth <= high
             hits["posterior"] += first <= truth <= last
             total += 1
@@ -103,8 +103,8 @@ def test_percentiles_hold_the_truth_as_often_as_intervals(rho):
     """150 records, four parameters: both methods within the resolution of 95 %, and nearly the same records."""
     hits, total = _coverage(150, rho)
     records = total / 4
-    for words, count in hits.items():
-        assert binom.ppf(1e-3, records, 0.92) <= count / 4 <= binom.ppf(1 - 1e-3, records, 0.97), (words, count)
+    for method, count in hits.items():
+        assert binom.ppf(1e-3, records, 0.92) <= count / 4 <= binom.ppf(1 - 1e-3, records, 0.97), (method, count)
     assert abs(hits["posterior"] - hits["interval"]) < 0.02 * total
 
 
@@ -117,19 +117,19 @@ def test_percentiles_hold_the_truth_in_a_few_records():
 
 def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
     data = record(7)
-    one, same, other = (posterior(data, law="slip", seed=seed) for seed in (0, 0, 1))
-    assert np.array_equal(one.draws, same.draws)
-    assert not np.array_equal(one.draws[:10], other.draws[:10])
-    for k, name in enumerate(one.names):
-        share = np.mean(one.draws[:, k] < one.percentiles[name][1])
+    sampled, same, other = (posterior(data, law="slip", seed=seed) for seed in (0, 0, 1))
+    assert np.array_equal(sampled.draws, same.draws)
+    assert not np.array_equal(sampled.draws[:10], other.draws[:10])
+    for k, name in enumerate(sampled.names):
+        share = np.mean(sampled.draws[:, k] < sampled.percentiles[name][1])
         assert share == pytest.approx(0.16, abs=0.03)
     tables = {"experiment": "rate-state", "legs": [{"velocity": 1e-6, "distance": 1e-4}]}
-    chosen = sweep(**tables, sweep={"draws": one.columns, "surface.dc": {"column": "dc"}})
-    assert next(members(chosen)).values["surface.dc"] == one.columns["dc"][0]
+    chosen = sweep(**tables, sweep={"draws": sampled.columns, "surface.dc": {"column": "dc"}})
+    assert next(members(chosen)).values["surface.dc"] == sampled.columns["dc"][0]
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "words"),
+    ("options", "error", "message"),
     [
         ({"steps": 100}, RuntimeError, "the posterior did not converge: the chain of"),
         ({"free": ("trend", "theta"), "steps": 150}, RuntimeError, "autocorrelation times long (τ = "),
@@ -139,10 +139,10 @@ def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
         ({"free": ("b2", "dc2")}, RuntimeError, "there is no posterior to sample: these data do not determine"),
     ],
 )
-def test_what_is_not_a_posterior_is_one_sentence(options, error, words):
+def test_what_is_not_a_posterior_gives_a_one_sentence_error(options, error, message):
     with pytest.raises(error) as caught:
         posterior(record(3), **{"law": "slip", **options})
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -161,12 +161,12 @@ def test_the_command_writes_draws_a_figure_and_percentiles(folder):
     assert done.returncode == 0, done.stderr
     assert "Posterior, slip law" in done.stdout
     assert "acceptance" in done.stdout
-    found = json.loads((folder / "fit" / "fit.json").read_text())["posterior"]
+    answer = json.loads((folder / "fit" / "fit.json").read_text())["posterior"]
     head = next(line for line in (folder / "fit" / "posterior.csv").read_text().splitlines() if line[0] != "#")
     assert head == "a [-],b [-],dc [m],mu0 [-]"
     table = np.loadtxt(folder / "fit" / "posterior.csv", delimiter=",", comments=["#", "a"])
-    assert table.shape == (found["draws"], 4)
-    assert np.median(table[:, 2]) == pytest.approx(found["percentiles"]["dc"]["50.0"], rel=0.01)
+    assert table.shape == (answer["draws"], 4)
+    assert np.median(table[:, 2]) == pytest.approx(answer["percentiles"]["dc"]["50.0"], rel=0.01)
     assert (folder / "fit" / "posterior.png").stat().st_size > 10_000
     again = stickslip_here("fit", "record.csv", "--law", "slip", "--out", "fit", "--overwrite", cwd=folder)
     assert again.returncode == 0, again.stderr
@@ -174,8 +174,8 @@ def test_the_command_writes_draws_a_figure_and_percentiles(folder):
 
 
 def test_a_posterior_that_did_not_converge_is_not_written(folder):
-    words = ("fit", "record.csv", "--law", "slip", "--posterior", "--steps", "100", "--out", "short")
-    done = stickslip_here(*words, cwd=folder)
+    arguments = ("fit", "record.csv", "--law", "slip", "--posterior", "--steps", "100", "--out", "short")
+    done = stickslip_here(*arguments, cwd=folder)
     assert done.returncode == 1
     assert "the posterior did not converge" in done.stderr
     assert not (folder / "short").exists() or not list((folder / "short").iterdir())

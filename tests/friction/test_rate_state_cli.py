@@ -31,19 +31,19 @@ def test_the_example_writes_what_it_says(folder):
 
 
 def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
-    words = ("fit", folder / "series.csv", "--stiffness", "200", "--out", tmp_path / "fit", "--json")
-    run = stickslip(*words)
+    arguments = ("fit", folder / "series.csv", "--stiffness", "200", "--out", tmp_path / "fit", "--json")
+    run = stickslip(*arguments)
     assert run.returncode == 0, run.stderr
-    found = json.loads(run.stdout)
+    answer = json.loads(run.stdout)
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
-    assert {key: found[key] for key in written} == written
+    assert {key: answer[key] for key in written} == written
     assert {path.name for path in (tmp_path / "fit").iterdir()} == {"fit.json", "fit.png", "manifest.json"}
-    slip = found["fits"]["slip"]
+    slip = answer["fits"]["slip"]
     for name, true in (("a", 0.0247), ("b", 0.0178), ("dc", 5.3e-3), ("mu0", 0.4)):  # of the example
         assert abs(slip["values"][name] - true) < 4 * slip["errors"][name], name
-    assert found["comparison"]["preferred"] == "slip"
-    assert found["fits"]["aging"]["intervals"]["a"] == [None, None]
-    again = stickslip(*words)
+    assert answer["comparison"]["preferred"] == "slip"
+    assert answer["fits"]["aging"]["intervals"]["a"] == [None, None]
+    again = stickslip(*arguments)
     assert again.returncode == 2
     assert "contains the results of a fit" in again.stderr
 
@@ -67,7 +67,7 @@ def test_tables_for_people(folder, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         ([], "give --stiffness K [1/m], or --free-stiffness"),
         (["--stiffness", "-1"], "stiffness = -1.0 was fixed"),
@@ -76,9 +76,9 @@ def test_tables_for_people(folder, capsys):
         (["--free-stiffness", "--normal"], "no normal_stress"),
     ],
 )
-def test_wrong_words(folder, words, sentence):
+def test_unknown_commands_and_options_are_refused(folder, arguments, sentence):
     with pytest.raises(ValueError) as caught:
-        app(["fit", str(folder / "series.csv"), *words], standalone_mode=False)
+        app(["fit", str(folder / "series.csv"), *arguments], standalone_mode=False)
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -31,10 +31,10 @@ def found_in(folder, record, **options):
 
 def test_a_trend_that_was_left_out_is_measured(tmp_path, lab):
     sloped = lab._replace(friction=lab.friction + TREND * (lab.load_point - lab.load_point[0]))
-    found = found_in(tmp_path, sloped)
-    (said,) = fit_report.doubts(found)
+    result = found_in(tmp_path, sloped)
+    (said,) = fit_report.doubts(result)
     detrended = found_in(tmp_path, sloped, free=("trend",))
-    fall = 1 - np.std(detrended.fits[0].residuals[0]) / np.std(found.fits[0].residuals[0])
+    fall = 1 - np.std(detrended.fits[0].residuals[0]) / np.std(result.fits[0].residuals[0])
     assert fall > 0.3  # the trend is most of the misfit
     assert f"falls by {100 * fall:.0f} %" in said and "--detrend" in said
     assert fit_report.doubts(detrended) == []
@@ -48,13 +48,13 @@ def test_noise_alone_is_no_trend(tmp_path, lab):
 
 
 def test_every_record_has_a_trend_of_its_own(lab):
-    one = fit_report.record_data(lab)
-    two = one._replace(friction=one.friction + TREND * np.interp(one.time, one.time, lab.load_point))
-    solution = solve_fit([one, two], law="slip", fixed={"stiffness": STIFFNESS})
+    first = fit_report.record_data(lab)
+    second = first._replace(friction=first.friction + TREND * np.interp(first.time, first.time, lab.load_point))
+    solution = solve_fit([first, second], law="slip", fixed={"stiffness": STIFFNESS})
     gain = trend_gain(solution)
     assert gain.helps
     assert gain.trends == pytest.approx([0.0, TREND], abs=0.3)  # the errors of single fits are 0.1/m
-    refitted = fit([one, two], law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",))
+    refitted = fit([first, second], law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",))
     assert gain.trends == pytest.approx([refitted.values["trend[1]"], refitted.values["trend[2]"]], abs=0.05)
 
 
@@ -71,8 +71,8 @@ def test_a_stiffness_in_another_unit_is_suspected(tmp_path, lab, given, unit):
 
 
 def test_without_a_normal_stress_the_one_that_would_explain_it_is_named(tmp_path, lab):
-    found = found_in(tmp_path, lab._replace(normal_stress=None), fixed={"stiffness": 7.5})
-    (said,) = [line for line in fit_report.doubts(found) if "stiffness" in line]
+    result = found_in(tmp_path, lab._replace(normal_stress=None), fixed={"stiffness": 7.5})
+    (said,) = [line for line in fit_report.doubts(result) if "stiffness" in line]
     assert "GPa/m" in said and "normal stress of 5" in said
 
 

@@ -92,8 +92,8 @@ def test_a_hold_by_the_slip_law_where_a_is_nearly_b():
         rate = (a - b) / (a * dc)
         y = stiffness / (a * dc) * (slip / rate - (1 - (-rate * slip).exp()) / rate**2)
         expected = float(-(stiffness * slip + b * y) / a)
-    found = float(np.log(closed.slip_law_hold(rs, k, v, x) / v))
-    assert found == pytest.approx(expected, rel=1e-11)  # the series that stands in there is good to 1e-18
+    computed = float(np.log(closed.slip_law_hold(rs, k, v, x) / v))
+    assert computed == pytest.approx(expected, rel=1e-11)  # the series that stands in there is good to 1e-18
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -103,11 +103,11 @@ def test_slopes_by_finite_differences(law, damping):
     d = 1e-5  # error of central differences: d²/6 of the rates' third derivative, and 1e-16/d of the rates
     for w, s in np.random.default_rng(0).uniform(-4, 4, (20, 2)):
         place = np.array([w, s, 0.0])
-        now, found = rates(slider, place, 0.03, 1.3)
+        now, exact = rates(slider, place, 0.03, 1.3)
         columns = [(rates(slider, place + e, 0.03, 1.3)[0] - rates(slider, place - e, 0.03, 1.3)[0]) / (2 * d)
                    for e in d * np.eye(3)[:2]]  # fmt: skip
-        size = np.abs(found).max() + np.abs(now).max()
-        assert np.allclose(found[:2, :2], np.array(columns).T[:2], rtol=1e-7, atol=1e-9 * size)
+        size = np.abs(exact).max() + np.abs(now).max()
+        assert np.allclose(exact[:2, :2], np.array(columns).T[:2], rtol=1e-7, atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -161,9 +161,9 @@ def test_a_jump_of_normal_stress():
 def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     rs, v = WEAK._replace(law=law), 1e-6
     spring = Spring(ratio * critical_stiffness(rs, v, damping), damping)
-    found = steady_sliding(rs, spring, v)
-    assert found.stable == (ratio > 1)
-    assert ("unstable" in found.sentence) == (ratio <= 1)
+    sliding = steady_sliding(rs, spring, v)
+    assert sliding.stable == (ratio > 1)
+    assert ("unstable" in sliding.sentence) == (ratio <= 1)
     size, t = 1e-7, np.linspace(0, 60.0, 13)
     h = spring_slider(rs, spring, (LoadStep(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
     matrix = rates(slider_of(rs, spring), np.zeros(3), v, 1.0)[1][:2, :2]
@@ -172,9 +172,9 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     assert np.allclose(off, linear, rtol=0, atol=1e-4 * np.abs(linear).max())  # size² and round-off
     if ratio == 1.0:
         direct = rs.a + damping * v
-        assert found.growth_rate == pytest.approx(0, abs=1e-12)
-        assert found.frequency == pytest.approx(v / rs.dc * np.sqrt((rs.b - direct) / direct), rel=1e-9)
-    assert found.growth_rate == pytest.approx(found.eigenvalues.real.max())
+        assert sliding.growth_rate == pytest.approx(0, abs=1e-12)
+        assert sliding.frequency == pytest.approx(v / rs.dc * np.sqrt((rs.b - direct) / direct), rel=1e-9)
+    assert sliding.growth_rate == pytest.approx(sliding.eigenvalues.real.max())
 
 
 def test_below_the_critical_stiffness_slip_runs_away_and_damping_holds_it():
@@ -221,7 +221,7 @@ def test_published_parameters_strengthen_with_velocity():
         (lambda: steady_sliding(PAPER, Spring(1.0), 0.0), "velocity = 0.0"),
     ],
 )
-def test_bad_input_is_one_sentence(call, sentence):
+def test_bad_input_gives_a_one_sentence_error(call, sentence):
     with pytest.raises(ValueError, match=sentence.replace("(", r"\(")) as caught:
         call()
     assert "\n" not in str(caught.value)

@@ -175,22 +175,24 @@ def calls():
         bad.setdefault(key, []).append((what, value))
     for name, function in functions():
         given, variable = {}, []
-        for one in inspect.signature(function).parameters.values():
+        for parameter in inspect.signature(function).parameters.values():
             pool = GOOD.get(name, {})
-            if one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD):
-                variable.append(one)
-            elif one.name in pool or (one.default is one.empty and one.name in BY_NAME):
-                given[one.name] = pool.get(one.name, BY_NAME.get(one.name))
-            elif one.default is one.empty:
-                given[one.name] = object()  # no valid value is at hand: only wrong ones are tried
-        names = [*(key for key, one in inspect.signature(function).parameters.items() if one not in variable)]
+            if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+                variable.append(parameter)
+            elif parameter.name in pool or (parameter.default is parameter.empty and parameter.name in BY_NAME):
+                given[parameter.name] = pool.get(parameter.name, BY_NAME.get(parameter.name))
+            elif parameter.default is parameter.empty:
+                given[parameter.name] = object()  # no valid value is at hand: only wrong ones are tried
+        names = [
+            *(key for key, parameter in inspect.signature(function).parameters.items() if parameter not in variable)
+        ]
         for key in names:
             for what, value in bad.get(key, ()):
                 yield f"{name}({key} = {what})", function, given | {key: value}, True
             for what, value in VALUES.items():
                 yield f"{name}({key} = {what})", function, given | {key: value}, False
-        for one in variable:
-            if one.kind is one.VAR_KEYWORD:
+        for parameter in variable:
+            if parameter.kind is parameter.VAR_KEYWORD:
                 for what, value in VALUES.items():
                     yield f"{name}(**{{'mu': {what}}})", function, given | {"mu": value}, False
 
@@ -214,12 +216,12 @@ def _fault_of_error(error: Exception) -> str:
     last = error.__traceback__
     while last.tb_next is not None:
         last = last.tb_next
-    words, place = str(error), last.tb_frame.f_code
+    message, place = str(error), last.tb_frame.f_code
     by_raise = dis.opname[place.co_code[last.tb_lasti]] == "RAISE_VARARGS"
     ours = isinstance(error, ValueError | TypeError) or type(error).__module__.startswith("stickslip")
-    if ours and by_raise and place.co_filename.startswith(PACKAGE) and words and "\n" not in words:
+    if ours and by_raise and place.co_filename.startswith(PACKAGE) and message and "\n" not in message:
         return ""
-    return f"{type(error).__name__}: {words[:200]} [{os.path.relpath(place.co_filename, PACKAGE)}:{last.tb_lineno}]"
+    return f"{type(error).__name__}: {message[:200]} [{os.path.relpath(place.co_filename, PACKAGE)}:{last.tb_lineno}]"
 
 
 def main(share: int, part: int, start: int) -> None:
@@ -234,10 +236,10 @@ def main(share: int, part: int, start: int) -> None:
                 continue
             print(json.dumps([number, name, None]), file=tell, flush=True)
             signal.setitimer(signal.ITIMER_PROF, SECONDS)
-            found = fault_of(function, arguments, refused)
+            fault = fault_of(function, arguments, refused)
             signal.setitimer(signal.ITIMER_PROF, 0)
-            if found:
-                print(json.dumps([number, name, found]), file=tell, flush=True)
+            if fault:
+                print(json.dumps([number, name, fault]), file=tell, flush=True)
     print(json.dumps([-1, "end", None]), file=tell, flush=True)
 
 

@@ -58,9 +58,9 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("call", "kind", "words"), WRONG)
-def test_one_sentence_names_the_argument(packings, call, kind, words):
-    with pytest.raises(kind, match=words) as caught:
+@pytest.mark.parametrize(("call", "kind", "message"), WRONG)
+def test_one_sentence_names_the_argument(packings, call, kind, message):
+    with pytest.raises(kind, match=message) as caught:
         call(*packings)
     assert "\n" not in str(caught.value)
 

@@ -14,21 +14,21 @@ SHARE = 40  # of all invalid arguments, one in so many is tried in the fast suit
 
 def faults(part: int, share: int = SHARE) -> dict[str, str]:
     """Calls that end in a raw error, a signal or 20 s of processor time, or that accept an invalid state."""
-    found, start = {}, 0
+    values, start = {}, 0
     while start >= 0:
-        words = [sys.executable, "-m", "tests.hardening.every_function", *map(str, (share, part, start))]
+        arguments = [sys.executable, "-m", "tests.hardening.every_function", *map(str, (share, part, start))]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment) as child:
+        with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment) as child:
             name, before = "the first call", start
             for line in child.stdout:
                 start, name, fault = json.loads(line)
                 if fault:
-                    found[name] = fault
+                    values[name] = fault
         if start >= 0:
-            found[name] = f"the process ended with {child.returncode}"
+            values[name] = f"the process ended with {child.returncode}"
             start += 1
             assert start > before or before == 0, "the calls cannot be repeated"
-    return found
+    return values
 
 
 @pytest.mark.timeout(600)

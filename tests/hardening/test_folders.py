@@ -49,8 +49,8 @@ def call(tmp_path, monkeypatch, capsys):
         (tmp_path / f"{seed}.toml").write_text(SLIDER.format(seed=seed))
     (tmp_path / "many.toml").write_text(SWEEP)
 
-    def called(*words):
-        monkeypatch.setattr(sys, "argv", ["stickslip", *words])
+    def called(*arguments):
+        monkeypatch.setattr(sys, "argv", ["stickslip", *arguments])
         with pytest.raises(SystemExit) as caught:
             main()
         said = capsys.readouterr()
@@ -65,11 +65,13 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("words", [["run", "0.toml"], ["reproduce", "quasi-rigid", "--quick"]], ids=["run", "paper"])
-def test_somebodys_files_stay(call, tmp_path, name, words):
+@pytest.mark.parametrize(
+    "arguments", [["run", "0.toml"], ["reproduce", "quasi-rigid", "--quick"]], ids=["run", "paper"]
+)
+def test_foreign_files_stay(call, tmp_path, name, arguments):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("mine")
-    done = call(*words, "--out", "out")
+    done = call(*arguments, "--out", "out")
     assert done.code == 2
     assert done.err.count("\n") == 1
     assert f"have changed since ({name}): choose another --out, or add --overwrite" in done.err
@@ -196,8 +198,8 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
 def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
     """Papers run several scenarios in one folder, whose digests are in any order; `resume` goes on with the first."""
     ones = [ss.scenario(experiment="rate-state", seed=seed) for seed in seeds]
-    for one in ones:
-        kept = checkpoint_in(tmp_path, one)
+    for chosen in ones:
+        kept = checkpoint_in(tmp_path, chosen)
         kept.of("some").save("piece", 1.0)
         assert kept.if_visible() is not None
     if older:  # version 0.1
@@ -234,7 +236,7 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
     other = (tmp_path / "many.toml").read_text().replace("stiffness = 200.0", "stiffness = 210.0")
     (tmp_path / "other.toml").write_text(other)
     assert call("run", "many.toml", "--out", "many").code == 0
-    before, words = contents(tmp_path / "many"), ("run", "other.toml", "--out", "many", "--overwrite")
+    before, arguments = contents(tmp_path / "many"), ("run", "other.toml", "--out", "many", "--overwrite")
 
     def stopped(*_, **__):
         raise KeyboardInterrupt
@@ -247,12 +249,12 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
     }[when]  # fmt: skip
     with monkeypatch.context() as now:
         now.setattr(sweep_report, place, stop)
-        done = call(*words)
+        done = call(*arguments)
         assert done.code == (1 if when == "failing" else 130)
     after = contents(tmp_path / "many")
     assert {name: after[name] for name in before} == before
     assert (when == "failing") == ("every member failed (no)" in done.err)
-    assert call(*words).code == 0
+    assert call(*arguments).code == 0
     final = contents(tmp_path / "many")
     assert not set(final) & (set(before) - {"sweep.json", "sweep.nc", "sweep-options.json", "manifest.json"})
     assert not (tmp_path / "many" / ".anew").exists()
@@ -275,8 +277,8 @@ def test_fits_prove_their_files_too(call, tmp_path):
     assert call("run", "0.toml", "--out", "out").code == 0
     (tmp_path / "fit").mkdir()
     (tmp_path / "fit" / "fit.json").write_text("mine")
-    words = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
-    assert "(fit.json)" in call(*words).err
+    arguments = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
+    assert "(fit.json)" in call(*arguments).err
     assert (tmp_path / "fit" / "fit.json").read_text() == "mine"
 
 
@@ -298,7 +300,7 @@ def test_what_others_have_is_left_where_only_other_names_are_there(call, tmp_pat
     assert (tmp_path / "out" / "results.h5").exists()
 
 
-def test_a_folder_by_the_name_of_a_result_is_told_before_anything_is_computed(call, tmp_path):
+def test_a_folder_by_the_name_of_a_result_is_reported_before_anything_is_computed(call, tmp_path):
     (tmp_path / "out" / "series.csv").mkdir(parents=True)
     (tmp_path / "out" / "series.csv" / "mine").write_text("mine")
     done = call("run", "0.toml", "--out", "out", "--overwrite")
@@ -324,8 +326,8 @@ def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
 
 
 @pytest.mark.parametrize("named", [{"../victim": None}, {"thesis.tex": None}, {"fig1_mine.png": None}, {}, None])
-@pytest.mark.parametrize("words", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
-def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, words):
+@pytest.mark.parametrize("arguments", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
+def test_a_foreign_manifest_moves_and_removes_nothing(call, tmp_path, named, arguments):
     """Names that no run writes, results that are not there, and digests of nothing."""
     assert call("run", "0.toml", "--out", "out").code == 0
     (tmp_path / "victim").write_text("precious")
@@ -339,11 +341,11 @@ def test_a_strangers_manifest_moves_and_removes_nothing(call, tmp_path, named, w
     files = {name: [made or "0", hashlib.sha256(b"evil").hexdigest()] for name, made in whole.items()}
     (staging / "manifest.json").write_text(json.dumps({"files": files}))
     before = contents(tmp_path)
-    call(*words)
+    call(*arguments)
     after = contents(tmp_path)
     assert after["victim"] == b"precious"
     kept = {name for name in before if ".writing" not in name and name != "out/manifest.json"}
-    assert kept <= set(after) and all(after[name] == before[name] for name in kept if words[0] == "resume")
+    assert kept <= set(after) and all(after[name] == before[name] for name in kept if arguments[0] == "resume")
 
 
 @pytest.mark.parametrize("name", ["members", "lammps", "members/one", "lammps/leg-01"])
@@ -396,8 +398,8 @@ def test_results_that_wait_for_their_place_replace_nothing_of_others(call, tmp_p
     (waiting / "manifest.json").write_bytes((tmp_path / "out" / "manifest.json").read_bytes())
     (tmp_path / "out" / "series.csv").write_text("mine")
     (tmp_path / "out" / "events.csv").write_text("mine")
-    for words in (("run", "1.toml", "--out", "out"), ("resume", "out")):
-        call(*words)
+    for arguments in (("run", "1.toml", "--out", "out"), ("resume", "out")):
+        call(*arguments)
         assert (tmp_path / "out" / "series.csv").read_text() == (tmp_path / "out" / "events.csv").read_text() == "mine"
 
 

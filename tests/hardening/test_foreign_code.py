@@ -71,7 +71,7 @@ def write_scenario(folder, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "arguments"),
     [
         ("scenario.json", ["resume", "run"]),
         ("sweep.json", ["resume", "run"]),
@@ -79,11 +79,11 @@ def write_scenario(folder, name):
         ("scenario.json", ["run", "run/scenario.json", "--out", "out"]),
     ],
 )
-def test_a_law_file_that_nobody_allowed_is_not_run(tmp_path, name, words):
+def test_a_law_file_that_nobody_allowed_is_not_run(tmp_path, name, arguments):
     folder = tmp_path / "run"
     folder.mkdir()
     write_scenario(folder, name)
-    done = subprocess.run([sys.executable, "-m", "stickslip", *words], cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "stickslip", *arguments], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert f"{folder / 'law.py'} is a Python program that you have not allowed to run" in done.stderr
     assert not (folder / "was-run").exists() and not (tmp_path / "out").exists()
@@ -108,8 +108,8 @@ def test_a_device_is_not_read(tmp_path):
         with pytest.raises(ValueError, match=r"a device or a pipe|is not a file|does not exist"):
             call()
     os.mkfifo(pipe := tmp_path / "fifo")
-    for words in (["fit", "/dev/random"], ["fit", pipe], ["run", pipe, "--out", "out"], ["cite", pipe]):
-        call = [sys.executable, "-m", "stickslip", *map(str, words)]
+    for arguments in (["fit", "/dev/random"], ["fit", pipe], ["run", pipe, "--out", "out"], ["cite", pipe]):
+        call = [sys.executable, "-m", "stickslip", *map(str, arguments)]
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=30)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert "is a device or a pipe, which may never end" in done.stderr
@@ -131,7 +131,7 @@ def test_what_was_allowed_once_runs_and_a_changed_text_does_not(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("name", "text", "message"),
     [
         ("a.json", "[1, 2]", "contains an array, not an object"),
         ("a.json", "3", "contains a number, not an object"),
@@ -142,10 +142,10 @@ def test_what_was_allowed_once_runs_and_a_changed_text_does_not(tmp_path):
         ("a.json", '{"experiment": "flow", "law": ' + '{"a": ' * 500 + "1" + "}" * 500 + "}", ""),
     ],
 )
-def test_text_that_is_no_table_ends_with_a_sentence(tmp_path, name, text, words):
+def test_text_that_is_no_table_ends_with_a_sentence(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     call = [sys.executable, "-m", "stickslip", "run", name, "--out", "out"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert words in done.stderr
+    assert message in done.stderr
     assert not (tmp_path / "out").exists()

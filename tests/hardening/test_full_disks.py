@@ -43,15 +43,15 @@ def test_a_disk_that_is_full_when_results_are_written_is_named(tmp_path, size):
 def test_a_fit_is_replaced_whole_and_the_same_call_goes_on(tmp_path):
     (tmp_path / "s.toml").write_text(SLIDER)
     assert stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path).returncode == 0
-    words = ["fit", "out/series.csv", "--stiffness", "200", "--law", "slip", "--out", "fit"]
+    arguments = ["fit", "out/series.csv", "--stiffness", "200", "--law", "slip", "--out", "fit"]
     for again in ([], ["--overwrite"]):
         before = (tmp_path / "fit" / "fit.png").read_bytes() if again else None
         with at_most(20_000):  # room for the numbers, none for the figure
-            run = stickslip_here(*words, *again, cwd=tmp_path)
+            run = stickslip_here(*arguments, *again, cwd=tmp_path)
         assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
         assert run.stderr.startswith("stickslip: fit/fit.png: file too large")
         assert before is None or (tmp_path / "fit" / "fit.png").read_bytes() == before
-        assert stickslip_here(*words, *again, cwd=tmp_path).returncode == 0
+        assert stickslip_here(*arguments, *again, cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.parametrize("name", ["b.npz", "b.h5", "b.gsd", "b.vtu", "b.xyz", "b.data", "b.html", "b.gif", "b.mp4"])
@@ -64,9 +64,9 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, name):
     (tmp_path / name).write_text("mine")
     before = {path: os.stat(path).st_size for path in tmp_path.iterdir()}
     how = {"b.html": ["report"], "b.gif": ["movie", "--frames", "2"], "b.mp4": ["movie", "--frames", "2"]}
-    words = [*how[name], "--modes", "m.npz", "--out"] if name in how else ["convert", "--coulomb", "sharp", "--to"]
+    arguments = [*how[name], "--modes", "m.npz", "--out"] if name in how else ["convert", "--coulomb", "sharp", "--to"]
     with at_most(2000):
-        run = stickslip_here(*words[:1], "a.npz", *words[1:], name, "--overwrite", cwd=tmp_path)
+        run = stickslip_here(*arguments[:1], "a.npz", *arguments[1:], name, "--overwrite", cwd=tmp_path)
     assert (run.returncode, run.stderr.count("\n")) == (1 if name == "b.mp4" else 2, 1), run.stderr
     assert run.stderr.startswith("stickslip: ffmpeg ended" if name == "b.mp4" else f"stickslip: {name}: file too large")
     assert "free some" in run.stderr
@@ -79,18 +79,18 @@ def test_the_same_call_goes_on_wherever_a_disk_was_full_at_the_start(tmp_path, s
     """Folders that were made before the first file could not be written are no strangers to the next call."""
     (tmp_path / "sweep.toml").write_text(SLIDER + "[sweep]\nseed = [0, 1]\n")
     (tmp_path / "flow.json").write_text(json.dumps(FLOW))
-    words = (
+    arguments = (
         ["reproduce", "quasi-rigid", "--quick"] if kind == "paper" else ["run", str(min(tmp_path.glob(f"{kind}.*")))]
     )
-    words += ["--workers", "1", "--out", "out"]
+    arguments += ["--workers", "1", "--out", "out"]
     with monkeypatch.context() as now:
         now.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", stopped)
         now.setattr("stickslip.runs.sweep.run.run_members", stopped)
         now.setattr("stickslip.experiments.flow.simulate._run_stage", stopped)
         with at_most(size):
-            run = stickslip_here(*words, cwd=tmp_path)
+            run = stickslip_here(*arguments, cwd=tmp_path)
         assert run.returncode in (2, 130), run.stderr
-        again = stickslip_here(*words, cwd=tmp_path)
+        again = stickslip_here(*arguments, cwd=tmp_path)
         assert again.returncode == 130, again.stderr
 
 

@@ -60,9 +60,9 @@ def answered(patience=PATIENCE):
         signal.signal(signal.SIGALRM, before)
 
 
-def ended(words, capsys):
+def ended(arguments, capsys):
     """Exit code of the command line in this process, which ends a hang itself; on 2 there is one sentence."""
-    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, arguments)]
     try:
         with pytest.raises(SystemExit) as caught, answered():
             main()
@@ -255,12 +255,12 @@ def test_some_mutated_restart_files(tmp_path):
         path.write_bytes(changed)
         try:
             with answered(5):
-                found = read()
+                restart = read()
         except ValueError as problem:
             assert str(problem).startswith("a restart file") or "no complete restart" in str(problem), problem
         else:
             taken += 1
-            assert ((found.i >= 0) & (found.j < len(found.position))).all()
+            assert ((restart.i >= 0) & (restart.j < len(restart.position))).all()
     assert tracemalloc.get_traced_memory()[1] < 5e6
     tracemalloc.stop()
     assert 50 < taken < 500
@@ -377,8 +377,8 @@ def test_nothing_of_a_file_is_executed(name, tmp_path, capsys):
     else:
         word = f"__import__('pathlib').Path({str(made)!r}).touch()"
         path.write_text(json.dumps({"seed": word}) if name == "s.json" else f"seed = {json.dumps(word)}")
-    words = ["stability", path, "--json"] if name.startswith("p") else ["cite", path]
-    assert ended(words, capsys) == 2
+    arguments = ["stability", path, "--json"] if name.startswith("p") else ["cite", path]
+    assert ended(arguments, capsys) == 2
     assert not made.exists()
 
 

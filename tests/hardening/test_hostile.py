@@ -52,13 +52,13 @@ MAKE = {
 
 @pytest.mark.parametrize("kind", MAKE)
 @pytest.mark.parametrize("name", ["thing", "series.csv", "manifest.json", "scenario.json"])
-@pytest.mark.parametrize("words", [["run", "0.toml"], ["run", "0.toml", "--overwrite"]], ids=["run", "overwrite"])
-def test_what_is_no_file_is_never_read(here, kind, name, words):
+@pytest.mark.parametrize("arguments", [["run", "0.toml"], ["run", "0.toml", "--overwrite"]], ids=["run", "overwrite"])
+def test_what_is_no_file_is_never_read(here, kind, name, arguments):
     (here / "out").mkdir()
     MAKE[kind](here / "out" / name)
     with patience():
-        run = stickslip_here(*words, "--out", "out", cwd=here)
-    if "--overwrite" in words:
+        run = stickslip_here(*arguments, "--out", "out", cwd=here)
+    if "--overwrite" in arguments:
         assert run.returncode == 0, run.stderr
         assert (here / "out" / "series.csv").read_text().startswith("#")
         assert name != "thing" or os.path.lexists(here / "out" / name)
@@ -78,11 +78,13 @@ def test_files_that_nobody_may_replace_are_not_read(here, monkeypatch):
 
 @pytest.mark.parametrize("name", HIDDEN)
 @pytest.mark.parametrize("kind", ["folder", "file", "link"])
-@pytest.mark.parametrize("words", [["run", "0.toml"], ["run", "b.toml"], ["resume"]], ids=["run", "sweep", "resume"])
-def test_what_bears_the_names_of_hidden_folders_stays(here, name, kind, words):
+@pytest.mark.parametrize(
+    "arguments", [["run", "0.toml"], ["run", "b.toml"], ["resume"]], ids=["run", "sweep", "resume"]
+)
+def test_what_bears_the_names_of_hidden_folders_stays(here, name, kind, arguments):
     (here / "precious").mkdir()
     (here / "precious" / "mine").write_text("mine")
-    if words[0] == "resume":
+    if arguments[0] == "resume":
         assert stickslip_here("run", "0.toml", "--out", "out", cwd=here).returncode == 0
     else:
         (here / "out").mkdir()
@@ -95,8 +97,8 @@ def test_what_bears_the_names_of_hidden_folders_stays(here, name, kind, words):
     else:
         path.symlink_to(here / "precious")
     before = listing(here)
-    call = [*words, "out"] if words[0] == "resume" else [*words, "--out", "out"]
-    for more in ([], ["--overwrite"]) if words[0] == "run" else ([],):
+    call = [*arguments, "out"] if arguments[0] == "resume" else [*arguments, "--out", "out"]
+    for more in ([], ["--overwrite"]) if arguments[0] == "run" else ([],):
         run = stickslip_here(*call, *more, cwd=here)
         assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
         assert f"{name}" in run.stderr
@@ -108,9 +110,9 @@ def test_nothing_else_is_run_in_the_folder_of_a_sweep(here, monkeypatch):
     assert stickslip_here("run", "b.toml", "--out", "out", cwd=here).returncode == 0
     before = listing(here)
     monkeypatch.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", lambda **_: pytest.fail("it runs"))
-    for words in (["reproduce", "quasi-rigid", "--quick"], ["run", "0.toml"]):
+    for arguments in (["reproduce", "quasi-rigid", "--quick"], ["run", "0.toml"]):
         for more in ([], ["--overwrite"]):
-            run = stickslip_here(*words, "--out", "out", *more, cwd=here)
+            run = stickslip_here(*arguments, "--out", "out", *more, cwd=here)
             assert (run.returncode, run.stderr.count("\n")) == (2, 1)
             assert "out contains the results of a sweep: choose another --out" in run.stderr
             assert listing(here) == before

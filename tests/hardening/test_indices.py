@@ -69,24 +69,24 @@ def test_indices_out_of_range_are_refused(state, tmp_path, entry, value):
 
 
 @pytest.mark.parametrize(
-    ("entry", "value", "words"),
+    ("entry", "value", "message"),
     [
         ("grains.mass", np.nan, r"grains\.mass\[0\] is NaN"), ("grains.mass", -1.0, r"grains\.mass\[0\] is -1"),
         ("grains.inertia", 0.0, r"grains\.inertia\[0\] is 0"), ("grains.radius", np.inf, r"grains\.radius\[0\] is inf"),
         ("contacts.slip", np.nan, r"contacts\.slip\[0, 0\] is NaN"), ("control.spring", -1.0, r"spring\[0, 0\] is -1"),
     ],
 )  # fmt: skip
-def test_values_that_are_impossible_are_refused(state, tmp_path, entry, value, words):
+def test_values_that_are_impossible_are_refused(state, tmp_path, entry, value, message):
     noun, name = entry.split(".")
     array = np.array(getattr(getattr(state, noun), name))
     array.flat[0] = value
     archive.write(tmp_path / "bad.h5", {"state": changed(state, noun, name, array)})
-    with pytest.raises(archive.ArchiveError, match=f"(?i){words}"):
+    with pytest.raises(archive.ArchiveError, match=f"(?i){message}"):
         archive.read(tmp_path / "bad.h5")
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda s: s._replace(time="now"), "time has type str: it must be a number"),
         (lambda s: s._replace(time=np.nan), "time is NaN"),
@@ -98,10 +98,10 @@ def test_values_that_are_impossible_are_refused(state, tmp_path, entry, value, w
         (lambda s: s._replace(contacts=None), "contacts must be those of a State, but NoneType was given"),
     ],
 )
-def test_scalars_and_types_that_no_state_has_are_refused(state, tmp_path, change, words):
+def test_scalars_and_types_that_no_state_has_are_refused(state, tmp_path, change, message):
     """Compiled code is compiled for one type of each array; another would end in an error of the compiler."""
     archive.write(tmp_path / "bad.h5", {"state": change(state)})
-    with pytest.raises(archive.ArchiveError, match=f"(?i){words}"):
+    with pytest.raises(archive.ArchiveError, match=f"(?i){message}"):
         archive.read(tmp_path / "bad.h5")
 
 

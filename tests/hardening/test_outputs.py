@@ -25,12 +25,12 @@ def contents(folder):
     return {path.name: os.readlink(path) if path.is_symlink() else path.read_bytes() for path in folder.iterdir()}
 
 
-def refused(words, *call, cwd):
+def refused(message, *call, cwd):
     before = contents(cwd)
     run = stickslip_here(*call, cwd=cwd)
     assert run.returncode == 2, run.stdout
     assert run.stderr.count("\n") == 1
-    assert words in run.stderr
+    assert message in run.stderr
     assert contents(cwd) == before
 
 
@@ -43,8 +43,8 @@ def test_a_conversion_replaces_a_file_only_if_asked(here, name, kind):
         (here / name).write_bytes(b"mine")
     else:
         (here / name).symlink_to("a.npz" if kind == "link" else "absent")
-    words = "would replace its own input file" if kind == "link" else f"{name} exists: give another name, or"
-    refused(words, "convert", "a.npz", "--to", name, cwd=here)
+    text = "would replace its own input file" if kind == "link" else f"{name} exists: give another name, or"
+    refused(text, "convert", "a.npz", "--to", name, cwd=here)
     if kind != "link":
         assert stickslip_here("convert", "a.npz", "--to", name, "--overwrite", cwd=here).returncode == 0
         assert not (here / name).is_symlink()
@@ -54,27 +54,27 @@ def test_a_conversion_replaces_a_file_only_if_asked(here, name, kind):
 
 def test_what_is_written_beside_replaces_nothing_either(here):
     (here / "b.contacts.dump").write_bytes(b"mine")
-    words = "b.contacts.dump exists: give another name, or add --overwrite"
-    refused(words, "convert", "a.npz", "--to", "b.data", *SHARP, cwd=here)
+    text = "b.contacts.dump exists: give another name, or add --overwrite"
+    refused(text, "convert", "a.npz", "--to", "b.data", *SHARP, cwd=here)
     run = stickslip_here("convert", "a.npz", "--to", "b.data", "--coulomb", "smooth", "-q", cwd=here)
     assert run.stdout.split() == ["b.data"]  # friction of LAMMPS is sharp: no contacts are written
     assert (here / "b.contacts.dump").read_bytes() == b"mine"
     run = stickslip_here("convert", "a.npz", "--to", "b.data", *SHARP, "--overwrite", "-q", cwd=here)
     assert run.stdout.split() == ["b.data", "b.contacts.dump"]
-    words = "b.contacts.dump would replace its own input file: give another name"
+    text = "b.contacts.dump would replace its own input file: give another name"
     call = ("convert", "b.data", "--contacts", "b.contacts.dump", *LAW, "--to", "b.lammps", "--overwrite")
-    refused(words, *call, cwd=here)
+    refused(text, *call, cwd=here)
 
 
 def test_modes_and_laws_that_a_conversion_reads_stay(here):
     modes = np.ones((1, 50, 3)) * 1j
     np.savez(here / "m.npz", eigenvalue=[1j], exponent=[1j], translation=modes, rotation=modes, rattlers=[])
     (here / "m.xyz").hardlink_to(here / "m.npz")
-    words = "m.xyz would replace its own input file: give another name"
-    refused(words, "convert", "a.npz", "--modes", "m.npz", "--to", "m.xyz", "--overwrite", cwd=here)
+    text = "m.xyz would replace its own input file: give another name"
+    refused(text, "convert", "a.npz", "--modes", "m.npz", "--to", "m.xyz", "--overwrite", cwd=here)
 
 
-def test_a_folder_by_the_name_of_a_conversion_is_told(here):
+def test_a_folder_by_the_name_of_a_conversion_is_reported(here):
     (here / "b.xyz").mkdir()
     run = stickslip_here("convert", "a.npz", "--to", "b.xyz", "--overwrite", cwd=here)
     assert (run.returncode, run.stderr) == (2, "stickslip: b.xyz is a folder: give the name of a file\n")
@@ -101,10 +101,10 @@ def modes_of(folder):
 def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind):
     modes_of(here)
     call = (command, "a.npz", "--modes", "m.npz", "--out", name)
-    words = f"{name} exists: give another name, or add --overwrite"
+    text = f"{name} exists: give another name, or add --overwrite"
     if kind == "default":
         name, call = f"a-{'report.html' if command == 'report' else 'movie.gif'}", call[:-2]
-        words = f"{name} exists: give another name, or add --overwrite"
+        text = f"{name} exists: give another name, or add --overwrite"
     if kind in ("file", "default"):
         (here / name).write_bytes(b"mine")
     elif kind == "folder":
@@ -117,7 +117,7 @@ def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind
     if kind == "link":
         refused("would replace its own input file", *call, "--overwrite", cwd=here)
         return
-    refused(words, *call, cwd=here)
+    refused(text, *call, cwd=here)
     if kind in ("file", "default"):
         few = ("--frames", "2") if command == "movie" else ()
         assert stickslip_here(*call, *few, "--overwrite", cwd=here).returncode == 0
@@ -128,8 +128,8 @@ def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind
 def test_in_the_folder_of_a_run_its_own_page_is_replaced_and_no_other(here):
     (here / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
     assert stickslip_here("run", "s.toml", "--out", "out", cwd=here).returncode == 0
-    for words in ((), (), ("--out", "out/report.html")):
-        assert stickslip_here("report", "out", *words, cwd=here).returncode == 0
+    for arguments in ((), (), ("--out", "out/report.html")):
+        assert stickslip_here("report", "out", *arguments, cwd=here).returncode == 0
     (here / "out" / "report.html").write_text("mine")
     run = stickslip_here("report", "out", cwd=here)
     assert (run.returncode, "was not written by stickslip" in run.stderr) == (2, True)
@@ -172,9 +172,9 @@ def test_modes_replace_modes_only_also_under_a_name_that_was_given(here):
     (here / "c.npz").symlink_to("absent")
     (here / "d.npz").mkdir()
     for name in ("b.npz", "c.npz"):
-        words = f"--modes {name} exists and does not contain modes: give another name, or move it away"
+        text = f"--modes {name} exists and does not contain modes: give another name, or move it away"
         run = stickslip_here("stability", "a.npz", "--modes", name, cwd=here)
-        assert (run.returncode, run.stderr) == (2, f"stickslip: {words}\n")
+        assert (run.returncode, run.stderr) == (2, f"stickslip: {text}\n")
     assert (here / "b.npz").read_bytes() == b"mine"
     assert "d.npz is a folder" in stickslip_here("stability", "a.npz", "--modes", "d.npz", cwd=here).stderr
     assert "e is not a folder: create it" in stickslip_here("stability", "a.npz", "--modes", "e/m.npz", cwd=here).stderr
@@ -187,5 +187,5 @@ def test_modes_replace_modes_only_also_under_a_name_that_was_given(here):
 def test_amplitudes_that_leave_no_picture_are_refused(here, command, amplitude):
     modes_of(here)
     out = ("--out", "b.gif") if command == "movie" else ("--to", "b.xyz")
-    words = "amplitude is NaN" if amplitude == "nan" else "frames of amplitude"
-    refused(words, command, "a.npz", "--modes", "m.npz", "--frames", "2", "--amplitude", amplitude, *out, cwd=here)
+    text = "amplitude is NaN" if amplitude == "nan" else "frames of amplitude"
+    refused(text, command, "a.npz", "--modes", "m.npz", "--frames", "2", "--amplitude", amplitude, *out, cwd=here)

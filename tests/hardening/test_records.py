@@ -13,15 +13,15 @@ from tests.conftest import make_law, make_packing, stirred
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("time,friction\n0," + "1" * 200_000 + "\n", "line 2, cannot be read (field larger than"),
         ('time,friction\n0,"1\n2,3\n', "quotation mark that is not closed"),
     ],
 )
-def test_fields_without_end(tmp_path, text, words):
+def test_fields_without_end(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(ValueError, match=re.escape(words)):
+    with pytest.raises(ValueError, match=re.escape(message)):
         read_csv(tmp_path / "a.csv")
 
 

@@ -43,9 +43,9 @@ def with_number(tables, place, value):
 def scenarios():
     """The tables of all examples that are one scenario, with their defaults."""
     texts = [path for path in sorted(EXAMPLES.glob("*.toml")) if "\n[sweep]" not in path.read_text(encoding="utf-8")]
-    found = {path.stem: json.loads(read_scenario(path).text) for path in texts}
-    assert {tables["experiment"] for tables in found.values()} == set(EXPERIMENTS)
-    return found
+    values = {path.stem: json.loads(read_scenario(path).text) for path in texts}
+    assert {tables["experiment"] for tables in values.values()} == set(EXPERIMENTS)
+    return values
 
 
 @pytest.mark.parametrize("value", [1e308, -1e308, 1e101, -1e101])
@@ -66,7 +66,7 @@ def test_no_number_of_a_scenario_is_larger_than_what_may_be_squared(value):
         ("mu0", -1e150, "-1e+150"),
     ],
 )
-def test_sizes_are_told(tmp_path, key, value, given):
+def test_sizes_are_reported(tmp_path, key, value, given):
     table = {"noise": "samples", "mu0": "surface"}[key]
     (tmp_path / "a.json").write_text(json.dumps({"experiment": "rate-state", table: {key: value}}))
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
@@ -100,7 +100,7 @@ SHAKEN = {"name": "low", "height": 0.0, "velocity": {"x": {"amplitude": 1.0, "fr
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"cell": {"size": [1e8, 4.0], "periodic": ["x"]}}, "plate 'low' would have 1.04e+08 grains: at most 1000000"),
         ({"cell": {"size": [1e100, 4.0], "periodic": ["x"]}}, "plate 'low' would have 1.04e+100 grains"),
@@ -113,11 +113,11 @@ SHAKEN = {"name": "low", "height": 0.0, "velocity": {"x": {"amplitude": 1.0, "fr
         ({"stages": [{"name": "a", "duration": 1.0}, {"name": "b", "duration": 1e-100}]}, "stage 'b' has 1 sample in"),
     ],
 )
-def test_sizes_that_would_fill_the_memory_or_take_less_than_a_step(tmp_path, change, words):
+def test_sizes_that_would_fill_the_memory_or_take_less_than_a_step(tmp_path, change, message):
     (tmp_path / "a.json").write_text(json.dumps(FLOW | change))
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
-    assert words in run.stderr
+    assert message in run.stderr
 
 
 @pytest.mark.parametrize("length", [1e3, 1e20, 1e100])
@@ -139,14 +139,14 @@ def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocat
             for place in numbers(tables, kind):
                 for value in values:
                     try:
-                        one = scenario(**with_number(tables, place, value))
+                        chosen = scenario(**with_number(tables, place, value))
                     except ScenarioError as problem:
                         refused += 1
                         assert "\n" not in str(problem), (place, value)
                         assert len(str(problem)) < 1000, (place, value)
                     else:
                         taken += 1
-                        assert all(size.number <= LIMITS[size.kind] for size in one.sizes()), (place, value)
+                        assert all(size.number <= LIMITS[size.kind] for size in chosen.sizes()), (place, value)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 100e6  # the largest fault that is allowed takes 8 MB for each of its properties
@@ -155,7 +155,7 @@ def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocat
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "words"),
+    ("name", "change", "message"),
     [
         ("fault", {"line": {"width": 4e12}}, "line.width and line.cell make 4e+10 cells: at most 1000000 are allowed"),
         ("fault", {"line": {"width": 4e9, "cell": 5.0}}, "8e+08 cells"),
@@ -169,7 +169,7 @@ def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocat
     ],
 )
 @pytest.mark.parametrize("swept", [False, True])
-def test_sizes_of_scenarios_and_sweeps_are_refused_before_anything_is_written(tmp_path, name, change, words, swept):
+def test_sizes_of_scenarios_and_sweeps_are_refused_before_anything_is_written(tmp_path, name, change, message, swept):
     tables = json.loads(read_scenario(EXAMPLES / f"{name}.toml").text)
     for key, value in change.items():
         if key == "branches":
@@ -181,7 +181,7 @@ def test_sizes_of_scenarios_and_sweeps_are_refused_before_anything_is_written(tm
     (tmp_path / "a.json").write_text(json.dumps(tables))
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
-    assert words in run.stderr
+    assert message in run.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -10,15 +10,15 @@ pytestmark = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a
 
 
 @pytest.mark.parametrize(
-    "words", [["--help"], ["cite", "--json", "examples/rate_state.toml"], ["doctor", "--nonsense"]]
+    "arguments", [["--help"], ["cite", "--json", "examples/rate_state.toml"], ["doctor", "--nonsense"]]
 )
-def test_a_full_device_is_told_in_a_sentence(words):
+def test_a_full_device_is_reported_in_one_sentence(arguments):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "stickslip", *words], stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "stickslip", *arguments], stdout=full, stderr=subprocess.PIPE, text=True
         )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert ("standard output cannot be written (no space" in done.stderr) == (words[0] != "doctor")
+    assert ("standard output cannot be written (no space" in done.stderr) == (arguments[0] != "doctor")
 
 
 def test_a_pipe_that_is_closed_is_no_traceback():
@@ -32,12 +32,12 @@ def test_a_pipe_that_is_closed_is_no_traceback():
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
-def test_closed_streams_change_nothing_but_what_is_said(tmp_path, closed):
+def test_closed_streams_change_nothing_but_what_is_reported(tmp_path, closed):
     (tmp_path / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
     shell = 'exec "$@" ' + closed
-    words = [sys.executable, "-m", "stickslip", "run", "s.toml", "--out", "out"]
-    done = subprocess.run(["sh", "-c", shell, "sh", *words], cwd=tmp_path, capture_output=True, text=True)
+    arguments = [sys.executable, "-m", "stickslip", "run", "s.toml", "--out", "out"]
+    done = subprocess.run(["sh", "-c", shell, "sh", *arguments], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "out" / "results.h5").exists()
-    done = subprocess.run(["sh", "-c", shell, "sh", *words[:4], "none.toml"], cwd=tmp_path, capture_output=True)
+    done = subprocess.run(["sh", "-c", shell, "sh", *arguments[:4], "none.toml"], cwd=tmp_path, capture_output=True)
     assert done.returncode == 2

@@ -42,11 +42,11 @@ def data_file(folder):
     return (folder / "p.data").read_text()
 
 
-def refused(words, *more, cwd=None):
+def refused(message, *more, cwd=None):
     run = stickslip_here(*more, cwd=cwd)
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
-    assert words in run.stderr
+    assert message in run.stderr
     assert "Exceeds the limit" not in run.stderr
     assert len(run.stderr) < 400
 
@@ -66,7 +66,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("name", "text", "arguments"),
     [
         ("a.toml", SLIDER, ["cite", "a.toml"]),
         ("a.json", '{"experiment": "rate-state"}', ["cite", "a.json"]),
@@ -75,10 +75,10 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
         ("a.py", LAW, ["stability", "b.dump", "--law", "a.py", "--modes", "m.npz"]),
     ],
 )
-def test_text_in_utf_16_is_told(tmp_path, encoding, name, text, words):
+def test_text_in_utf_16_is_reported(tmp_path, encoding, name, text, arguments):
     saved(tmp_path / name, text, encoding)
     saved(tmp_path / "b.dump", DUMP, "utf-8")
-    run = stickslip_here(*words, cwd=tmp_path)
+    run = stickslip_here(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert run.stderr == f"stickslip: {name} is text in UTF-16 or UTF-32: save it as UTF-8\n"
 
@@ -177,7 +177,7 @@ def huge_messages(folder):
     ]
 
 
-def test_messages_are_short_whatever_they_quote(tmp_path):
+def test_messages_stay_short_for_any_quoted_value(tmp_path):
     """The beginning says what was got, and the end what to do: what was given is shortened in between."""
     for number, call in enumerate(huge_messages(tmp_path)):
         with pytest.raises(ValueError) as caught:
@@ -196,7 +196,7 @@ def test_what_is_quoted_is_shortened_and_the_remedy_stays():
 
 def test_the_command_line_keeps_the_remedy(tmp_path):
     path = saved(tmp_path / "a.toml", f'experiment = "{"z" * 2000}"\n' + SLIDER.replace("experiment", "x"))
-    for words in (["run", path, "--out", "o"], ["cite", tmp_path / ("q" * 100) / ("q" * 100) / ("q" * 100)]):
-        run = stickslip_here(*words, cwd=tmp_path)
+    for arguments in (["run", path, "--out", "o"], ["cite", tmp_path / ("q" * 100) / ("q" * 100) / ("q" * 100)]):
+        run = stickslip_here(*arguments, cwd=tmp_path)
         assert run.returncode == 2
         assert len(run.stderr) <= LONGEST + len("stickslip: \n")

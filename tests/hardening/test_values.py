@@ -14,7 +14,7 @@ PAIR = [[0.0, 0.0], [0.99, 0.0]]
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "message"),
     [
         ({"mass": DATES}, "dates were given"),
         ({"mass": DATES - DATES[0]}, "time differences were given"),
@@ -24,8 +24,8 @@ PAIR = [[0.0, 0.0], [0.99, 0.0]]
         ({"material": [0.0, 0.5]}, r"0\.5 was given where whole numbers are needed"),
     ],
 )
-def test_what_would_lose_a_part_is_refused(more, words):
-    with pytest.raises(ValueError, match=words):
+def test_what_would_lose_a_part_is_refused(more, message):
+    with pytest.raises(ValueError, match=message):
         ss.disks(PAIR, 0.5, **more)
 
 
@@ -45,7 +45,7 @@ def test_complex_positions_cells_and_walls_are_refused():
 
 @pytest.mark.parametrize("make", [ss.laws.linear, ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff])
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "message"),
     [
         ({"coulomb": []}, r"coulomb=\[\] was given"),
         ({"damping": {}}, r"damping=\{\} was given"),
@@ -57,8 +57,8 @@ def test_complex_positions_cells_and_walls_are_refused():
         ({"mu": np.datetime64("2020-01-01")}, "it must be a number"),
     ],
 )
-def test_parameters_of_laws(make, more, words):
-    with pytest.raises(ValueError, match=words):
+def test_parameters_of_laws(make, more, message):
+    with pytest.raises(ValueError, match=message):
         make(**more)
 
 
@@ -77,7 +77,7 @@ def test_a_range_beyond_all_pairs_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("gradient", "words"),
+    ("gradient", "message"),
     [
         (np.diag([np.nan, 0.0]), "gradient holds NaN or infinity"),
         (np.diag([-1.0, 0.0]), "collapses or inverts the cell"),
@@ -85,10 +85,10 @@ def test_a_range_beyond_all_pairs_is_refused():
         (np.zeros((2, 2), complex), "complex numbers were given"),
     ],
 )
-def test_cells_that_are_none_are_refused(gradient, words):
+def test_cells_that_are_none_are_refused(gradient, message):
     cell = ss.box([3.0, 3.0, 1.0], periodic=[True, True, False], dim=2)
     state = ss.assembly(ss.disks(PAIR, 0.5), cell=cell)
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         ss.packings.strained(state, gradient)
 
 

@@ -221,11 +221,11 @@ def loads_of_lammps(coefficients: str, steps: int, overlap: float, wall: bool, a
         run.command("run 1 pre no")
     n = len(g.radius)
     order = np.argsort(run.numpy.extract_atom("id")[:n])
-    found = {
+    values = {
         name: run.numpy.extract_atom(key)[:n][order].tolist() for name, key in (("force", "f"), ("torque", "torque"))
     }
     run.close()
-    return found
+    return values
 
 
 def main():

@@ -29,5 +29,5 @@ def test_the_scripts_run_and_print_what_the_page_says(number):
     assert run.returncode == 0, run.stderr
     shown = re.findall(r"It prints\n\n((?:    .*\n)+)", PAGE)[number]
     for line in shown.splitlines():  # in words and to two digits: solvers promise tolerances, not bits
-        words = re.sub(r"e-folding time.*", "", line.strip())
-        assert words in run.stdout, run.stdout
+        text = re.sub(r"e-folding time.*", "", line.strip())
+        assert text in run.stdout, run.stdout

@@ -85,7 +85,7 @@ def test_scenarios_without_a_file_are_what_they_were():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ('file = "mine.py"', 'file = "mine.py"\nkn = 1.0', "law.file and law.kn were both given"),
         ('file = "mine.py"', "kn = 1.0", "law.parameters was given without law.file"),
@@ -94,10 +94,10 @@ def test_scenarios_without_a_file_are_what_they_were():
         ("kn = 2e4", "stiff = 1.0", "no parameter 'stiff': it has kn, kt, mu, mu_r"),
     ],
 )
-def test_a_wrong_table_ends_with_a_sentence_before_anything_starts(old, new, words, folder):
+def test_a_wrong_table_ends_with_a_sentence_before_anything_starts(old, new, message, folder):
     (folder / "flow.toml").write_text(FLOW.replace(old, new))
     said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out", "--trust")
-    assert said.returncode == 2 and words in said.stderr and not (folder / "out").exists()
+    assert said.returncode == 2 and message in said.stderr and not (folder / "out").exists()
 
 
 def test_a_law_that_does_not_compile_ends_with_its_line(folder):
@@ -156,19 +156,19 @@ def test_archives_without_rolling_memory_still_read(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
+def test_the_command_line_analyses_a_packing_under_a_user_defined_law(tmp_path):
     dry = ss.laws.hertz_mindlin(coulomb="sharp")
     state, _ = ss.equilibrate(ss.packings.jammed(12, packing_fraction=0.9, dim=2, seed=1)[0], dry, tolerance=1e-12)
     ss.io.write_packing(tmp_path / "packing.npz", state, dry)
     law = EXAMPLES / "cohesive_law.py"
     said = stickslip_here("stability", "packing.npz", "--law", law, "--mu", "0.3", cwd=tmp_path)
     assert said.returncode == 3, said.stderr
-    words = " ".join(said.stdout.split())
-    assert "law: cohesive_law, sharp Coulomb, kn = 1, kt = 0.2857, mu = 0.3, tension = 0.0001" in words
-    assert "not in equilibrium" in words  # which the bridges have disturbed
-    found = stickslip_here("stability", "packing.npz", "--json", "--law", law, cwd=tmp_path)
+    text = " ".join(said.stdout.split())
+    assert "law: cohesive_law, sharp Coulomb, kn = 1, kt = 0.2857, mu = 0.3, tension = 0.0001" in text
+    assert "not in equilibrium" in text  # which the bridges have disturbed
+    ours = stickslip_here("stability", "packing.npz", "--json", "--law", law, cwd=tmp_path)
     theirs = stickslip_here("stability", "packing.npz", "--json", cwd=tmp_path)
-    pairs = [json.loads(one.stdout) for one in (found, theirs)]
+    pairs = [json.loads(run.stdout) for run in (ours, theirs)]
     assert pairs[0]["contacts"] >= pairs[1]["contacts"] and pairs[1]["stable"]
     assert pairs[0]["residual"] > 1e-4 > 1e-9 > pairs[1]["residual"]
 
@@ -177,22 +177,22 @@ def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
 def test_the_command_line_lets_a_packing_settle_under_another_law():
     law = ("--law", EXAMPLES / "cohesive_law.py")
     said = stickslip_here("stability", EXAMPLES / "sheared_spheres.npz", *law, "--settle", "--json")
-    found = json.loads(said.stdout)
-    assert found["residual"] < 1e-9
-    assert any(words.startswith("settled: ") for words in found["notes"])
+    answer = json.loads(said.stdout)
+    assert answer["residual"] < 1e-9
+    assert any(note.startswith("settled: ") for note in answer["notes"])
 
 
 def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
     law = ss.laws.from_file(EXAMPLES / "cohesive_law.py", tension=2e-4)
     (tmp_path / "law").write_bytes(pickle.dumps(law))
     asked = "law = pickle.load(open('law', 'rb')); print(law.kind, parameter_names(law), law.table[0, 0, -3])"
-    words = f"import pickle; from stickslip.core.laws.builtin import parameter_names; {asked}"
-    said = subprocess.run([sys.executable, "-c", words], cwd=tmp_path, capture_output=True, text=True)
+    text = f"import pickle; from stickslip.core.laws.builtin import parameter_names; {asked}"
+    said = subprocess.run([sys.executable, "-c", text], cwd=tmp_path, capture_output=True, text=True)
     assert said.stdout.strip() == f"{law.kind} {parameter_names(law)} 0.0002", said.stderr
 
 
 @pytest.mark.slow
-def test_a_flow_runs_with_a_law_of_ones_own(folder):
+def test_a_flow_runs_with_a_user_defined_law(folder):
     said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out", "--trust")
     assert said.returncode == 0, said.stderr
     assert (folder / "out" / "results.h5").exists()
@@ -220,8 +220,8 @@ def test_parameters_of_a_file_are_swept_by_name(folder):
     data = ss.io.open_dataset(folder / "out")
     assert data["law.parameters.mu_r"].values.tolist() == [0.0, 0.3] and data["finished"].values.all()
     toml.write_text(FLOW + '[sweep]\nmode = "sample"\nnumber = 3\n"law.parameters.mu_r" = {uniform = [0.0, 0.3]}\n')
-    found = [one.scenario.law.parameters["mu_r"] for one in sweep_members(ss.io.read_sweep(toml))]
-    assert len(set(found)) == 3 and all(0 < one < 0.3 for one in found)
+    values = [member.scenario.law.parameters["mu_r"] for member in sweep_members(ss.io.read_sweep(toml))]
+    assert len(set(values)) == 3 and all(0 < value < 0.3 for value in values)
     toml.write_text(FLOW + '[sweep]\n"law.parameters.stiff" = [0.0, 0.3]\n')
     said = stickslip_here("run", toml, "--out", folder / "other", "--trust")
     assert said.returncode == 2 and "no parameter 'stiff': it has kn, kt, mu, mu_r" in said.stderr

@@ -50,7 +50,7 @@ def test_the_core_evaluates_a_built_in_law_as_its_python_form(name):
     law, own = pair_of(name)
     at, soft = points(law), "tangential_stiffness" in find_user_law(own.kind).functions
     wanted = "force", "stiffness", "slopes", "energy", "cap", "cap_slopes"
-    core, compiled = (dict(zip(wanted, evaluate(one, *wanted, **at), strict=True)) for one in (law, own))
+    core, compiled = (dict(zip(wanted, evaluate(form, *wanted, **at), strict=True)) for form in (law, own))
     push = at["normal_force"] > 0  # what the slopes of a cap are for
     kt = law.table[at["a"], at["b"], 1]
     expected = {
@@ -65,8 +65,8 @@ def test_the_core_evaluates_a_built_in_law_as_its_python_form(name):
         "cap_slopes": np.stack([in_python(own, "cap", at, "normal_force"), 0 * kt], axis=1)[push],
     }  # fmt: skip
     for name, values in expected.items():
-        for found in (core[name], compiled[name]):
-            np.testing.assert_allclose(found[push] if name == "cap_slopes" else found, values, rtol=1e-13)
+        for computed in (core[name], compiled[name]):
+            np.testing.assert_allclose(computed[push] if name == "cap_slopes" else computed, values, rtol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["cohesive", "rolling"])
@@ -85,13 +85,13 @@ def test_every_c_function_of_a_law_is_its_python_function(name):
     for member, outputs in roles.items():
         if MEMBERS[member] not in own.functions:
             continue
-        found, numbers = np.zeros((2, POINTS)), np.ascontiguousarray(law.table[0, 0])
-        arrays = numbers, at["r_eff"], at["overlap"], at["normal_force"], np.zeros(0), found[0], found[1]
+        out, numbers = np.zeros((2, POINTS)), np.ascontiguousarray(law.table[0, 0])
+        arrays = numbers, at["r_eff"], at["overlap"], at["normal_force"], np.zeros(0), out[0], out[1]
         q, *rest = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
         ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, *6 * [ctypes.c_void_p])(
             block_function(law.kind, member).address
         )(q, POINTS, *rest)
-        for values, (role, step) in zip(found, outputs, strict=False):
+        for values, (role, step) in zip(out, outputs, strict=False):
             if role in own.functions:
                 expected = in_python(law, role, at, step)
                 np.testing.assert_allclose(values, expected, rtol=1e-13, atol=1e-15 * np.abs(expected).max())

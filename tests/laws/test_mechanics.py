@@ -112,9 +112,9 @@ def test_jacobian_and_damping_matrix_are_exact(name, dim):
                 ss.modes.displaced(state, free, np.random.default_rng(3).normal(0, 3e-4, len(free)))
             )
         exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law, memory=memory)[0], free).toarray()
-        found = differences(state, law, free, memory, step)
+        numerical = differences(state, law, free, memory, step)
         # h² f''' with lengths of 0.02 and round-off over h are both of order 1e-9
-        np.testing.assert_allclose(exact, found, atol=3e-8 * np.abs(exact).max())
+        np.testing.assert_allclose(exact, numerical, atol=3e-8 * np.abs(exact).max())
     state, _ = packed(name, dim)
     rub = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[1], free).toarray()
     np.testing.assert_allclose(rub, rate_differences(state, law, free, 1e-7), atol=1e-8 * np.abs(rub).max())
@@ -162,14 +162,14 @@ def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
     slack = wide.contacts.skin + wide.contacts.gap
     n, count, radius = len(wide.grains.radius), int(wide.contacts.count[0]), wide.grains.radius
     grains = wide.contacts.j[:count] < n
-    found = set(zip(wide.contacts.i[:count][grains], wide.contacts.j[:count][grains],
+    listed = set(zip(wide.contacts.i[:count][grains], wide.contacts.j[:count][grains],
                     map(tuple, wide.contacts.image[:count][grains].tolist()), strict=True))  # fmt: skip
     for i in range(n):
         for j in range(i, n):
             for k in range(-3, 4):
                 gap = np.linalg.norm(wide.grains.position[i] - wide.grains.position[j] + k * wide.cell.vectors[0])
                 near = gap < radius[i] + radius[j] + slack and not (i == j and k <= 0)
-                assert near == ((i, j, (k, 0, 0)) in found)
+                assert near == ((i, j, (k, 0, 0)) in listed)
 
 
 def test_rolling_memory_is_trial_until_accepted_and_kept_by_new_lists():
@@ -245,14 +245,14 @@ def test_many_grains_in_blocks_move_as_by_rows_on_any_number_of_threads(monkeypa
     grains = ss.disks(place + rng.normal(0, 0.01, place.shape), rng.uniform(0.48, 0.52, side**2))
     grains = grains._replace(velocity=np.pad(rng.normal(0, 0.05, place.shape), ((0, 0), (0, 1))))
     state = ss.assembly(grains, cell=ss.box([side * 1.03, side * 1.03, 1], [True, True, False], 2))
-    one, _, _ = ss.run(state, law, 300, 0.02, threads=1)
-    two, _, _ = ss.run(state, law, 300, 0.02, threads=2)
-    np.testing.assert_array_equal(one.grains.position, two.grains.position)
+    single, _, _ = ss.run(state, law, 300, 0.02, threads=1)
+    double, _, _ = ss.run(state, law, 300, 0.02, threads=2)
+    np.testing.assert_array_equal(single.grains.position, double.grains.position)
     monkeypatch.setattr(integrate, "MIN_BODIES", 10**9)
     plain, _, _ = ss.run(state, law, 300, 0.02)
     assert (ss.measure.overlaps(plain)[plain.contacts.mode[: plain.contacts.count[0]] > 0] < 0).any()
     # one way of summing against another, over 300 steps without a change of contacts that would amplify it much
-    np.testing.assert_allclose(one.grains.position, plain.grains.position, atol=1e-11)
+    np.testing.assert_allclose(single.grains.position, plain.grains.position, atol=1e-11)
 
 
 def test_collisions_of_a_user_defined_law_are_refused():

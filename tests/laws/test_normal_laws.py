@@ -59,12 +59,12 @@ def test_a_law_has_the_values_of_its_python_form(name):
         out |= {key: np.zeros((POINTS, 2)) for key in ("slopes", "cap_slopes")} | {"damping": np.zeros(POINTS)}
         core.law_values(law_struct(law), {key: at[key] for key in at} | out)
         values.append(out)
-    for key, found in values[0].items():
+    for key, computed in values[0].items():
         if key == "energy" and "normal_energy" not in find_user_law(laws[1].kind).functions:
             continue  # by quadrature
         expected = values[1][key]
         # differences of terms as large as the largest
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-13 * np.abs(expected).max(), err_msg=key)
+        np.testing.assert_allclose(computed, expected, rtol=1e-9, atol=1e-13 * np.abs(expected).max(), err_msg=key)
 
 
 @EVERY
@@ -168,7 +168,7 @@ def test_flows_take_lever_arms_and_moments():
 
 
 @pytest.mark.parametrize(
-    ("law", "words"),
+    ("law", "message"),
     [
         (SPRING | {"mu_roll": 0.0}, "law.mu_roll is missing or zero: law.rolling = 'spring' needs it"),
         ({"rolling": "constant", "mu_roll": 0.1}, "law.gamma_roll is missing or zero: law.rolling = 'constant'"),
@@ -178,8 +178,8 @@ def test_flows_take_lever_arms_and_moments():
         ({"lever": "arm"}, "law.lever = 'arm' was given"),
     ],
 )
-def test_moments_that_do_not_fit_are_refused_in_one_sentence(law, words):
-    with pytest.raises(ScenarioError, match=words) as problem:
+def test_moments_that_do_not_fit_are_refused_in_one_sentence(law, message):
+    with pytest.raises(ScenarioError, match=message) as problem:
         flow(law)
     assert "\n" not in str(problem.value)
 
@@ -190,7 +190,7 @@ def test_the_damping_ratio_of_a_restitution_is_that_of_the_dashpots():
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("arguments", "code", "said"),
     [
         (["--law", "jkr"], 2, "jkr needs work, work of adhesion [energy/length^2]: give it (--parameter work=…)"),
         (["--law", "jkr", "--parameter", "work=0", "--coulomb", "sharp"], 3, "not in equilibrium"),
@@ -200,8 +200,8 @@ def test_the_damping_ratio_of_a_restitution_is_that_of_the_dashpots():
         (["--law", "jkr", "--parameter", "work=one"], 2, "'one' is not a number"),
     ],
 )
-def test_parameters_of_a_law_on_the_command_line(words, code, said):
-    done = stickslip_here("stability", PACKING, "-q", *words)
+def test_parameters_of_a_law_on_the_command_line(arguments, code, said):
+    done = stickslip_here("stability", PACKING, "-q", *arguments)
     assert done.returncode == code
     assert said in " ".join((done.stdout + done.stderr).split())
     assert code == 3 or done.stderr.count("\n") == 1

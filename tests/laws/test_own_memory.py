@@ -102,8 +102,8 @@ def test_the_jacobian_is_exact_at_a_memory_that_is_kept(dim, make):
         if np.abs(kept - overlap).min() > 1e-5 and ((kept > overlap).any() and (kept < overlap).any()):
             break
     exact = ss.modes.assembled(moved, ss.modes.contact_blocks(moved, law, memory=FREE)[0], free).toarray()
-    found = differences(moved, law, free, FREE, 1e-7)
-    np.testing.assert_allclose(exact, found, atol=3e-7 * np.abs(exact).max())
+    numerical = differences(moved, law, free, FREE, 1e-7)
+    np.testing.assert_allclose(exact, numerical, atol=3e-7 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("make", [plastic, ss.laws.walton_braun])
@@ -218,8 +218,8 @@ def test_the_jacobian_and_trials_of_bonds(dim):
     assert far.any() and (gap[far] > 0).all()
     free = ss.freedom(state)
     exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[0], free).toarray()
-    found = differences(state, law, free, 1, 1e-7)
-    np.testing.assert_allclose(exact, found, atol=1e-6 * np.abs(exact).max())
+    numerical = differences(state, law, free, 1, 1e-7)
+    np.testing.assert_allclose(exact, numerical, atol=1e-6 * np.abs(exact).max())
     assert state.contacts.mode[np.flatnonzero(far)].max() == ss.OPEN
 
 
@@ -246,8 +246,8 @@ def test_the_adhesive_law_is_that_of_johnson_kendall_and_roberts():
     a = np.geomspace(1.001 * pull_off, 0.2, 400)
     overlap = a**2 / r_eff - np.sqrt(2 * np.pi * work * a / modulus)
     force = 4 * modulus * a**3 / (3 * r_eff) - np.sqrt(8 * np.pi * work * modulus * a**3)
-    found = evaluate(law, "force", overlap=overlap, r_eff=r_eff)
-    np.testing.assert_allclose(found, force, rtol=0, atol=1e-10 * np.abs(force).max())
+    computed = evaluate(law, "force", overlap=overlap, r_eff=r_eff)
+    np.testing.assert_allclose(computed, force, rtol=0, atol=1e-10 * np.abs(force).max())
     fine = np.linspace(overlap[0], 0.01, 100_001)
     assert evaluate(law, "force", overlap=fine, r_eff=r_eff).min() == pytest.approx(
         -1.5 * np.pi * work * r_eff, rel=1e-8
@@ -257,7 +257,7 @@ def test_the_adhesive_law_is_that_of_johnson_kendall_and_roberts():
     assert end == pytest.approx(-5 / 6 * np.pi * work * r_eff, rel=1e-3)  # displacement, not force, is imposed
     weak, hertz = jkr(work=1e-8), ss.laws.hertz_mindlin_reff(kn=1.0, kt=0.8)
     for name in ("force", "stiffness"):
-        values = [evaluate(one, name, overlap=[0.01, 0.02], r_eff=r_eff) for one in (weak, hertz)]
+        values = [evaluate(either, name, overlap=[0.01, 0.02], r_eff=r_eff) for either in (weak, hertz)]
         np.testing.assert_allclose(*values, rtol=2e-2)
 
 

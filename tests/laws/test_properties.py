@@ -102,9 +102,9 @@ def test_jacobian_and_damping_matrix_are_exact(name, dim):
         elif "rescaling" in name:
             continue  # only one-sided derivatives where the memory was committed
         exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law, memory=memory)[0], free).toarray()
-        found = differences(state, law, free, memory, step)
+        numerical = differences(state, law, free, memory, step)
         # h² f''' with lengths of 0.02 and round-off over h are both of order 1e-9
-        np.testing.assert_allclose(exact, found, atol=3e-8 * np.abs(exact).max())
+        np.testing.assert_allclose(exact, numerical, atol=3e-8 * np.abs(exact).max())
     rub = ss.modes.assembled(start, ss.modes.contact_blocks(start, law)[1], free).toarray()
     np.testing.assert_allclose(rub, rate_differences(start, law, free, 1e-7), atol=1e-8 * np.abs(rub).max())
     assert count == int(state.contacts.count[0])
@@ -168,14 +168,14 @@ def test_blocks_move_as_rows_on_any_number_of_threads(dim, monkeypatch):
     grains = grains._replace(velocity=move, spin=5 * turn)
     size = [side * 0.98] * dim + [1.0] * (3 - dim)
     state = ss.assembly(grains, cell=ss.box(size, [True] * dim + [False] * (3 - dim), dim))
-    one, _, _ = ss.run(state, law, 200, 0.02, threads=1)
-    two, _, _ = ss.run(state, law, 200, 0.02, threads=2)
-    np.testing.assert_array_equal(one.grains.position, two.grains.position)
+    single, _, _ = ss.run(state, law, 200, 0.02, threads=1)
+    double, _, _ = ss.run(state, law, 200, 0.02, threads=2)
+    np.testing.assert_array_equal(single.grains.position, double.grains.position)
     monkeypatch.setattr(driver, "MIN_BODIES", 10**9)
     plain, _, _ = ss.run(state, law, 200, 0.02)
-    np.testing.assert_allclose(one.grains.position, plain.grains.position, atol=1e-11)
+    np.testing.assert_allclose(single.grains.position, plain.grains.position, atol=1e-11)
     # the memory that statics need: two forces of one state
-    again = ss.forces(one, law, memory=HELD)[0]
+    again = ss.forces(single, law, memory=HELD)[0]
     np.testing.assert_allclose(again.torque, ss.forces(plain, law, memory=HELD)[0].torque, atol=1e-10)
 
 
@@ -231,10 +231,10 @@ def test_walls_keep_the_radius():
     state = ss.assembly(ss.spheres([[0, 0, 0.45]], 0.5), ss.flat_walls([0, 0, 0], [0, 0, 1]))
     torques = []
     for arm in ("radius", "overlap"):
-        one = ss.laws.with_lever(law, arm)
-        here = ss.accept(state, ss.forces(state, one)[1])
+        shorter = ss.laws.with_lever(law, arm)
+        here = ss.accept(state, ss.forces(state, shorter)[1])
         here = here._replace(grains=here.grains._replace(position=np.array([[0.01, 0, 0.44]])))
-        torques.append(ss.forces(here, one)[0].torque[0])
+        torques.append(ss.forces(here, shorter)[0].torque[0])
     np.testing.assert_array_equal(*torques)
 
 
@@ -363,7 +363,7 @@ def test_rolling_in_python_is_the_built_in_spring():
     )  # fmt: skip
     state, _ = moving("rolling", 3)
     state = state._replace(contacts=state.contacts._replace(stale=True, rolling=None))
-    ends = [ss.run(state, ss.laws.for_pair(one, 0, 1, mu=0.3), 200, 0.02)[0] for one in (law, own)]
+    ends = [ss.run(state, ss.laws.for_pair(form, 0, 1, mu=0.3), 200, 0.02)[0] for form in (law, own)]
     np.testing.assert_allclose(ends[0].grains.angle, ends[1].grains.angle, atol=1e-12)
 
 
@@ -379,7 +379,7 @@ def test_marshall_takes_its_numbers_from_each_pair():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"model": "elastic"}, "model='elastic' was given: 'constant', 'viscous', 'spring' are allowed"),
         ({"k_roll": 1.0}, "mu_roll = 0.0 was given with model = 'spring': it must be positive"),
@@ -387,14 +387,14 @@ def test_marshall_takes_its_numbers_from_each_pair():
         ({"model": "constant", "mu_roll": 0.1}, "gamma_roll = 0.0 was given .* must be positive"),
     ],
 )
-def test_wrong_parameters_of_rolling_are_refused(options, words):
-    with pytest.raises(ValueError, match=words):
+def test_wrong_parameters_of_rolling_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
         ss.laws.with_rolling(ss.laws.linear(), **options)
 
 
 def test_parameters_of_moments_have_names():
     law = twisting(rolling(ss.laws.linear()))
-    assert all(words in repr(law) for words in ("k_roll = 0.1, mu_roll = 0.15, k_twist = 0.01", "mu_twist = 0.05"))
+    assert all(text in repr(law) for text in ("k_roll = 0.1, mu_roll = 0.15, k_twist = 0.01", "mu_twist = 0.05"))
     law = ss.laws.for_pair(law, 0, 1, mu_roll=0.3)
     assert law.table[0, 1, 6] == 0.3 and law.table[0, 0, 6] == 0.15
     again = ss.laws.with_rolling(law, "viscous", gamma_roll=1.0)

@@ -40,7 +40,7 @@ def uses_a_list(overlap):
 
 
 @pytest.mark.parametrize(
-    ("functions", "words"),
+    ("functions", "message"),
     [
         ({"normal_force": lambda overlap: float("nan")}, "it must be finite"),
         ({"normal_force": root_of_a_gap, "contact_range": lambda r_eff: 0.1}, "nan"),
@@ -66,13 +66,13 @@ def uses_a_list(overlap):
         ({"normal_force": lambda overlap: float(f"{overlap.real:.12f}") + 0 * overlap}, "by a complex step"),
     ],
 )
-def test_a_bad_law_is_refused_in_one_sentence(functions, words):
-    with pytest.raises((TypeError, ValueError), match=words) as told:
+def test_a_bad_law_is_refused_in_one_sentence(functions, message):
+    with pytest.raises((TypeError, ValueError), match=message) as told:
         ss.laws.custom(**functions)
     assert "\n" not in str(told.value)
 
 
-def test_what_only_the_compiler_refuses_is_one_sentence():
+def test_what_only_the_compiler_refuses_gives_a_one_sentence_error():
     def imports(overlap, kn):
         import os  # noqa: F401
 
@@ -86,19 +86,19 @@ def test_what_only_the_compiler_refuses_is_one_sentence():
 
 @pytest.mark.parametrize("line", ["import os", "global k; k = 1.0", "from math import sqrt"])
 @pytest.mark.parametrize("inner", [False, True])
-def test_what_only_the_compiler_refuses_in_a_file_is_told_with_its_line(line, inner, tmp_path):
+def test_what_only_the_compiler_refuses_in_a_file_is_reported_with_its_line(line, inner, tmp_path):
     path = tmp_path / "mine.py"
     text = "k = 2.0\ndef {}(overlap):\n    {}\n    return k * overlap\n"
     shell = "def normal_force(overlap):\n    return helper(overlap)\n"
     path.write_text(text.format("helper", line) + shell if inner else text.format("normal_force", line))
     law = ss.laws.from_file(path)
-    words = rf"mine\.py: normal_force cannot be compiled, line 3: '{re.escape(line)}' \("
-    with pytest.raises(ValueError, match=words) as told:
+    message = rf"mine\.py: normal_force cannot be compiled, line 3: '{re.escape(line)}' \("
+    with pytest.raises(ValueError, match=message) as told:
         law_struct(law)
     assert "\n" not in str(told.value)
 
 
-def test_a_force_that_jumps_is_told_and_one_that_does_not_is_not():
+def test_a_force_that_jumps_is_reported_and_a_continuous_one_is_not():
     with pytest.warns(ss.laws.LawWarning, match="jumps from 0 to 0.5 where grains begin to touch"):
         ss.laws.custom(normal_force=lambda overlap: overlap + 0.5)
     with pytest.warns(ss.laws.LawWarning, match=r"at the end of its range \(a gap of 0.1\)"):
@@ -134,7 +134,7 @@ def test_parameters_by_pair_of_materials():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("def normal_force(overlap)\n    return overlap\n", r"line 1: 'def normal_force\(overlap\)' \(expected ':'\)"),
         ("a = 1\nb = a / 0\n", r"does not run, line 2: 'b = a / 0' \(ZeroDivisionError"),
@@ -150,10 +150,10 @@ def test_parameters_by_pair_of_materials():
         ("raise SystemExit\n", "does not run, line 1: 'raise SystemExit'"),
     ],
 )
-def test_a_bad_file_is_refused_with_its_line(text, words, tmp_path):
+def test_a_bad_file_is_refused_with_its_line(text, message, tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(text)
-    with pytest.raises(ValueError, match=words) as told:
+    with pytest.raises(ValueError, match=message) as told:
         ss.laws.from_file(path)
     assert "mine.py" in str(told.value) and "\n" not in str(told.value)
 

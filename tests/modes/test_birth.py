@@ -108,14 +108,14 @@ def test_the_amplitude_equation_follows_by_symbolic_algebra():
     first = sympy.expand(third * sympy.exp(-sympy.I * omega * t)).subs(t, 0) - sum(
         sympy.expand(third).coeff(sympy.exp(n * sympy.I * omega * t)) for n in (-3, -1, 3)
     )
-    (found,) = sympy.solve(first, sympy.diff(a, late, 2))
-    beta = sympy.simplify(sympy.expand(found).coeff(a, 2).coeff(conjugate, 1))
+    (equation,) = sympy.solve(first, sympy.diff(a, late, 2))
+    beta = sympy.simplify(sympy.expand(equation).coeff(a, 2).coeff(conjugate, 1))
     values = {omega: np.sqrt(2.0), stiff: 3.0, cubic: 0.7, given: 0.4, taken: -1.3}
     motion = model()
     plane = birth.invariant_plane(motion.matrix, 2.0 + 0.02j)
     ours, _, _ = birth.cubic_coefficient(motion, plane, 1e-3)
     assert ours / plane.u0[0] ** 2 == pytest.approx(float(beta.subs(values)), rel=1e-5)
-    assert sympy.simplify(sympy.expand(found).coeff(a, 1).coeff(conjugate, 0) - small**2 / (4 * omega**2)) == 0
+    assert sympy.simplify(sympy.expand(equation).coeff(a, 1).coeff(conjugate, 0) - small**2 / (4 * omega**2)) == 0
 
 
 def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
@@ -137,11 +137,11 @@ def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
     start = 0.02 * peak
     first = np.concatenate([2 * start * u.real, 2 * start * (exponent * u).real])
     times = np.linspace(0, 10 / sigma, 20_001)
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-10,
         atol=1e-14,
     )  # fmt: skip
-    assert np.abs(plane.u0 @ found.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
+    assert np.abs(plane.u0 @ solution.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
 
 
 def test_squared_peaks_extrapolate_to_the_birth():
@@ -154,9 +154,9 @@ def test_squared_peaks_extrapolate_to_the_birth():
     assert not len(ss.stability(pushed(0.00595), LAW).pairs) and births[1] == pytest.approx(0.00598, abs=4e-5)
 
 
-def grown(state, found, plane, share):
+def grown(state, known, plane, share):
     """State on the growing mode at a share of an amplitude, and coordinates."""
-    free, exponent = found.free, np.sqrt(-plane.value + 0j)
+    free, exponent = known.free, np.sqrt(-plane.value + 0j)
     exponent *= np.sign(exponent.real)
     u = (plane.u0 + 1j * plane.value.imag * plane.u1) / np.sqrt(free.mass)
     grains = state.grains
@@ -166,58 +166,58 @@ def grown(state, found, plane, share):
     return moved._replace(grains=moved.grains._replace(velocity=speed[:, :3], spin=turning))
 
 
-def amplitude(state, record, found, plane):
+def amplitude(state, record, known, plane):
     """Amplitude along u₀ at the samples of a run, from displacements in the mass-weighted scalar product."""
     grains = state.grains
     way = np.concatenate(
         [record.position - grains.position, (record.angle - grains.angle) * grains.radius[:, None]], axis=2
     )
-    y = way.reshape(len(way), -1)[:, found.free.component] * np.sqrt(found.free.mass)
+    y = way.reshape(len(way), -1)[:, known.free.component] * np.sqrt(known.free.mass)
     return y @ plane.u0 / 2
 
 
 def test_a_burst_of_the_disk_array_ends_where_predicted():
-    state, found = pushed(0.0061), form(0.0061)
-    assert found.fate == "bounded bursts" and found.beta < 0
+    state, predicted = pushed(0.0061), form(0.0061)
+    assert predicted.fate == "bounded bursts" and predicted.beta < 0
     _, plane = plane_of(state)
-    start = grown(state, found, plane, 0.02 * found.peak)
-    steps = round(9 / found.growth_rate / 0.2)
+    start = grown(state, predicted, plane, 0.02 * predicted.peak)
+    steps = round(9 / predicted.growth_rate / 0.2)
     _, record, outcome = ss.run(start, LAW, steps, 0.2, every=4, probes=range(10), events=True)
     assert outcome.ok and not (record.events["kind"] == "limit").any()
-    assert np.abs(amplitude(state, record, found, plane)).max() == pytest.approx(found.peak, rel=0.02)
+    assert np.abs(amplitude(state, record, predicted, plane)).max() == pytest.approx(predicted.peak, rel=0.02)
 
 
 @pytest.mark.parametrize(
     ("load", "fate"), [pytest.param(0.007, "limit first", marks=pytest.mark.slow), (0.046, "runaway")]
 )
 def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
-    state, found = pushed(load), form(load)
-    assert found.fate == fate
+    state, known = pushed(load), form(load)
+    assert known.fate == fate
     motion, plane = plane_of(state)
-    start = grown(state, found, plane, 0.02 * found.first)
-    _, record, _ = ss.run(start, LAW, round(12 / found.growth_rate / 0.2), 0.2, every=4, probes=range(10), events=True)
+    start = grown(state, known, plane, 0.02 * known.first)
+    _, record, _ = ss.run(start, LAW, round(12 / known.growth_rate / 0.2), 0.2, every=4, probes=range(10), events=True)
     limit = record.events[record.events["kind"] == "limit"][0]
-    assert (limit["i"], limit["j"]) == found.limit_contact
+    assert (limit["i"], limit["j"]) == known.limit_contact
     before = record.time < limit["time"]
-    swing = np.abs(amplitude(state, record, found, plane)[before]).max()
-    balance = birth.growth_by_amplitude(motion, plane, found.first * (np.arange(1, 31) / 30) ** 2)
-    predicted = birth.balanced_motion(plane, balance, found.growth_rate)(found.limit) @ plane.u0 / 2
+    swing = np.abs(amplitude(state, record, known, plane)[before]).max()
+    balance = birth.growth_by_amplitude(motion, plane, known.first * (np.arange(1, 31) / 30) ** 2)
+    predicted = birth.balanced_motion(plane, balance, known.growth_rate)(known.limit) @ plane.u0 / 2
     # both contain the slaved motion along u₀, by which swings in the two directions differ
     assert swing == pytest.approx(np.abs(predicted).max(), rel=0.08)
 
 
 def test_rates_are_those_of_the_spectrum_also_far_from_a_birth():
-    found, spectrum = form(0.046), ss.stability(pushed(0.046), LAW)
-    assert found.growth_rate == pytest.approx(spectrum.growth_rate[0], rel=1e-6)
-    assert found.frequency == pytest.approx(spectrum.frequency[0], rel=1e-6)
-    assert found._replace(detuned=2.0).fate == "resonance"
+    computed, spectrum = form(0.046), ss.stability(pushed(0.046), LAW)
+    assert computed.growth_rate == pytest.approx(spectrum.growth_rate[0], rel=1e-6)
+    assert computed.frequency == pytest.approx(spectrum.frequency[0], rel=1e-6)
+    assert computed._replace(detuned=2.0).fate == "resonance"
 
 
 def test_a_balance_that_diverges_ends_before():
     motion = model(cubic=40.0, given=30.0)
     plane = birth.invariant_plane(motion.matrix, 2.0 + 0.02j)
-    found = birth.growth_by_amplitude(motion, plane, np.geomspace(1e-3, 1e6, 40))
-    assert 4 < len(found.amplitudes) < 39 and np.isfinite(found.harmonics).all()
+    growth = birth.growth_by_amplitude(motion, plane, np.geomspace(1e-3, 1e6, 40))
+    assert 4 < len(growth.amplitudes) < 39 and np.isfinite(growth.harmonics).all()
 
 
 def test_motions_have_the_amplitude_and_the_slaved_parts_that_theory_gives():
@@ -227,8 +227,8 @@ def test_motions_have_the_amplitude_and_the_slaved_parts_that_theory_gives():
     line, a = birth.ellipse(plane)(0.3), 2e-4
     assert (plane.w0 @ line[0], plane.w0 @ line[birth.PHASES // 2]) == pytest.approx((0.6, -0.6))
     assert np.abs(line @ plane.w1).max() == pytest.approx(0.6 * plane.value.imag)
-    found = birth.growth_by_amplitude(motion, plane, np.linspace(0, 4e-4, 9)[1:])
-    ways = birth.balanced_motion(plane, found, 0.02 / np.sqrt(8.0))(a)
+    growth = birth.growth_by_amplitude(motion, plane, np.linspace(0, 4e-4, 9)[1:])
+    ways = birth.balanced_motion(plane, growth, 0.02 / np.sqrt(8.0))(a)
     phase, size = 2 * np.pi * np.arange(len(ways)) / len(ways), (a * plane.u0[0]) ** 2
     assert 2 * (ways @ plane.w0 * np.cos(phase)).mean() == pytest.approx(2 * a, rel=1e-3)
     assert ways[:, 2].mean() == pytest.approx(2 * taken / stiff * size, rel=1e-2)
@@ -274,45 +274,45 @@ def mixed_row():
         state, outcome = ss.relax(state._replace(grains=state.grains._replace(position=place)), law, tolerance=1e-13)
         alone = np.flatnonzero(ss.measure.contact_numbers(state) == 1) if outcome.ok else ()
         if len(alone) and len(ss.stability(state, law).pairs):
-            found = ss.modes.birth_form(state, law)
-            if set(found.closing_contact) & {*alone.tolist()} and found.closing < 0.2 * found.first:
-                return state, law, next(iter(set(found.closing_contact) & {*alone.tolist()})), found
+            known = ss.modes.birth_form(state, law)
+            if set(known.closing_contact) & {*alone.tolist()} and known.closing < 0.2 * known.first:
+                return state, law, next(iter(set(known.closing_contact) & {*alone.tolist()})), known
     raise AssertionError("no row has such a disk")
 
 
 def test_collisions_with_a_grain_that_touches_only_the_floor_are_foreseen():
     """An undamped run on the growing mode closes the same contact at the same displacement."""
-    state, law, _, found = mixed_row()
+    state, law, _, known = mixed_row()
     assert not ss.measure.rattlers(state).any()
-    i, j = found.closing_contact
-    assert f"before that, {i} and {j} come into contact" in found.verdict
-    plane = birth.invariant_plane(ss.modes.dynamical_matrix(state, law, found.free), found.eigenvalue)
-    start = grown(state, found, plane, 0.3 * found.closing)
+    i, j = known.closing_contact
+    assert f"before that, {i} and {j} come into contact" in known.verdict
+    plane = birth.invariant_plane(ss.modes.dynamical_matrix(state, law, known.free), known.eigenvalue)
+    start = grown(state, known, plane, 0.3 * known.closing)
     dt = 0.2 * ss.measure.stable_time_step(state, law)
     _, record, _ = ss.run(
-        start, law, round(3 / found.growth_rate / dt), dt, every=4, probes=range(len(state.grains.radius)), events=True
+        start, law, round(3 / known.growth_rate / dt), dt, every=4, probes=range(len(state.grains.radius)), events=True
     )
     first = record.events[0]
     assert (first["kind"], first["i"], first["j"]) == ("closed", i, j)
     moved = np.abs(record.position - state.grains.position)[record.time <= first["time"]].max()
     # the ellipse touches the other disk at one phase, which the run meets once per period
-    period_growth = np.exp(2 * np.pi * found.growth_rate / found.frequency)
-    assert found.displacement(found.closing) <= 1.02 * moved <= 1.05 * period_growth * found.displacement(found.closing)
+    period_growth = np.exp(2 * np.pi * known.growth_rate / known.frequency)
+    assert known.displacement(known.closing) <= 1.02 * moved <= 1.05 * period_growth * known.displacement(known.closing)
 
 
 def test_the_contact_of_spheres_that_is_lost_first_is_the_predicted_one(swinging):
     """An undamped run on the growing mode."""
-    found = ss.modes.birth_form(swinging, SPHERES)
-    assert found.growth_rate == pytest.approx(ss.stability(swinging, SPHERES).growth_rate[0], rel=1e-6)
-    plane = birth.invariant_plane(ss.modes.dynamical_matrix(swinging, SPHERES, found.free), found.eigenvalue)
-    start = grown(swinging, found, plane, 0.3 * found.first)
+    known = ss.modes.birth_form(swinging, SPHERES)
+    assert known.growth_rate == pytest.approx(ss.stability(swinging, SPHERES).growth_rate[0], rel=1e-6)
+    plane = birth.invariant_plane(ss.modes.dynamical_matrix(swinging, SPHERES, known.free), known.eigenvalue)
+    start = grown(swinging, known, plane, 0.3 * known.first)
     dt = 0.2 * ss.measure.stable_time_step(swinging, SPHERES)
-    _, record, _ = ss.run(start, SPHERES, round(1 / found.growth_rate / dt), dt, every=4, probes=range(16), events=True)
+    _, record, _ = ss.run(start, SPHERES, round(1 / known.growth_rate / dt), dt, every=4, probes=range(16), events=True)
     first = record.events[0]
-    assert (first["kind"], (first["i"], first["j"])) == ("limit", found.limit_contact) and found.limit == found.first
+    assert (first["kind"], (first["i"], first["j"])) == ("limit", known.limit_contact) and known.limit == known.first
     before = record.time <= first["time"]
     # far from a birth and with 300 periods of growth: see the spread for spheres in docs/theory/stability.md
-    assert np.abs(amplitude(swinging, record, found, plane)[before]).max() == pytest.approx(found.first, rel=0.6)
+    assert np.abs(amplitude(swinging, record, known, plane)[before]).max() == pytest.approx(known.first, rel=0.6)
 
 
 def test_a_disk_that_rolls_without_resistance_is_held_in_the_normal_form():
@@ -359,9 +359,9 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     assert "all eigenvalues by LAPACK" in str(page.sections)
     assert "bounded bursts, in which grains move" in str(page.sections)
     ss.io.write_packing("damped.h5", pushed(0.0062), ss.laws.for_pair(LAW, 0, 1, damping_n=0.1))
-    words = ["stability", "damped.h5", "--after", "--json"]
+    arguments = ["stability", "damped.h5", "--after", "--json"]
     reason, form = (
-        json.loads(CliRunner().invoke(app, [*words, *option]).stdout)["after"] for option in ([], ["--no-dashpots"])
+        json.loads(CliRunner().invoke(app, [*arguments, *option]).stdout)["after"] for option in ([], ["--no-dashpots"])
     )
     assert "dashpots" in reason["reason"] and form["beta"] == after["beta"]
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)

@@ -20,33 +20,33 @@ def chain(n):
 
 def test_a_chain_has_the_frequencies_of_its_closed_form():
     n = 11
-    found = ss.modes.density_of_states(chain(n), CHAIN, bins=4)
+    density = ss.modes.density_of_states(chain(n), CHAIN, bins=4)
     truth = np.sort(2 * np.abs(np.sin(np.pi * np.arange(n) / n)))[1:]
-    np.testing.assert_allclose(found.frequency, truth, rtol=1e-12)
-    assert (found.n, found.zero, found.negative) == (n, 1, 0)
-    assert (found.density * np.diff(found.edges)).sum() == pytest.approx((n - 1) / n)
-    assert not found.of_pairs.any()
+    np.testing.assert_allclose(density.frequency, truth, rtol=1e-12)
+    assert (density.n, density.zero, density.negative) == (n, 1, 0)
+    assert (density.density * np.diff(density.edges)).sum() == pytest.approx((n - 1) / n)
+    assert not density.of_pairs.any()
 
 
 def test_the_estimate_of_a_long_chain_is_the_closed_form():
     """D = (2/π)/√(ω_max² − ω²), integrated over bins."""
-    found = ss.modes.density_of_states(chain(1500), CHAIN, bins=10, method="polynomials")
-    truth = np.diff(2 / np.pi * np.arcsin(np.minimum(found.edges / 2, 1))) / np.diff(found.edges)
+    density = ss.modes.density_of_states(chain(1500), CHAIN, bins=10, method="polynomials")
+    truth = np.diff(2 / np.pi * np.arcsin(np.minimum(density.edges / 2, 1))) / np.diff(density.edges)
     # the two highest bins hold the singularity, which the resolution smears; in the others D'' Δω²/2 is below 1 %
-    deviation = np.abs(found.density - truth)[:-2]
-    assert (deviation < 4 * found.error[:-2] + 0.01 * truth[:-2]).all()
-    assert 0 < found.error.max() < 0.05 and found.resolution < np.diff(found.edges).min() / 3
-    assert found.zero == 1
+    deviation = np.abs(density.density - truth)[:-2]
+    assert (deviation < 4 * density.error[:-2] + 0.01 * truth[:-2]).all()
+    assert 0 < density.error.max() < 0.05 and density.resolution < np.diff(density.edges).min() / 3
+    assert density.zero == 1
 
 
 def test_the_estimate_agrees_with_the_count_of_a_packing(swinging):
     exact = ss.modes.density_of_states(swinging, LAW, bins=8)
-    found = ss.modes.density_of_states(swinging, LAW, bins=exact.edges, method="polynomials", probes=64)
+    density = ss.modes.density_of_states(swinging, LAW, bins=exact.edges, method="polynomials", probes=64)
     width = np.diff(exact.edges)
     assert exact.of_pairs.sum() * width[0] == pytest.approx(2 / exact.n)  # one pair, two modes
     # the estimate's share of neighbouring bins is at most what lies within its resolution of the edges
-    smear = 0.5 * found.resolution / width * (exact.density + np.roll(exact.density, 1) + np.roll(exact.density, -1))
-    assert (np.abs(found.density - exact.density) < 4 * found.error + smear).all()
+    smear = 0.5 * density.resolution / width * (exact.density + np.roll(exact.density, 1) + np.roll(exact.density, -1))
+    assert (np.abs(density.density - exact.density) < 4 * density.error + smear).all()
     whole = ss.modes.density_of_states(swinging, LAW, method="polynomials")
     assert (whole.density * np.diff(whole.edges)).sum() == pytest.approx((exact.n - 3) / exact.n, rel=1e-12)
     # translations are left out: without them nothing moves as slowly
@@ -59,9 +59,9 @@ def test_participation_of_waves_grains_and_groups():
     state = chain(n)
     free = ss.freedom(state)
     place = np.arange(n)
-    one = np.zeros(n)
-    one[3] = 2.0
-    modes = np.stack([np.exp(2j * np.pi * 3 * place / n), np.cos(2 * np.pi * 3 * place / n), one], axis=1)
+    grain = np.zeros(n)
+    grain[3] = 2.0
+    modes = np.stack([np.exp(2j * np.pi * 3 * place / n), np.cos(2 * np.pi * 3 * place / n), grain], axis=1)
     np.testing.assert_allclose(ss.modes.participation_ratio(modes, free), [1, 2 / 3, 1 / n], rtol=1e-12)
     glued = state._replace(control=ss.control.rigid(state.control, [0, 1, 2, 3]))
     free = ss.freedom(glued)
@@ -70,7 +70,7 @@ def test_participation_of_waves_grains_and_groups():
     assert ss.modes.participation_ratio(alike, free)[0] == pytest.approx(100 / 154)
 
 
-def test_bad_input_is_told():
+def test_bad_input_is_reported():
     state = chain(5)
     with pytest.raises(ValueError, match="use auto, dense or polynomials"):
         ss.modes.density_of_states(state, CHAIN, method="kpm")

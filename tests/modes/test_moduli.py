@@ -21,33 +21,33 @@ def cubic(law, across=3):
 def test_triangular_lattice(kt):
     """Three bonds a site: λ = (√3/4)(k_n − k_t), G = (√3/4)(k_n + k_t), no non-affine motion."""
     law = ss.laws.linear(1.3, kt, 0.5)
-    found = ss.modes.elastic_moduli(triangular(law), law)
+    moduli = ss.modes.elastic_moduli(triangular(law), law)
     bulk, shear = 3**0.5 / 2 * 1.3, 3**0.5 / 4 * (1.3 + kt)
     # an overlap of 1e-8 bears a pressure that changes C by as much
-    np.testing.assert_allclose([found.bulk, found.shear], [bulk, shear], rtol=1e-7)
-    assert found.poisson == pytest.approx((bulk - shear) / (bulk + shear), rel=1e-6)
-    assert found.anisotropy < 1e-7 and found.asymmetry < 1e-7
-    assert np.abs(symmetrised(found.non_affine)).max() < 1e-7  # disks follow a rotation by turning, no strain
-    assert np.abs(found.motion[found.free.axis < 3]).max() < 1e-7
-    np.testing.assert_allclose(found.young, 2 * shear * (1 + found.poisson))
+    np.testing.assert_allclose([moduli.bulk, moduli.shear], [bulk, shear], rtol=1e-7)
+    assert moduli.poisson == pytest.approx((bulk - shear) / (bulk + shear), rel=1e-6)
+    assert moduli.anisotropy < 1e-7 and moduli.asymmetry < 1e-7
+    assert np.abs(symmetrised(moduli.non_affine)).max() < 1e-7  # disks follow a rotation by turning, no strain
+    assert np.abs(moduli.motion[moduli.free.axis < 3]).max() < 1e-7
+    np.testing.assert_allclose(moduli.young, 2 * shear * (1 + moduli.poisson))
 
 
 def test_face_centred_cubic():
     """Central springs k of length 1: C_11 = 2k/a, C_12 = C_44 = k/a, a = √2."""
     law = ss.laws.linear(1.0, 0.0, 0.5)
-    found = ss.modes.elastic_moduli(cubic(law), law)
+    moduli = ss.modes.elastic_moduli(cubic(law), law)
     unit = 1 / 2**0.5
     truth = unit * np.diag([2.0, 2, 2, 1, 1, 1])
     truth[:3, :3] += unit * (1 - np.eye(3))
-    np.testing.assert_allclose(found.voigt, truth, atol=1e-7)
-    assert found.bulk == pytest.approx(4 / 3 * unit, rel=1e-7)
+    np.testing.assert_allclose(moduli.voigt, truth, atol=1e-7)
+    assert moduli.bulk == pytest.approx(4 / 3 * unit, rel=1e-7)
 
 
 @pytest.mark.parametrize(("dim", "n", "fraction"), [(2, 16, 0.88), (3, 20, 0.68)])
 def test_differences_of_equilibria(dim, n, fraction):
     state = sheared(n, dim, fraction, 2e-3, seed=3)
-    found = ss.modes.elastic_moduli(state, LAW)
-    h, size, part = 1e-7, np.abs(found.tensor).max(), slice(0, dim)
+    moduli = ss.modes.elastic_moduli(state, LAW)
+    h, size, part = 1e-7, np.abs(moduli.tensor).max(), slice(0, dim)
     for c, d in [(0, 0), (0, 1), (1, 0), (dim - 1, 1)]:
         gradient, stresses, carried = np.zeros((dim, dim)), [], []
         gradient[c, d] = h
@@ -58,11 +58,11 @@ def test_differences_of_equilibria(dim, n, fraction):
             assert outcome.ok
             stresses.append(ss.measure.stress(end, LAW)[part, part])
         # residuals of 1e-15 over steps of 1e-7
-        np.testing.assert_allclose(-(stresses[0] - stresses[1]) / 2 / h, found.tensor[:, :, c, d], atol=1e-7 * size)
-        np.testing.assert_allclose(-(carried[0] - carried[1]) / 2 / h, found.affine[:, :, c, d], atol=1e-7 * size)
-    assert np.abs(found.non_affine).max() > 0.1 * size
-    assert 1e-4 < found.asymmetry < 0.1  # friction has no potential
-    assert np.linalg.eigvalsh(found.voigt + found.voigt.T).min() > 0
+        np.testing.assert_allclose(-(stresses[0] - stresses[1]) / 2 / h, moduli.tensor[:, :, c, d], atol=1e-7 * size)
+        np.testing.assert_allclose(-(carried[0] - carried[1]) / 2 / h, moduli.affine[:, :, c, d], atol=1e-7 * size)
+    assert np.abs(moduli.non_affine).max() > 0.1 * size
+    assert 1e-4 < moduli.asymmetry < 0.1  # friction has no potential
+    assert np.linalg.eigvalsh(moduli.voigt + moduli.voigt.T).min() > 0
 
 
 def test_a_rattler_changes_nothing():
@@ -87,7 +87,7 @@ def test_isotropic_parts_of_an_isotropic_tensor():
         assert voigt(tensor)[-1, -1] == pytest.approx(0.6)
 
 
-def test_what_has_no_moduli_is_told():
+def test_what_has_no_moduli_is_reported():
     with pytest.raises(ValueError, match="periodic in all its dimensions"):
         ss.modes.elastic_moduli(ss.packings.disk_array(4, press=5e-5), LAW)
     law = ss.laws.linear()

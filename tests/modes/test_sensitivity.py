@@ -21,48 +21,51 @@ def between_two(state, i, j, **parameters):
     return state._replace(grains=state.grains._replace(material=material)), law
 
 
-def alone(state, found):
+def alone(state, sensitivity):
     """Changes of contacts whose two grains touch once, and which neither needs: no rattler is made."""
     rows = ss.measure.touching(state)
     pairs = [tuple(p) for p in zip(state.contacts.i[rows], state.contacts.j[rows], strict=True)]
     number = np.bincount(np.array(pairs).ravel(), minlength=state.n_bodies)
     return [
         k
-        for k in range(len(found.contact))
-        if pairs.count((found.i[k], found.j[k])) == 1 and min(number[found.i[k]], number[found.j[k]]) > 3
+        for k in range(len(sensitivity.contact))
+        if pairs.count((sensitivity.i[k], sensitivity.j[k])) == 1
+        and min(number[sensitivity.i[k]], number[sensitivity.j[k]]) > 3
     ]
 
 
 def test_derivatives_add_up_and_are_those_of_differences(swinging):
-    found = ss.modes.contact_sensitivity(swinging, LAW, most=0)
-    assert found.verdict == "oscillates"
+    sensitivity = ss.modes.contact_sensitivity(swinging, LAW, most=0)
+    assert sensitivity.verdict == "oscillates"
     # −J is the sum over contacts of their blocks: scaling all of them scales λ
-    assert found.derivative.sum() == pytest.approx(found.eigenvalue, rel=1e-10)
+    assert sensitivity.derivative.sum() == pytest.approx(sensitivity.eigenvalue, rel=1e-10)
     h = 1e-6
-    for k in np.argsort(-np.abs(found.derivative))[:6]:
-        row = found.contacts[k]
+    for k in np.argsort(-np.abs(sensitivity.derivative))[:6]:
+        row = sensitivity.contacts[k]
         i, j = swinging.contacts.i[row], swinging.contacts.j[row]
         values = []
         for s in (1 + h, 1 - h):
             state, law = between_two(swinging, i, j, kn=s, kt=2 / 7 * s)
             values.append(ss.stability(state, law).pairs[0])
-        together = (swinging.contacts.i[found.contacts] == i) & (swinging.contacts.j[found.contacts] == j)
+        together = (swinging.contacts.i[sensitivity.contacts] == i) & (swinging.contacts.j[sensitivity.contacts] == j)
         # λ near a birth curves as 1/Im λ: h² of that beside round-off/h
-        truth = found.derivative[together].sum()
+        truth = sensitivity.derivative[together].sum()
         assert (values[0] - values[1]) / 2 / h == pytest.approx(truth, rel=1e-4, abs=1e-5)
         growth = np.sqrt(values).imag
         assert abs(growth[0] - growth[1]) / 2 / h == pytest.approx(
-            abs(found.growth_derivative[together].sum()), rel=1e-3, abs=1e-5
+            abs(sensitivity.growth_derivative[together].sum()), rel=1e-3, abs=1e-5
         )
 
 
-def assert_twins_agree(state, found, chosen):
+def assert_twins_agree(state, sensitivity, chosen):
     """Each change against a packing whose contact has lost its stiffness, or slides at the Coulomb limit."""
     linear = linearise(state, LAW)
     for k in chosen:
-        row = found.contact[k]
-        if found.what[k] == "opens":
-            twin = ss.stability(*between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0), method="dense")
+        row = sensitivity.contact[k]
+        if sensitivity.what[k] == "opens":
+            twin = ss.stability(
+                *between_two(state, sensitivity.i[k], sensitivity.j[k], kn=1e-14, kt=0.0), method="dense"
+            )
         else:
             slip, mode = state.contacts.slip.copy(), state.contacts.mode.copy()
             limit = linear.mu[row] * linear.force_n[row] / linear.stiffness_t[row]
@@ -71,39 +74,44 @@ def assert_twins_agree(state, found, chosen):
             changed = state._replace(contacts=state.contacts._replace(slip=slip, mode=mode))
             twin = ss.stability(changed, LAW, method="dense")
         rates = np.concatenate([twin.growth_rate, np.sqrt(np.maximum(-twin.negative, 0))])
-        assert rates.max(initial=0.0) == pytest.approx(found.after[k], rel=1e-7, abs=1e-9)
-        assert found.turns[k] == (twin.grows == (found.verdict == "stable"))
+        assert rates.max(initial=0.0) == pytest.approx(sensitivity.after[k], rel=1e-7, abs=1e-9)
+        assert sensitivity.turns[k] == (twin.grows == (sensitivity.verdict == "stable"))
 
 
 def test_every_change_is_that_of_an_independent_twin(calm):
-    found = ss.modes.contact_sensitivity(calm, LAW)
-    assert found.verdict == "stable" and found.eigenvalue is None and found.verified.all() and not found.scope
-    chosen = alone(calm, found)
-    assert {str(found.what[k]) for k in chosen} == {"slides", "opens"}
-    assert {bool(found.turns[k]) for k in chosen} == {True, False}
-    assert_twins_agree(calm, found, chosen)
+    sensitivity = ss.modes.contact_sensitivity(calm, LAW)
+    assert (
+        sensitivity.verdict == "stable"
+        and sensitivity.eigenvalue is None
+        and sensitivity.verified.all()
+        and not sensitivity.scope
+    )
+    chosen = alone(calm, sensitivity)
+    assert {str(sensitivity.what[k]) for k in chosen} == {"slides", "opens"}
+    assert {bool(sensitivity.turns[k]) for k in chosen} == {True, False}
+    assert_twins_agree(calm, sensitivity, chosen)
 
 
 def test_changes_of_spheres():
     """In three dimensions the direction of sliding matters, and how far the slip is from the Coulomb limit."""
     state = sheared(12, 3, 0.7, 2e-3, seed=2)
-    found = ss.modes.contact_sensitivity(state, LAW)
-    chosen = alone(state, found)
-    slides, opens = ([k for k in chosen if found.what[k] == what] for what in ("slides", "opens"))
+    sensitivity = ss.modes.contact_sensitivity(state, LAW)
+    chosen = alone(state, sensitivity)
+    slides, opens = ([k for k in chosen if sensitivity.what[k] == what] for what in ("slides", "opens"))
     assert len(slides) > 3 and len(opens) > 3
-    assert_twins_agree(state, found, [*slides[:10], *opens[:10]])
+    assert_twins_agree(state, sensitivity, [*slides[:10], *opens[:10]])
 
 
 def test_rows_are_sorted_and_the_unverified_are_last(calm):
-    found = ss.modes.contact_sensitivity(calm, LAW, most=5)
-    assert found.verified.sum() == 5
-    assert found.verified[:5].all() and not found.turns[5:].any()
-    assert list(found.turns[:5]) == sorted(found.turns[:5], reverse=True)
-    assert (found.verdict_after[5:] == "").all()
-    assert "first-order shifts only" in found.scope
+    sensitivity = ss.modes.contact_sensitivity(calm, LAW, most=5)
+    assert sensitivity.verified.sum() == 5
+    assert sensitivity.verified[:5].all() and not sensitivity.turns[5:].any()
+    assert list(sensitivity.turns[:5]) == sorted(sensitivity.turns[:5], reverse=True)
+    assert (sensitivity.verdict_after[5:] == "").all()
+    assert "first-order shifts only" in sensitivity.scope
     whole = ss.modes.contact_sensitivity(calm, LAW)
     key = {(c, w): a for c, w, a in zip(whole.contact, whole.what, whole.after, strict=True)}
-    for c, w, a in zip(found.contact[:5], found.what[:5], found.after[:5], strict=True):
+    for c, w, a in zip(sensitivity.contact[:5], sensitivity.what[:5], sensitivity.after[:5], strict=True):
         assert key[c, w] == a
 
 
@@ -132,19 +140,19 @@ def test_a_grain_that_is_let_go_is_left_out():
 
 
 @pytest.mark.slow
-def test_how_good_first_order_shifts_are():
+def test_first_order_shifts_correlate_with_computed_ones():
     """What the page says of them."""
-    found = ss.modes.contact_sensitivity(sheared(30, 3, 0.68, 3e-3, seed=3), LAW, most=1000)
-    order = np.argsort(found.predicted, kind="stable")
-    assert np.corrcoef(found.predicted, found.after)[0, 1] == pytest.approx(0.70, abs=0.02)
-    assert (found.turns.sum(), found.turns[order][:20].sum()) == (26, 4)
+    sensitivity = ss.modes.contact_sensitivity(sheared(30, 3, 0.68, 3e-3, seed=3), LAW, most=1000)
+    order = np.argsort(sensitivity.predicted, kind="stable")
+    assert np.corrcoef(sensitivity.predicted, sensitivity.after)[0, 1] == pytest.approx(0.70, abs=0.02)
+    assert (sensitivity.turns.sum(), sensitivity.turns[order][:20].sum()) == (26, 4)
 
 
 def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
     """Without a contact the cell's rows of J are those of the packing in which its force has vanished."""
     (xx, _, _), (_, yy, _), _ = ss.measure.stress(calm, LAW)
     state = calm._replace(control=ss.control.stress_controlled(calm.control, {"xx": xx, "yy": yy}))
-    found, free = ss.modes.contact_sensitivity(state, LAW), ss.modes.backbone(state, LAW)
+    sensitivity, free = ss.modes.contact_sensitivity(state, LAW), ss.modes.backbone(state, LAW)
     assert (free.axis == 6).sum() == 2
     modes = module._compute_modes(linearised(state, LAW), free)
     changes = {
@@ -152,17 +160,17 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
         for c in module._list_changes(linearised(state, LAW), modes, ss.measure.touching(state))
         if c[1] == "opens"
     }
-    opened = [k for k in alone(state, found) if found.what[k] == "opens"]
+    opened = [k for k in alone(state, sensitivity) if sensitivity.what[k] == "opens"]
     assert len(opened) > 5
     for k in opened:
-        twin, law = between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0)
+        twin, law = between_two(state, sensitivity.i[k], sensitivity.j[k], kn=1e-14, kt=0.0)
         truth = np.sort(np.linalg.eigvals(ss.modes.dynamical_matrix(twin, law, free).toarray()).real)
-        values = eigenvalues_after(state, LAW, modes, free, *changes[found.contact[k]])
+        values = eigenvalues_after(state, LAW, modes, free, *changes[sensitivity.contact[k]])
         # the twin's contact bears 1e-14 still; nearly equal eigenvalues of J amplify round-off
         np.testing.assert_allclose(np.sort(values.real), truth, atol=1e-10 * truth.max())
 
 
-def test_bad_input_is_told(calm, swinging):
+def test_bad_input_is_reported(calm, swinging):
     with pytest.raises(ValueError, match="at least 0"):
         ss.modes.contact_sensitivity(calm, LAW, most=-1)
     with pytest.raises(ValueError, match="this packing has 1 pairs, counted from 0"):
@@ -181,6 +189,6 @@ def test_off_equilibrium_no_contact_decides(calm):
 def test_a_frictionless_packing_can_only_open():
     law = ss.laws.hertz_mindlin(1.0, 0.0, 0.0)
     state = sheared(16, 2, 0.9, 0.0, seed=1, law=law, steps=1)
-    found = ss.modes.contact_sensitivity(state, law, most=3)
-    assert set(found.what) == {"opens"}
-    assert np.isnan(found.mobilised).all()
+    sensitivity = ss.modes.contact_sensitivity(state, law, most=3)
+    assert set(sensitivity.what) == {"opens"}
+    assert np.isnan(sensitivity.mobilised).all()

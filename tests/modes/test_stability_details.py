@@ -43,12 +43,12 @@ def test_an_unstable_packing_says_who_takes_part_and_which_contact_decides(swing
     file = written(swinging, tmp_path / "swings.npz")
     done = stickslip_here("stability", file, *OPTIONS, "--more", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    words = " ".join(done.stdout.split())
+    text = " ".join(done.stdout.split())
     ratio = ss.modes.participation_ratio(ss.stability(swinging, LAW).modes, ss.modes.backbone(swinging, LAW))[0]
-    assert f"participation ratios of the growing modes, in this order: {ratio:.3g}" in words
-    assert "transient growth: none, since exponential growth" in words
-    assert re.search(r"decisive contacts: \d+ of \d+ changes", words)
-    assert "∂/∂ln s" in words and "shear G" in words
+    assert f"participation ratios of the growing modes, in this order: {ratio:.3g}" in text
+    assert "transient growth: none, since exponential growth" in text
+    assert re.search(r"decisive contacts: \d+ of \d+ changes", text)
+    assert "∂/∂ln s" in text and "shear G" in text
 
 
 def test_what_cannot_be_told_has_a_reason(tmp_path):
@@ -72,8 +72,8 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
 
 @pytest.mark.parametrize("name", ["density", "moduli", "sensitivity", "transient"])
 def test_examples_of_docstrings(name):
-    found = doctest.testmod(import_module(f"stickslip.solve.{name}"))
-    assert found.attempted and not found.failed
+    tried = doctest.testmod(import_module(f"stickslip.solve.{name}"))
+    assert tried.attempted and not tried.failed
 
 
 @pytest.mark.slow

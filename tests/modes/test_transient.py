@@ -21,11 +21,11 @@ def propagator(state, law, free, t):
     return expm(t * np.block([[np.zeros((n, n)), np.eye(n)], [-pull, drag]])), metric
 
 
-def energies(found, state, law):
+def energies(growth, state, law):
     """Energy at the start, and what the matrix exponential makes of it; and both ends in masses' units."""
-    root = np.sqrt(found.free.mass)
-    begin, end = (np.concatenate(part * root) for part in (found.start, found.end))
-    motion, metric = propagator(state, law, found.free, found.time)
+    root = np.sqrt(growth.free.mass)
+    begin, end = (np.concatenate(part * root) for part in (growth.start, growth.end))
+    motion, metric = propagator(state, law, growth.free, growth.time)
     np.testing.assert_allclose(motion @ begin, end, atol=1e-9 * np.abs(end).max())
     return begin @ metric @ begin, end @ metric @ end
 
@@ -51,55 +51,55 @@ def test_two_modes_in_closed_form(near):
 
 
 def test_it_is_the_matrix_exponential_and_nothing_exceeds_it(calm):
-    found = ss.modes.transient_growth(calm, LAW)
-    before, after = energies(found, calm, LAW)
+    growth = ss.modes.transient_growth(calm, LAW)
+    before, after = energies(growth, calm, LAW)
     assert before == pytest.approx(1, rel=1e-9)
-    assert np.sqrt(after) == pytest.approx(found.amplitude, rel=1e-9)
-    assert 1.01 < found.of_pair <= found.amplitude <= found.bound
+    assert np.sqrt(after) == pytest.approx(growth.amplitude, rel=1e-9)
+    assert 1.01 < growth.of_pair <= growth.amplitude <= growth.bound
     # brute force: every 0.7 up to the end of the window, in the energy's metric without translations
-    step, metric = propagator(calm, LAW, found.free, 0.7)
+    step, metric = propagator(calm, LAW, growth.free, 0.7)
     values, vectors = np.linalg.eigh(metric)
     held = values > 1e-9
     root = np.sqrt(values[held])[:, None] * vectors[:, held].T
     back = vectors[:, held] / np.sqrt(values[held])
     motion, most = np.eye(len(step)), 0.0
-    for _ in range(int(found.times[-1] / 0.7)):
+    for _ in range(int(growth.times[-1] / 0.7)):
         motion = step @ motion
         most = max(most, np.linalg.norm(root @ motion @ back, 2))
-    assert 0.995 * found.amplitude < most <= found.amplitude * (1 + 1e-3)
+    assert 0.995 * growth.amplitude < most <= growth.amplitude * (1 + 1e-3)
 
 
 def test_displacements_grow_likewise_and_lanczos_agrees(calm, monkeypatch):
-    found = ss.modes.transient_growth(calm, LAW, norm="displacement", samples=20)
-    root, n = np.sqrt(found.free.mass), len(found.free)
-    assert np.linalg.norm(found.start[0] * root) == pytest.approx(1)
-    assert not found.start[1].any()
-    motion, _ = propagator(calm, LAW, found.free, found.time)
-    assert np.linalg.norm(motion[:n, :n], 2) == pytest.approx(found.amplitude, rel=1e-9)
-    assert np.linalg.norm(found.end[0] * root) == pytest.approx(found.amplitude, rel=1e-9)
-    assert 1 < found.amplitude <= found.bound
+    growth = ss.modes.transient_growth(calm, LAW, norm="displacement", samples=20)
+    root, n = np.sqrt(growth.free.mass), len(growth.free)
+    assert np.linalg.norm(growth.start[0] * root) == pytest.approx(1)
+    assert not growth.start[1].any()
+    motion, _ = propagator(calm, LAW, growth.free, growth.time)
+    assert np.linalg.norm(motion[:n, :n], 2) == pytest.approx(growth.amplitude, rel=1e-9)
+    assert np.linalg.norm(growth.end[0] * root) == pytest.approx(growth.amplitude, rel=1e-9)
+    assert 1 < growth.amplitude <= growth.bound
     monkeypatch.setattr(module, "SMALL", 0)
     other = ss.modes.transient_growth(calm, LAW, norm="displacement", samples=20)
-    assert other.amplitude == pytest.approx(found.amplitude, rel=1e-6)
+    assert other.amplitude == pytest.approx(growth.amplitude, rel=1e-6)
 
 
 def test_without_curl_nothing_grows():
     law = ss.laws.hertz_mindlin(1.0, 0.0, 0.0)
     state = sheared(16, 2, 0.9, 0.0, seed=1, law=law, steps=1)
-    found = ss.modes.transient_growth(state, law, samples=10)
-    np.testing.assert_allclose(found.amplitudes, 1, rtol=1e-9)
-    assert found.bound == pytest.approx(1, rel=1e-9)
+    growth = ss.modes.transient_growth(state, law, samples=10)
+    np.testing.assert_allclose(growth.amplitudes, 1, rtol=1e-9)
+    assert growth.bound == pytest.approx(1, rel=1e-9)
 
 
 def test_dashpots_take_from_it(calm):
     law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth", damping_n=1e-3, damping_t=1e-3)
-    free, found = ss.modes.transient_growth(calm, LAW, samples=40), ss.modes.transient_growth(calm, law, samples=40)
-    before, after = energies(found, calm, law)
-    assert np.sqrt(after / before) == pytest.approx(found.amplitude, rel=1e-8)
-    assert 1 <= found.amplitude < free.amplitude
+    free, growth = ss.modes.transient_growth(calm, LAW, samples=40), ss.modes.transient_growth(calm, law, samples=40)
+    before, after = energies(growth, calm, law)
+    assert np.sqrt(after / before) == pytest.approx(growth.amplitude, rel=1e-8)
+    assert 1 <= growth.amplitude < free.amplitude
 
 
-def test_what_has_no_transient_is_told(swinging, calm):
+def test_what_has_no_transient_is_reported(swinging, calm):
     with pytest.raises(ValueError, match="the packing is unstable"):
         ss.modes.transient_growth(swinging, LAW)
     with pytest.raises(ValueError, match="use energy or displacement"):

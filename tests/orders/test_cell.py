@@ -76,16 +76,16 @@ def test_a_deforming_cell_gives_the_same_bits_on_any_number_of_threads_and_in_an
     law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)
     state = sheared(n=n)
     state = state._replace(control=ss.control.stress_controlled(state.control, {"yy": 0.02}))
-    one, record, _ = ss.run(state, law, 200, 0.05, threads=1, every=20)
+    single, record, _ = ss.run(state, law, 200, 0.05, threads=1, every=20)
     assert np.abs(record.cell[-1] - record.cell[0])[:2].max() > 1e-3
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
     monkeypatch.setattr(many, "TILE_SIZE", 32)
     wide = state._replace(contacts=state.contacts._replace(skin=state.contacts.skin * 2.1))
     three, _, _ = ss.run(wide, law, 200, 0.05)
     for other in (two, three):
-        assert same_bits(one, other)
-        assert np.array_equal(one.cell.vectors, other.cell.vectors)
-        assert np.array_equal(one.cell.rate, other.cell.rate)
+        assert same_bits(single, other)
+        assert np.array_equal(single.cell.vectors, other.cell.vectors)
+        assert np.array_equal(single.cell.rate, other.cell.rate)
 
 
 def test_a_continued_run_in_a_deforming_cell_gives_the_same_bits():
@@ -102,15 +102,15 @@ def test_a_continued_run_in_a_deforming_cell_gives_the_same_bits():
 def test_the_ledger_closes_in_a_deforming_cell_to_second_order():
     """In a packing whose contacts stick and stay: one that begins to slide within a step would make it first order."""
     law = make_law("hertz_mindlin_reff", "smooth", mu=5.0, damping="viscoelastic", damping_n=0.4, damping_t=0.3)
-    (state, _), found = ss.equilibrate(packed(3, n=40), law), []
+    (state, _), defects = ss.equilibrate(packed(3, n=40), law), []
     control = ss.control.strained_at(state.control, [[0, 1e-5, 0], [0, 0, 0], [0, 0, 0]])
     control = ss.control.stress_controlled(control, {"yy": 0.01001, "zz": 0.01})
     state = state._replace(control=ss.control.time_dependent(control, "cell", [0, 5, 10], [0.0, 1.0, 0.5]))
     for steps in (100, 200, 400):
         _, record, _ = ss.run(state, law, steps, 10.0 / steps, every=steps // 8, ledger=True)
-        found.append(np.abs(record.ledger.defect).max())
-    assert found[1] < 1e-3 * np.abs(record.ledger.external).max()
-    np.testing.assert_allclose(np.log2(np.divide(found[:-1], found[1:])), 2.0, atol=0.3)
+        defects.append(np.abs(record.ledger.defect).max())
+    assert defects[1] < 1e-3 * np.abs(record.ledger.external).max()
+    np.testing.assert_allclose(np.log2(np.divide(defects[:-1], defects[1:])), 2.0, atol=0.3)
 
 
 def test_shear_at_constant_pressure():
@@ -165,11 +165,11 @@ def test_a_plate_follows_its_course_on_two_threads_as_on_one():
     control.free[top, 0], control.rate[top, 0] = False, 1e-2
     times = np.linspace(0, 10, 101)
     state = state._replace(control=ss.control.time_dependent(control, top, times, np.sin(times)))
-    one, _, _ = ss.run(state, law, 200, 0.05, threads=1)
-    two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
-    assert same_bits(one, two)
-    assert one.grains.velocity[top[0], 0] == pytest.approx(1e-2 * np.sin(10.0), rel=1e-9)
-    moved = (one.grains.position - state.grains.position)[top, 0]
+    single, _, _ = ss.run(state, law, 200, 0.05, threads=1)
+    double, _, _ = ss.run(state, law, 200, 0.05, threads=2)
+    assert same_bits(single, double)
+    assert single.grains.velocity[top[0], 0] == pytest.approx(1e-2 * np.sin(10.0), rel=1e-9)
+    moved = (single.grains.position - state.grains.position)[top, 0]
     np.testing.assert_allclose(moved, 1e-2 * (1 - np.cos(10.0)), rtol=2e-3)  # linear between knots
 
 
@@ -186,10 +186,10 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("words", WRONG)
-def test_contradictory_cells_are_refused(words):
-    with pytest.raises(ValueError, match=words):
-        ss.packings.check(WRONG[words](sheared(n=20)))
+@pytest.mark.parametrize("name", WRONG)
+def test_contradictory_cells_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        ss.packings.check(WRONG[name](sheared(n=20)))
 
 
 def test_wrong_arguments_of_control_are_refused():

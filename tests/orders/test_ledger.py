@@ -71,10 +71,10 @@ def test_the_ledger_closes_over_a_hundred_thousand_steps():
         make_law("hertz_mindlin_reff", "sharp", mu=0.3, damping_n=0.3, damping_t=0.15),
         between_plates(speed=1e-3),
     )
-    found = {dt: worst(law, state, dt, 5000.0) for dt in (0.2, 0.1, 0.05)}
-    sizes = [found[dt][0] for dt in (0.2, 0.1, 0.05)]
+    values = {dt: worst(law, state, dt, 5000.0) for dt in (0.2, 0.1, 0.05)}
+    sizes = [values[dt][0] for dt in (0.2, 0.1, 0.05)]
     orders = np.log2(sizes[:-1]) - np.log2(sizes[1:])
-    book = found[0.05][1]
+    book = values[0.05][1]
     assert book.external[-1] > 5 * book.normal[-1]  # it has been sheared far
     assert sizes[-1] < 1e-3 * book.external[-1]
     print(sizes, orders, [c[-1] for c in book])

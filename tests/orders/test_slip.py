@@ -76,9 +76,9 @@ def ended(state, law, dt, duration, grain=slice(None)):
 
 def order(state, law, duration, steps, grain=slice(None), halvings=4):
     """Slope of the root mean square difference of ends with dt and dt/2 against dt, and the last end."""
-    found = [ended(state, law, duration / (steps * 2**k), duration, grain) for k in range(halvings + 1)]
-    apart = [np.sqrt(((a[0] - b[0]) ** 2).sum()) for a, b in pairwise(found)]
-    return np.polyfit(np.arange(halvings), -np.log2(apart), 1)[0], found[-1][1]
+    values = [ended(state, law, duration / (steps * 2**k), duration, grain) for k in range(halvings + 1)]
+    apart = [np.sqrt(((a[0] - b[0]) ** 2).sum()) for a, b in pairwise(values)]
+    return np.polyfit(np.arange(halvings), -np.log2(apart), 1)[0], values[-1][1]
 
 
 @pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
@@ -102,14 +102,14 @@ def normal(state):
 @pytest.mark.parametrize("mu", [0.05, 10.0])
 def test_blocks_of_many_contacts_carry_slip_as_single_ones_do(law_name, coulomb, dim, mu):
     """Sixty pairs far apart go through vectorised blocks, one pair by rows."""
-    one, law = on_a_grain(dim, law_name), law_of(law_name, coulomb, mu)
-    position = np.concatenate([one.grains.position + np.array([20.0 * k, 0, 0]) for k in range(60)])
-    more = {name: np.tile(getattr(one.grains, name), (60, 1)) for name in ("velocity", "spin")}
-    force = np.tile(one.control.force, (60, 1))
+    single, law = on_a_grain(dim, law_name), law_of(law_name, coulomb, mu)
+    position = np.concatenate([single.grains.position + np.array([20.0 * k, 0, 0]) for k in range(60)])
+    more = {name: np.tile(getattr(single.grains, name), (60, 1)) for name in ("velocity", "spin")}
+    force = np.tile(single.control.force, (60, 1))
     control = ss.control.fixed(ss.control.loads(120, force=force), np.arange(0, 120, 2))
     many = ss.assembly(grains(dim, position, 0.5, **more), None, ss.box(dim=dim), control, skin=0.6)
     duration = {"hertz": 60.0, "linear": 19.2}[law_name]  # long enough for the contact to open
-    alone, _ = ended(one, law, duration / 600, duration, slice(1, 2))
+    alone, _ = ended(single, law, duration / 600, duration, slice(1, 2))
     crowd, _ = ended(many, law, duration / 600, duration, slice(1, 2))
     np.testing.assert_allclose(crowd, alone, atol=1e-11)  # six hundred steps of round-off
 
@@ -149,8 +149,8 @@ def test_slip_turns_with_a_pair_that_turns_as_one_body(dim):
             state = ss.accept(moved, ss.forces(moved, law)[1])
         return np.linalg.norm(state.contacts.slip[0] - turned(slip, axis, 1.0))
 
-    found = [missed(steps) for steps in (10, 20, 40)]
-    np.testing.assert_allclose(np.diff(np.log2(found)), -2.0, atol=0.15)
+    values = [missed(steps) for steps in (10, 20, 40)]
+    np.testing.assert_allclose(np.diff(np.log2(values)), -2.0, atol=0.15)
 
 
 def test_the_direction_of_sliding_turns_as_the_exact_solution_does():
@@ -173,8 +173,8 @@ def test_the_direction_of_sliding_turns_as_the_exact_solution_does():
         assert np.linalg.norm(slip) == pytest.approx(reach, rel=1e-12)
         return abs(np.arctan2(slip[1], slip[0]) - 2 * np.arctan(0.5 * np.exp(-distance / reach)))
 
-    found = [missed(steps) for steps in (8, 16, 32)]
-    np.testing.assert_allclose(np.diff(np.log2(found)), -2.0, atol=0.15)
+    values = [missed(steps) for steps in (8, 16, 32)]
+    np.testing.assert_allclose(np.diff(np.log2(values)), -2.0, atol=0.15)
 
 
 @pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
@@ -238,11 +238,11 @@ def test_viscoelastic_dashpots_leave_order_three_halves():
         return y[0] if y[1] < 0 else 1.0
 
     leaves.terminal = True
-    found = solve_ivp(motion, (0, duration), [0, speed], method="DOP853", rtol=1e-12, atol=1e-16, events=leaves)
+    solution = solve_ivp(motion, (0, duration), [0, speed], method="DOP853", rtol=1e-12, atol=1e-16, events=leaves)
     error = []
     for dt in steps:
         after = ss.run(state, law, round(duration / dt), dt)[0].grains.velocity[:, 1]
-        error.append(np.sqrt(((after + found.y[1, -1]) ** 2).mean()))
+        error.append(np.sqrt(((after + solution.y[1, -1]) ** 2).mean()))
     slope = np.polyfit(np.log(steps), np.log(error), 1)[0]
     assert slope == pytest.approx(1.5, abs=0.12)  # scatter of a mean over random phases
 

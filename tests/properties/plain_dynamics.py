@@ -226,8 +226,8 @@ class Twin:
 
     def is_tied(self, key):
         """Whether a contact at the limit is within a rigid group, so that round-off decides if it slides."""
-        one, other = self.control.group[list(key[:2])]
-        return one == other >= 0 and self.memory[key].reached
+        own, other = self.control.group[list(key[:2])]
+        return own == other >= 0 and self.memory[key].reached
 
     def overlap(self, key):
         """Overlap of a pair at the present positions."""
@@ -241,7 +241,7 @@ class Twin:
         """All pairs within the range of the law, by brute force."""
         wide = np.arange(-2, 3)
         images = np.stack(np.meshgrid(*(wide if p else [0] for p in self.periodic), indexing="ij"), -1).reshape(-1, 3)
-        inverse, found = np.linalg.inv(self.h), []
+        inverse, results = np.linalg.inv(self.h), []
         for i in range(self.n):
             for j in range(i, self.n):
                 apart = self.x[i] - self.x[j]
@@ -250,12 +250,12 @@ class Twin:
                     near = np.array([m for m in near if tuple(m) > (0, 0, 0)]).reshape(-1, 3)
                 q, r_eff = self._parameters(i, j)
                 gap = np.linalg.norm(apart + near @ self.h, axis=1) - self.radius[i] - self.radius[j]
-                found += [(i, j, *m.tolist()) for m in near[gap < self.plain.reach(r_eff, q)]]
+                results += [(i, j, *m.tolist()) for m in near[gap < self.plain.reach(r_eff, q)]]
             for j in range(self.n, len(self.x)):
                 key, (q, r_eff) = (i, j, 0, 0, 0), self._parameters(i, j)
                 if self._overlap(key, self.x[i] - self.x[j]) > -self.plain.reach(r_eff, q):
-                    found.append(key)
-        return found
+                    results.append(key)
+        return results
 
     def _evaluate(self, v, w, gradient):
         """Forces at the positions; v, w and L are the velocities that dashpots use."""

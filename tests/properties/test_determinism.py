@@ -39,8 +39,8 @@ def flowing(n=150, dim=3, seed=0, walls=False):
     return ss.assembly(grains, floor, cell, ss.control.loads(n, 2, force=force), skin=0.1)
 
 
-def same_bits(one, two):
-    return all(np.array_equal(getattr(one.grains, name), getattr(two.grains, name)) for name in GRAINS)
+def same_bits(state, other):
+    return all(np.array_equal(getattr(state.grains, name), getattr(other.grains, name)) for name in GRAINS)
 
 
 CASES = [
@@ -99,10 +99,10 @@ def test_blocks_agree_with_rows(law_name, coulomb, dim, more, walls, monkeypatch
 )
 def test_two_threads_give_the_bits_of_one(law_name, coulomb, dim, more, walls):
     law, state = make_law(law_name, coulomb, **more), flowing(n=600, dim=dim, walls=walls)
-    one, _, _ = ss.run(state, law, 150, 0.05, threads=1)
-    two, _, _ = ss.run(state, law, 150, 0.05, threads=2)
-    assert not np.array_equal(one.grains.position, state.grains.position)
-    assert same_bits(one, two)
+    single, _, _ = ss.run(state, law, 150, 0.05, threads=1)
+    double, _, _ = ss.run(state, law, 150, 0.05, threads=2)
+    assert not np.array_equal(single.grains.position, state.grains.position)
+    assert same_bits(single, double)
 
 
 def test_no_collision_is_missed_between_two_choices_of_blocks():
@@ -164,10 +164,10 @@ def test_recording_changes_no_bit(n):
 @pytest.mark.parametrize("skin", [0.05, 0.3])
 def test_the_skin_changes_no_bit(skin):
     law, state = make_law("hertz_mindlin", "sharp"), flowing()
-    one, _, _ = ss.run(state, law, 200, 0.05)
+    usual, _, _ = ss.run(state, law, 200, 0.05)
     other = ss.assembly(state.grains, state.walls, state.cell, state.control, skin=skin)
     two, _, _ = ss.run(other, law, 200, 0.05)
-    assert same_bits(one, two)
+    assert same_bits(usual, two)
     assert two.contacts.skin == skin  # whatever skin the run itself preferred
 
 

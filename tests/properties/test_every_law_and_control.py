@@ -331,13 +331,13 @@ def twin_after(name, dim, memory, control):
     return case, twin, sampled
 
 
-def same_bits(one, other):
+def same_bits(state, other):
     """Whether two states agree to the last bit, lists apart."""
-    for a, b in ((one.grains, other.grains), (one.walls, other.walls), (one.cell, other.cell)):
+    for a, b in ((state.grains, other.grains), (state.walls, other.walls), (state.cell, other.cell)):
         for name, mine, his in zip(a._fields, a, b, strict=True):
             assert np.array_equal(mine, his), name
-    assert one.time == other.time
-    mine, his = (Twin.read(s.contacts) for s in (one, other))
+    assert state.time == other.time
+    mine, his = (Twin.read(s.contacts) for s in (state, other))
     assert mine.keys() == his.keys()
     for key in mine:
         assert all(np.array_equal(x, y) for x, y in zip(mine[key], his[key], strict=True)), key
@@ -423,8 +423,10 @@ def differences(function, size, h):
     """Fourth-order central differences."""
     columns = []
     for k in range(size):
-        one = h * np.eye(size)[k]
-        columns.append((8 * (function(one) - function(-one)) - (function(2 * one) - function(-2 * one))) / (12 * h))
+        first = h * np.eye(size)[k]
+        columns.append(
+            (8 * (function(first) - function(-first)) - (function(2 * first) - function(-2 * first))) / (12 * h)
+        )
     return np.stack(columns, axis=1)
 
 
@@ -474,9 +476,9 @@ def every_jacobian():
                     kinked = "smooth" in name or "rescaled" in name or name == "wet"
                     if (memory == "held" and kinked) or "clipped" in name:
                         continue
-                    one = name, dim, control, memory
+                    case = name, dim, control, memory
                     label = f"{name}-{dim}d-{control.__name__}-{memory}"
-                    yield pytest.param(*one, id=label, marks=() if one in FAST_JACOBIANS else pytest.mark.slow)
+                    yield pytest.param(*case, id=label, marks=() if case in FAST_JACOBIANS else pytest.mark.slow)
 
 
 @pytest.mark.parametrize(("name", "dim", "control", "memory"), list(every_jacobian()))

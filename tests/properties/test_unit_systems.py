@@ -82,12 +82,12 @@ def sheared_quasistatically(u):
 
 def catalogue(u):
     state, law = packing(u, "linear", n=16, packing_fraction=0.86, dim=2), u.law("linear", mu=10.0)
-    found = ss.protocols.find_events(
+    record = ss.protocols.find_events(
         state, law, to=0.006, drag=0.2 / stable_time_step(state, law), step=1e-3, smallest=1e-3, most=1
     )
-    assert found.events
-    one = found.events[0]
-    return found.state, [one.strain, one.below, one.kind.value, one.jump, one.growth_rate * u.time]
+    assert record.events
+    first = record.events[0]
+    return record.state, [first.strain, first.below, first.kind.value, first.jump, first.growth_rate * u.time]
 
 
 def threshold(u):
@@ -96,9 +96,9 @@ def threshold(u):
     protocol = ss.protocols.cell_shear(law, stress)
     path = ss.protocols.ramp(state, [0.0, 0.1, 0.2], protocol)
     how = {"realizations": 3, "duration": 40 * u.time, "dt": 0.1 * u.time, "drag": 0.01 / u.time, "distance": 0.02}
-    found = ss.protocols.kinetic_threshold(path, protocol, kicks=[0.03 * u.length / u.time], workers=1, **how)
-    assert 0 < found.slid.sum() < found.runs.sum()
-    return [*found.slid.ravel(), *found.lasting.ravel(), *found.lifetime.ravel() / u.time]
+    kinetic = ss.protocols.kinetic_threshold(path, protocol, kicks=[0.03 * u.length / u.time], workers=1, **how)
+    assert 0 < kinetic.slid.sum() < kinetic.runs.sum()
+    return [*kinetic.slid.ravel(), *kinetic.lasting.ravel(), *kinetic.lifetime.ravel() / u.time]
 
 
 def poured(u):
@@ -153,9 +153,9 @@ def in_own_units(name):
     return observed((BUILDERS | BY_VOLUME)[name](Units()), Units())
 
 
-def observed(found, u):
+def observed(built, u):
     """What a builder returned, in the units of the test: arrays, numbers and what else must be equal."""
-    state, numbers = found if not hasattr(found, "grains") else (found, [])
+    state, numbers = built if not hasattr(built, "grains") else (built, [])
     count, dim = int(state.contacts.count[0]), state.cell.dim
     cell = state.cell.vectors[:dim] / u.length if state.cell.periodic.any() else np.zeros(0)
     arrays = {
@@ -197,8 +197,8 @@ def test_units_change_no_restitution(law, damping, unit):
 
     def gamma(u):
         here = {"radius": 0.5 * u.length, "mass": u.mass, "speed": 0.01 * u.length / u.time}
-        found = ss.laws.with_restitution(u.law(law, damping=damping), 0.7, **here).table[0, 0, 3]
-        return found / {"1/time": 1 / u.time, "1/time length": 1 / u.time / u.length}.get(unit, u.mass / u.time)
+        damped = ss.laws.with_restitution(u.law(law, damping=damping), 0.7, **here).table[0, 0, 3]
+        return damped / {"1/time": 1 / u.time, "1/time length": 1 / u.time / u.length}.get(unit, u.mass / u.time)
 
     for units in (Units(1e-9, 1e-12, 1e9), Units(1e6, 1e9, 1e-9)):
         assert gamma(units) == pytest.approx(gamma(Units()), rel=1e-8)
@@ -225,9 +225,9 @@ LAWS = {"jammed, R_eff": "hertz_mindlin_reff", "jammed disks": "linear", "jammed
 @example(Units(0.1, 1.0, 0.1**0.25))  # radii times 0.1 alone
 def test_any_units_change_forces_by_round_off(name, units):
     """Forces are differences of positions, whose round-off the way to equilibrium amplifies by some powers of ten."""
-    (one, cell), (other, same) = (
+    (own, cell), (other, same) = (
         mechanics((BUILDERS | BY_VOLUME)[name](u), u.law(LAWS.get(name, "hertz_mindlin")), u) for u in (Units(), units)
     )
-    assert other.keys() == one.keys()
+    assert other.keys() == own.keys()
     np.testing.assert_allclose(same, cell, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(list(other.values()), list(one.values()), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(list(other.values()), list(own.values()), rtol=0, atol=1e-9)

@@ -27,9 +27,9 @@ def numbers(test, case):
 def curve(test, case, quantity):
     """A published curve as two arrays."""
     key = (str(test), case, quantity)
-    found = [(r["x"], r["value"]) for r in ROWS if (r["test"], r["case"], r["quantity"]) == key and r["x"]]
-    assert found
-    return np.array(found, float).T
+    values = [(r["x"], r["value"]) for r in ROWS if (r["test"], r["case"], r["quantity"]) == key and r["x"]]
+    assert values
+    return np.array(values, float).T
 
 
 class Pair:
@@ -137,9 +137,9 @@ def test_1_and_2_elastic_normal_impact(test, case, kind):
     if kind is LINEAR:
         duration = np.pi * pair.m_eff * pair.speed / peak
     grains, record, dt = spheres(pair, pair.law(kind), pair.speed, every=1, longer=2.0)
-    found = peak_and_duration(pair, record, dt)
-    assert found[0] == pytest.approx(peak, rel=1e-5)  # second order in a time step of a two-thousandth
-    assert found[1] == pytest.approx(duration, abs=2 * dt)
+    measured = peak_and_duration(pair, record, dt)
+    assert measured[0] == pytest.approx(peak, rel=1e-5)  # second order in a time step of a two-thousandth
+    assert measured[1] == pytest.approx(duration, abs=2 * dt)
     after = pair.speed * (0.5 if test == 1 else 1)
     assert grains.velocity[0, 2] == pytest.approx(after, rel=1e-5)  # as above
     assert np.abs(grains.velocity[:, :2]).max() == np.abs(grains.spin).max() == 0
@@ -147,7 +147,7 @@ def test_1_and_2_elastic_normal_impact(test, case, kind):
 
 @pytest.mark.parametrize("kind", ALL)
 @pytest.mark.parametrize("case", ["aluminium oxide", "cast iron"])
-def test_3_restitution_asked_is_restitution_found(case, kind):
+def test_3_restitution_is_the_prescribed_one(case, kind):
     """Each sphere is a material of its own, whose dashpot with the wall gives the restitution asked."""
     pair = Pair(3, case)
     asked, published = curve(3, case, "restitution")
@@ -191,12 +191,12 @@ def test_4_oblique_impact_at_different_angles(case, kind):
     here = tangential[sliding] - pair.mu * (1 + e[sliding]) * normal[sliding]
     # the spring takes its time to reach the limit: within half a per cent of the impulse
     np.testing.assert_allclose(v[sliding], here, atol=5e-3 * (tangential - v)[sliding].max())
-    found = [v / tangential, -spin, np.degrees(np.arctan((v - pair.radius * spin) / back))]
+    results = [v / tangential, -spin, np.degrees(np.arctan((v - pair.radius * spin) / back))]
     # sliding: a dot of the figure, whose axes run over 0.6, 750 rad/s and 120 degrees; sticking: the paper's dashpots
     # grow with the fourth root of the overlap, these with the square root, and e is 0.98
     bounds = zip([0.005, 4.0, 0.4], [0.015, 10.0, 1.4], strict=True)
     start = 0
-    for (x, published), values, (dot, other) in zip(curves, found, bounds, strict=True):
+    for (x, published), values, (dot, other) in zip(curves, results, bounds, strict=True):
         off = np.abs(values[start : start + len(x)] - published)
         assert off[x > 39].max() < dot
         if kind is not LINEAR:
@@ -270,14 +270,14 @@ def spinning(test, case, kind):
     sliding = tangent > 1.01 * full
     rough = 1e-3 if kind is LINEAR else 1e-4  # as above
     np.testing.assert_allclose(after[sliding] / pair.speed, tangent[sliding] - full, atol=rough)
-    found = np.concatenate([-after[:n] / surface[:n], after[n:] / v[n:, 2]])
-    off = np.abs(found - np.concatenate([c[1] for c in curves]))
+    rebound = np.concatenate([-after[:n] / surface[:n], after[n:] / v[n:, 2]])
+    off = np.abs(rebound - np.concatenate([c[1] for c in curves]))
     # dots of the figures, whose axes run from -1 to 0.6 and from -2 to 10
     assert off[:n][sliding[:n]].max() < 0.02
     assert off[n:].max() < 0.06
     if kind is not LINEAR:
         assert off[:n][tangent[:n] > 1.2].max() < 0.03
-    return tangent, found
+    return tangent, rebound
 
 
 @pytest.mark.parametrize("kind", ALL)
@@ -308,9 +308,9 @@ def test_7_two_alike_spheres_that_spin_against_each_other(case, kind):
 def test_8_two_different_spheres_with_different_spins(kind):
     """The other sphere is 125 000 times as heavy and rigid: case A of the paper, which lies on the plane's curve."""
     case = "aluminium alloy"
-    tangent, found = spinning(8, case, kind)
+    tangent, rebound = spinning(8, case, kind)
     plane, on_plane = spinning(6, case, kind)
     n = len(curve(8, case, "beta")[0])
     order = np.argsort(plane[:n])
     # straight lines between the points of a curve that is bent: a few hundredths
-    np.testing.assert_allclose(found[:n], np.interp(tangent[:n], plane[:n][order], on_plane[:n][order]), atol=0.03)
+    np.testing.assert_allclose(rebound[:n], np.interp(tangent[:n], plane[:n][order], on_plane[:n][order]), atol=0.03)

@@ -59,8 +59,8 @@ main()
 """
 
 
-def stickslip(*words, cwd=None, code="from stickslip.cli import main; main()"):
-    return subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, cwd=cwd)
+def stickslip(*arguments, cwd=None, code="from stickslip.cli import main; main()"):
+    return subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +139,8 @@ def test_what_the_paper_states_is_quoted_as_published(claims):
     printed = {name for name, row in claims.items() if row["paper"] is not None and "@" not in name}
     assert printed == {row["id"] for row in rows} | derived
     for row in rows:
-        words = row["paper"].split()
-        value = row["paper"] == "true" if words[0] == "true" else [float(w) for w in words]
+        numbers = row["paper"].split()
+        value = row["paper"] == "true" if numbers[0] == "true" else [float(w) for w in numbers]
         paper = claims[row["id"]]["paper"]
         assert paper is value if isinstance(value, bool) else np.ravel(paper).tolist() == value, row["id"]
 
@@ -212,8 +212,8 @@ def test_statistics_of_the_full_experiment():
     It found V_1 rising with F_x, |V_2| within a quarter of 0.075 at all thresholds, V_mass linear in F_x with the
     paper's slope; three standard errors are allowed here.
     """
-    found = disk_array.reproduce()
-    main = found.main
+    reproduction = disk_array.reproduce()
+    main = reproduction.main
     fronts = [disk_measures.forward_front(main, main.sliding[load]) for load in printed.FRONT_LOADS]
     assert fronts[0].speed < fronts[1].speed < fronts[2].speed
     assert all(f.complete > 190 and f.speed_error < 0.1 * f.speed for f in fronts)
@@ -224,4 +224,4 @@ def test_statistics_of_the_full_experiment():
     line = disk_measures.velocity_line(main, printed.LINE_TOP)
     assert abs(line.slope - 4.5e-4) < 3 * line.slope_error
     assert line.intercept < 0
-    assert {c.id for c in found.claims} == IDS
+    assert {c.id for c in reproduction.claims} == IDS

@@ -19,8 +19,8 @@ SCENARIO = {
 
 @pytest.mark.slow
 def test_eigenvalues_do_not_announce_events_but_the_next_loss_of_a_contact_does():
-    found = {one.predictor: one for one in predictor_skills(ss.simulate(ss.scenario(**SCENARIO), workers=1))}
-    flat, loss = found["softest"], found["loss_ahead"]
+    values = {skill.predictor: skill for skill in predictor_skills(ss.simulate(ss.scenario(**SCENARIO), workers=1))}
+    flat, loss = values["softest"], values["loss_ahead"]
     assert flat.followed >= 30 and flat.packings >= 3
     assert loss.low > 0.5 and loss.low > flat.high  # the softest mode is hardly better than chance
-    assert loss.roc.area > found["switch"].roc.area  # where the contact is on its way to the limit counts
+    assert loss.roc.area > values["switch"].roc.area  # where the contact is on its way to the limit counts

@@ -66,16 +66,16 @@ def test_a_small_scenario_runs_in_both_dimensions(tmp_path, dim, fraction):
 def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
     text = SMALL.format(dim=3, fraction=0.7).replace("0.01, 0.02", "1e-3").replace("[5e-4, 1e-3]", "5e-4")
     (tmp_path / "s.toml").write_text(text)
-    found = []
+    results = []
     for workers in (1, 2):
         out = tmp_path / str(workers)
         assert stickslip("run", tmp_path / "s.toml", "--out", out, "--workers", workers).returncode == 0
-        found.append(archive.read(out / "results.h5")["paths"]["002"]["shear_stress"])
-    np.testing.assert_allclose(*found, rtol=1e-9)
+        results.append(archive.read(out / "results.h5")["paths"]["002"]["shear_stress"])
+    np.testing.assert_allclose(*results, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         ({"packing": {"dim": 4}}, "packing.dim = 4 was given"),
         ({"packing": {"packing_fraction": 0.7, "pressure": 1e-3}}, "both given"),
@@ -87,13 +87,13 @@ def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
         ({"release": {"dt": -0.1}}, "release.dt = -0.1"),
     ],
 )
-def test_a_wrong_shear_scenario_is_one_sentence(tables, words):
-    with pytest.raises(ScenarioError, match=words) as problem:
+def test_a_wrong_shear_scenario_gives_a_one_sentence_error(tables, message):
+    with pytest.raises(ScenarioError, match=message) as problem:
         scenario(experiment="sphere-shear", **tables)
     assert "\n" not in str(problem.value)
 
 
-def test_an_unknown_experiment_is_one_sentence():
+def test_an_unknown_experiment_gives_a_one_sentence_error():
     with pytest.raises(ScenarioError, match="use 'disk-array', 'sphere-shear', 'quasi-rigid'"):
         scenario(experiment="sphere")
 

@@ -102,7 +102,7 @@ def answers(a, q, unit, floor=0.0) -> list[Answer]:
 
     Rates below `floor` are round-off.
     """
-    found = []
+    results = []
     for slides in subsets(len(q)):
         part = a[np.ix_(slides, slides)]
         value, candidates = smallest(part, unit), []
@@ -118,40 +118,40 @@ def answers(a, q, unit, floor=0.0) -> list[Answer]:
             rate = np.where(slides, slip, -(a @ slip + q))
             inside = np.where(slides, rate, -rate).min(initial=np.inf)
             if inside >= -max(EDGE * np.abs(rate).max(initial=0.0), floor):
-                found.append(One(slides, slip, rate, sign))
-    return gathered(found, floor)
+                results.append(One(slides, slip, rate, sign))
+    return gathered(results, floor)
 
 
-def gathered(found: list[One], floor) -> list[Answer]:
+def gathered(solutions: list[One], floor) -> list[Answer]:
     """Statuses with the same rates, together.
 
     On an edge, k rates are zero. If all 2^k statuses that differ there have one sign, the answer stays whatever
     round-off does, since the map of rates is one-to-one around it; where signs differ it may part in two or vanish.
     """
     groups = []
-    for one in found:
+    for solution in solutions:
         for group in groups:
-            if same(one.rate, group[0].rate, floor):
-                group.append(one)
+            if same(solution.rate, group[0].rate, floor):
+                group.append(solution)
                 break
         else:
-            groups.append([one])
+            groups.append([solution])
     return [_answer(group, floor) for group in groups]
 
 
 def _answer(group: list[One], floor) -> Answer:
-    best = min(group, key=lambda one: {1: 0, -1: 1, 0: 2}.get(one.sign, 3))
+    best = min(group, key=lambda answer: {1: 0, -1: 1, 0: 2}.get(answer.sign, 3))
     edge = (np.abs(best.rate) <= max(EDGE * np.abs(best.rate).max(initial=0.0), floor)).sum()
-    signs = frozenset(one.sign for one in group)
+    signs = frozenset(answer.sign for answer in group)
     vague = any(np.isnan(sign) for sign in signs)
     sure = not vague and (0.0 in signs or (len(signs) == 1 and len(group) == 1 << edge))
     return Answer(best.rate, best.slip, best.slides, signs, sure)
 
 
-def same(one, other, floor=0.0):
+def same(rates, other, floor=0.0):
     """Whether two vectors of rates are one; differences below `floor` are round-off."""
-    size = max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0))
-    return np.abs(one - other).max(initial=0.0) <= max(SAME * size, floor)
+    size = max(np.abs(rates).max(initial=0.0), np.abs(other).max(initial=0))
+    return np.abs(rates - other).max(initial=0.0) <= max(SAME * size, floor)
 
 
 def on_a_face(a, q, slides) -> tuple[list[np.ndarray], bool]:
@@ -169,10 +169,10 @@ def on_a_face(a, q, slides) -> tuple[list[np.ndarray], bool]:
     rows = np.where(np.abs(rows) < 1e-10, 0.0, rows)
     out = []
     for way in (1.0, -1.0):
-        found = linprog(way * turn.sum(axis=0), A_ub=-rows, b_ub=at + 1e-10, bounds=(None, None))
-        if found.status == 0:
+        program = linprog(way * turn.sum(axis=0), A_ub=-rows, b_ub=at + 1e-10, bounds=(None, None))
+        if program.status == 0:
             slip = np.zeros(len(q))
-            slip[slides] = size * (base + turn @ found.x)
+            slip[slides] = size * (base + turn @ program.x)
             out.append(slip)
     if len(out) == 1:  # the other end is at infinity
         out.append(_further(out[0], slides, turn, size))
@@ -186,24 +186,24 @@ def _further(slip, slides, turn, size):
     return beyond
 
 
-def force_rates(m, problem: Dense, critical, one: Answer) -> np.ndarray:
+def force_rates(m, problem: Dense, critical, answer: Answer) -> np.ndarray:
     """(M, 2) rates of all contact forces."""
-    v = problem.inverse @ (problem.load + problem.h @ one.slip)
+    v = problem.inverse @ (problem.load + problem.h @ answer.slip)
     relative = (m.c.T @ v).reshape(-1, 2)
     stretch = relative.copy()
-    rows = critical[one.slides]
+    rows = critical[answer.slides]
     stretch[rows, 1] = -m.slope[rows] * m.sign[rows] * relative[rows, 0]
     return np.stack([-(m.springs[k] @ stretch[k]) for k in range(m.count)])
 
 
-def alike(m, problem: Dense, critical, found: list[Answer]) -> bool:
+def alike(m, problem: Dense, critical, group: list[Answer]) -> bool:
     """Whether all answers have the same contact forces.
 
     Slip rates that differ by x and leave all forces alike have A x = 0, so that A is singular on what slides in either.
     """
-    slides = np.any([one.slides for one in found], axis=0)
+    slides = np.any([answer.slides for answer in group], axis=0)
     if smallest(problem.a[np.ix_(slides, slides)], max(1.0, np.abs(problem.a).max())) > RANK[1]:
         return False
-    forces = [force_rates(m, problem, critical, one) for one in found]
+    forces = [force_rates(m, problem, critical, answer) for answer in group]
     size = max(np.abs(f).max() for f in forces)
     return all(np.abs(f - forces[0]).max() <= 1e-7 * size for f in forces)

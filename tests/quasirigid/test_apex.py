@@ -52,22 +52,22 @@ def drawn(seed):
 def test_cells_are_disjoint_and_cover_the_plane(normal, along, sign):
     apex = single(np.eye(2), [0, 0])._replace(sign=np.array([sign]))
     velocity, now = np.array([[normal, along]]), np.zeros(1, int)
-    found = status_of_velocity(apex, velocity, now)[0]
+    status = status_of_velocity(apex, velocity, now)[0]
     if sign == 0 and normal > 0:
-        assert found == OPENS
+        assert status == OPENS
     elif sign >= 0 and 1.2 * normal + along > 0:
-        assert found == SLIDES
+        assert status == SLIDES
     elif sign <= 0 and 1.2 * normal - along > 0:
-        assert found == SLIDES_BACK
+        assert status == SLIDES_BACK
     else:
-        assert found == STICKS
+        assert status == STICKS
 
 
-def test_a_contact_in_a_stiff_surrounding_does_what_it_is_pushed_to():
+def test_a_contact_in_stiff_surroundings_follows_its_push():
     for load, status in (([-1, 0], STICKS), ([1, 0.3], OPENS), ([-0.1, 1], SLIDES), ([-0.1, -1], SLIDES_BACK)):
-        found, coherent = consistent_statuses(single(np.eye(2), load))
+        answer, coherent = consistent_statuses(single(np.eye(2), load))
         assert coherent
-        assert found.tolist() == [[status]]
+        assert answer.tolist() == [[status]]
 
 
 @given(st.integers(0, 100_000))
@@ -78,10 +78,10 @@ def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(
     if coherent:
         assert len(every) == 1
         assert follow_pieces(apex).status.tolist() == every[0].tolist()
-    found = statuses_at_apex(apex)
-    assert (found.status is None) == (len(every) == 0)
-    if found.status is not None:
-        assert found.status.tolist() in every.tolist()
+    solution = statuses_at_apex(apex)
+    assert (solution.status is None) == (len(every) == 0)
+    if solution.status is not None:
+        assert solution.status.tolist() in every.tolist()
 
 
 @given(st.integers(0, 100_000))
@@ -89,7 +89,7 @@ def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(
 def test_all_choices_together_against_one_by_one(seed):
     """Each choice solved and looked at by itself, without the stacked algebra of `every_choice`."""
     apex = drawn(seed)
-    found = []
+    results = []
     for choice in itertools.product(*apex.allowed):
         status = np.array(choice)
         matrix = room.piece_matrix(apex, status)
@@ -97,11 +97,11 @@ def test_all_choices_together_against_one_by_one(seed):
             assume(False)  # near a boundary round-off decides
         velocity = np.linalg.solve(matrix, apex.velocity.ravel()).reshape(-1, 2)
         if np.array_equal(status_of_velocity(apex, velocity, status, 1e-9 * np.abs(velocity).max()), status):
-            found.append((np.linalg.det(matrix) < 0, choice))
+            results.append((np.linalg.det(matrix) < 0, choice))
     every = room.enumerate_statuses(apex)
-    assert sorted(map(tuple, every.status.tolist())) == sorted(choice for _, choice in found)
+    assert sorted(map(tuple, every.status.tolist())) == sorted(choice for _, choice in results)
     assert every.stable.tolist() == sorted(every.stable.tolist(), reverse=True)
-    assert every.stable.sum() == sum(not unstable for unstable, _ in found)
+    assert every.stable.sum() == sum(not unstable for unstable, _ in results)
     assert every.decided
 
 
@@ -112,9 +112,9 @@ def test_without_stability_statuses_are_consistent_together_or_not_at_all():
     assert max(number) > 1
 
 
-def test_too_many_choices_are_not_gone_through():
-    one = drawn(0)
-    many = one._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
+def test_too_many_choices_are_refused():
+    case = drawn(0)
+    many = case._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
     with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 combinations .* at most 4096"):
         consistent_statuses(many)
 

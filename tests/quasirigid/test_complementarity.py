@@ -36,26 +36,26 @@ def awkward(kind, n, rng):
 
 def compared(a, q, size):
     """What differs between the enumeration of (A, q) and the solutions of (size A, q), and the number of solutions."""
-    found = brute.answers(a, q, np.abs(a).max(initial=1e-300), 1e-12)
+    expected = brute.answers(a, q, np.abs(a).max(initial=1e-300), 1e-12)
     ours = [
         (size * s.slip, np.where(s.slides, size * s.rate, s.rate))
         for s in enumerate_solutions(Complementarity(size * a, q))[0]
     ]
     bad = []
-    for one in found:
-        if one.sure and 0 not in one.signs and not any(brute.same(one.rate, rate, 1e-11) for _, rate in ours):
-            bad.append(f"{one.rate} is missing")
-    if not found and ours:
+    for answer in expected:
+        if answer.sure and 0 not in answer.signs and not any(brute.same(answer.rate, rate, 1e-11) for _, rate in ours):
+            bad.append(f"{answer.rate} is missing")
+    if not expected and ours:
         bad.append("solutions where there are none")
-    if any(one.sure for one in found) and not ours:
+    if any(answer.sure for answer in expected) and not ours:
         bad.append("no solution where there is one")
     for slip, _ in ours:
         w, scale = a @ slip + q, max(np.abs(q).max(), (np.abs(a) @ np.abs(slip)).max())
         if w.min() < -1e-8 * scale or slip.min() < -1e-8 * slip.max() or (np.abs(w) * slip).max() > 1e-7 * scale:
             bad.append(f"{slip} solves nothing")
-    if all(one.sure and 0 not in one.signs for one in found) and len(found) != len(ours):
-        bad.append(f"{len(ours)} solutions where there are {len(found)}")
-    return bad, len(found)
+    if all(answer.sure and 0 not in answer.signs for answer in expected) and len(expected) != len(ours):
+        bad.append(f"{len(ours)} solutions where there are {len(expected)}")
+    return bad, len(expected)
 
 
 @pytest.mark.parametrize("kind", KINDS)

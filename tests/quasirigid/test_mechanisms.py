@@ -24,10 +24,10 @@ def boxed(free_walls=True):
 
 def test_walls_that_translate_and_a_rattler():
     state, law = boxed()
-    found = mechanisms(state, law)
-    assert [m.kind for m in found] == [RIGID] * 2 + [RATTLER] * 3
+    modes = mechanisms(state, law)
+    assert [m.kind for m in modes] == [RIGID] * 2 + [RATTLER] * 3
     k = stiffness_matrix(linear_system(state, law, rattlers=True), geometric=False)
-    for mode in found:
+    for mode in modes:
         assert np.linalg.norm(k @ mode.vector) < 1e-12
         assert np.linalg.norm(mode.vector) == pytest.approx(1)
         assert not mode.deforms

@@ -11,23 +11,23 @@ from stickslip.quasirigid.matrices import linear_system, quadratic_form
 
 
 def test_speed_through_a_mechanism_is_force_over_mass_times_time():
-    found = growth.through_mechanism()
-    assert found.power == pytest.approx(1, abs=1e-6)
-    assert found.speed == pytest.approx(growth.PUSH * growth.OVERLAP * found.time, rel=1e-6)  # the mass is 1
-    assert found.predicted == 0
+    motion = growth.through_mechanism()
+    assert motion.power == pytest.approx(1, abs=1e-6)
+    assert motion.speed == pytest.approx(growth.PUSH * growth.OVERLAP * motion.time, rel=1e-6)  # the mass is 1
+    assert motion.predicted == 0
 
 
 def test_speed_through_an_instability_grows_at_the_rate_of_the_lowest_eigenvalue():
-    found = growth.through_instability()
-    assert found.predicted > 0.1
-    assert found.rate == pytest.approx(found.predicted, rel=1e-3)
-    assert found.power > 2
+    motion = growth.through_instability()
+    assert motion.predicted > 0.1
+    assert motion.rate == pytest.approx(motion.predicted, rel=1e-3)
+    assert motion.power > 2
 
 
 def test_a_flatter_groove_is_stable():
-    found = growth.grow(*growth.in_groove(steep=60.0), 1e-10 * np.array([0.0, 1.0]), 30.0)
-    assert found.predicted == 0
-    assert found.speed[-1] < 1e-9
+    motion = growth.follow_motion(*growth.disk_in_groove(steep=60.0), 1e-10 * np.array([0.0, 1.0]), 30.0)
+    assert motion.predicted == 0
+    assert motion.speed[-1] < 1e-9
 
 
 @pytest.mark.parametrize(("mu", "positive"), [(2.0, True), (3.0, False)])
@@ -37,7 +37,7 @@ def test_a_sticking_hertzian_contact_contributes_positively_below_a_limit_of_mu(
     def make(kn, _, friction, coulomb):
         return ss.laws.hertz_mindlin(kn, kn / 4, friction, coulomb=coulomb)
 
-    made = growth.in_groove(mu, make=make)
+    made = growth.disk_in_groove(mu, make=make)
     springs = linear_system(*made, rattlers=True).springs
     factor = growth.KT / 0.25  # the slip was made for this k_t, and at the limit it is larger
     springs[:, 1, 0] *= factor
@@ -45,7 +45,7 @@ def test_a_sticking_hertzian_contact_contributes_positively_below_a_limit_of_mu(
 
 
 def test_shares_of_sliding_contacts_are_those_of_the_quadratic_form():
-    state, law = growth.in_groove()
+    state, law = growth.disk_in_groove()
     m = linear_system(state, law, rattlers=True)
     v = np.array([0.3, -0.2, -0.5])
     (share,) = sliding.sliding_shares(m, v, m.limit)
@@ -59,7 +59,7 @@ def test_the_least_stable_status_by_brute_force():
     """Both contacts of a groove at the limit: k = c K S cᵀ of four statuses from dense matrices, for all signs."""
     seen = set()
     for mu, steep, first, second in product((0.2, 2.0), (10.0, 30.0, 60.0), (-1.0, 1.0), (-1.0, 1.0)):
-        m = linear_system(*growth.in_groove(mu, steep=steep), rattlers=True)
+        m = linear_system(*growth.disk_in_groove(mu, steep=steep), rattlers=True)
         m = m._replace(limit=np.ones(2, bool), sign=np.array([first, second]))
         c, values, minors = m.c.toarray(), [], []
         for slides in product((False, True), repeat=2):

@@ -124,7 +124,7 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     holds_everywhere(path)
 
 
-def test_what_is_not_known_of_uniqueness_is_counted_and_told(monkeypatch):
+def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
     """Every decision whose certificate, or search at the apex, leaves it open, once."""
     open_ = []
 
@@ -170,7 +170,7 @@ def test_loading_the_other_wall_and_back():
     assert there < state.walls.point[RIGHT, 0]
 
 
-def test_wrong_starts_are_one_sentence(boxed):
+def test_wrong_starts_give_a_one_sentence_error(boxed):
     state, law = boxed
     up = with_load(state.control, 60 + TOP, 1.5)
     with pytest.raises(ValueError, match="no leg was given"):
@@ -269,10 +269,10 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     monkeypatch.setattr(piece, "contact_status", with_another)
     path = load_path(state, law, end)
     # where a contact closes and slides at once there may be one before
-    fork = next(one for one in path.alternatives if one.load == pytest.approx(first.load))
+    fork = next(row for row in path.alternatives if row.load == pytest.approx(first.load))
     k = fork.contacts.index((first.i, first.j))
     assert fork.taken[k] in ("slides", "slides back")
-    assert {one[k] for one in fork.others} == {"sticks"}
+    assert {row[k] for row in fork.others} == {"sticks"}
     assert fork.forces
     assert any(e.kind.startswith("2 combinations of statuses are consistent") for e in path.events)
     assert f"other statuses were consistent, too, at {len(path.alternatives)} load" in path.summary
@@ -313,7 +313,7 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
     quiet = np.zeros(len(state.contacts.mode), bool)
     residual = []
     for geometric in (True, False):
-        one = Increment(
+        increment = Increment(
             PathState(state, ss.measure.rattlers(state, 2), quiet, quiet, True, 0.0),
             law,
             state.control,
@@ -323,8 +323,8 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
             geometric,
             1,
         )
-        one.run(0.0)
-        residual.append(one.missed)
+        increment.run(0.0)
+        residual.append(increment.missed)
     assert residual[0] < 0.2 * residual[1]
 
 
@@ -365,11 +365,11 @@ def test_an_unstable_start_and_other_laws_are_refused(boxed):
 
 def test_legs_that_change_more_than_loads_are_refused(boxed):
     state, law = boxed
-    for change, words in (
+    for change, message in (
         ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity and stress"),
         ({"stress": state.control.stress + 1e-4}, "a cell component that is not free"),
     ):
-        with pytest.raises(ValueError, match=words):
+        with pytest.raises(ValueError, match=message):
             load_path(state, law, state.control._replace(**change))
     with pytest.raises(TypeError, match=r"legs\[0\] must be a Control, but a value of type float was given"):
         load_path(state, law, 1.0)

@@ -56,22 +56,22 @@ def test_the_status_map_is_bijective_for_p_matrices_and_only_for_them(seed, n, s
 @given(st.integers(0, 10_000), st.integers(1, 9), st.floats(0.05, 0.6))
 def test_lemke_finds_the_one_solution(seed, n, strength):
     made = problem(seed, n, strength)
-    found = lemke(made)
+    solution = lemke(made)
     if min(minors(made.matrix)) > 0:
-        assert found is not None
-    if found is not None:
-        w = made.matrix @ found + made.vector
-        assert found.min() >= -1e-9
+        assert solution is not None
+    if solution is not None:
+        w = made.matrix @ solution + made.vector
+        assert solution.min() >= -1e-9
         assert w.min() >= -1e-9 * max(1, np.abs(w).max())
-        assert abs(w @ found) < 1e-8 * max(1, np.abs(found).max() * np.abs(w).max())
+        assert abs(w @ solution) < 1e-8 * max(1, np.abs(solution).max() * np.abs(w).max())
 
 
 @given(st.integers(0, 10_000), st.integers(1, 8), st.floats(0.05, 1.5))
 def test_a_certificate_is_never_wrong(seed, n, strength):
     made = problem(seed, n, strength)
-    found = certificate(made)
-    assert found.unique == (min(minors(made.matrix)) > 0)
-    assert found.reason
+    uniqueness = certificate(made)
+    assert uniqueness.unique == (min(minors(made.matrix)) > 0)
+    assert uniqueness.reason
 
 
 def test_a_certificate_for_many_contacts():
@@ -80,9 +80,9 @@ def test_a_certificate_for_many_contacts():
     large.matrix[3, 3] = -1
     assert certificate(large).unique is False
     ring = np.eye(30) + 1.2 * np.roll(np.eye(30), 1, axis=1)  # det = 1 − 1.2³⁰, all smaller minors are 1
-    found = certificate(Complementarity(ring, np.ones(30)))
-    assert found.verdict is UniquenessVerdict.NOT_UNIQUE
-    assert found.value == pytest.approx(1 - 1.2**30)
+    uniqueness = certificate(Complementarity(ring, np.ones(30)))
+    assert uniqueness.verdict is UniquenessVerdict.NOT_UNIQUE
+    assert uniqueness.value == pytest.approx(1 - 1.2**30)
     half = np.eye(16) + 1.2 * np.roll(np.eye(16), 1, axis=1)
     two = Complementarity(np.kron(np.eye(2), half), np.ones(32))  # the minors of either half are negative, not of both
     assert certificate(two).verdict is UniquenessVerdict.UNDECIDED
@@ -98,18 +98,18 @@ def test_status_of_a_packing_against_enumeration(seed):
     critical = np.sort(rng.choice(m.count, 6, replace=False))
     load = m.c @ rng.normal(size=2 * m.count)
     made = complementarity(m, load, critical=critical)
-    mapped, found = status_map(made), contact_status(m, load, critical=critical)
+    mapped, status = status_map(made), contact_status(m, load, critical=critical)
     if mapped.bijective:
-        assert found.ok
-        bits = found.sliding[critical] @ (1 << np.arange(6))
+        assert status.ok
+        bits = status.sliding[critical] @ (1 << np.arange(6))
         assert mapped.consistent.tolist() == [bits]
-    if found.ok:
-        k = stiffness_matrix(m, found.sliding)
-        np.testing.assert_allclose(k @ found.velocity, load, atol=1e-9)
-        relative = (m.c.T @ found.velocity).reshape(-1, 2)[critical]
+    if status.ok:
+        k = stiffness_matrix(m, status.sliding)
+        np.testing.assert_allclose(k @ status.velocity, load, atol=1e-9)
+        relative = (m.c.T @ status.velocity).reshape(-1, 2)[critical]
         tilde = m.slope[critical] * relative[:, 0] + m.sign[critical] * relative[:, 1]
-        np.testing.assert_allclose(tilde, found.rate, atol=1e-9)
-        assert ((tilde >= -1e-9) == found.sliding[critical]).all()
+        np.testing.assert_allclose(tilde, status.rate, atol=1e-9)
+        assert ((tilde >= -1e-9) == status.sliding[critical]).all()
     else:
         assert not mapped.bijective
 
@@ -147,7 +147,7 @@ def test_cycles_hand_over_to_pivoting_and_that_to_lemke(monkeypatch):
         assert np.array_equal(other.sliding, first.sliding)
 
 
-def test_a_mechanism_that_the_load_drives_is_said_so():
+def test_a_mechanism_that_the_load_drives_is_reported():
     law = ss.laws.linear(1.0, 0.5, 0.5)
     grains = ss.disks([[0, 0.49], [1.5, 0.49]], 0.5)
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), ss.control.loads(2, 1))
@@ -194,12 +194,12 @@ def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
     m, pair, choice = verdicts[True, Verdict.SINGULAR]
     assert choice.ok
     assert choice.uniqueness.value < 1e-12
-    one, other = [c for c in (choice, *choice.others) if c.sliding[pair].sum() == 1]
-    assert not (one.sliding & other.sliding).any()
-    assert one.rate.max() == pytest.approx(other.rate.max())
-    here, there = (force_rates(m, c.sliding, c.velocity) for c in (one, other))
+    first, other = [c for c in (choice, *choice.others) if c.sliding[pair].sum() == 1]
+    assert not (first.sliding & other.sliding).any()
+    assert first.rate.max() == pytest.approx(other.rate.max())
+    here, there = (force_rates(m, c.sliding, c.velocity) for c in (first, other))
     np.testing.assert_allclose(here, there, atol=1e-9 * np.abs(here).max())
-    assert np.abs(one.velocity - other.velocity).max() > 0.1 * np.abs(one.velocity).max()
+    assert np.abs(first.velocity - other.velocity).max() > 0.1 * np.abs(first.velocity).max()
 
 
 def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
@@ -278,10 +278,10 @@ def test_a_solver_whose_answer_is_not_consistent_is_not_believed(monkeypatch):
     monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
     monkeypatch.setattr(room, "principal_pivoting", lambda *_: (~truth, 1))
     monkeypatch.setattr(room, "lemke", lambda *_: np.where(truth, np.nan, 1.0))
-    found = contact_status(m, load, critical=critical)
-    assert found.verdict is Verdict.NOT_FOUND
-    assert not found.ok
-    assert np.isnan(found.velocity).all()
+    status = contact_status(m, load, critical=critical)
+    assert status.verdict is Verdict.NOT_FOUND
+    assert not status.ok
+    assert np.isnan(status.velocity).all()
 
 
 def test_a_status_found_by_flipping_stands_if_enumeration_confirms_none(monkeypatch):
@@ -365,11 +365,11 @@ def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent(
         load = stiffness_matrix(m, slides) @ rng.normal(size=len(m.free))
         choice = contact_status(m, load, critical=critical)
         met.add(choice.verdict)
-        for one in [choice, *choice.others] if choice.ok else []:
-            normal, along = (m.c.T @ one.velocity).reshape(-1, 2).T[:, critical]
+        for status in [choice, *choice.others] if choice.ok else []:
+            normal, along = (m.c.T @ status.velocity).reshape(-1, 2).T[:, critical]
             rate = m.slope[critical] * normal + m.sign[critical] * along
-            slack = 1e-6 * np.abs(rate).max() + 1e-12 * np.abs(one.velocity).max()
-            assert (np.where(one.sliding[critical], rate, -rate) > -slack).all()
+            slack = 1e-6 * np.abs(rate).max() + 1e-12 * np.abs(status.velocity).max()
+            assert (np.where(status.sliding[critical], rate, -rate) > -slack).all()
     assert len(met) > 1
 
 
@@ -383,13 +383,13 @@ def test_a_solution_with_huge_error_bounds_is_verified_all_the_same(monkeypatch)
 
 def test_a_motion_that_is_resisted_or_not_driven_is_no_mechanism():
     m, down = tilted(0.3)
-    found, slides = contact_status(m, down).proof, np.array([True])
+    status, slides = contact_status(m, down).proof, np.array([True])
     system = StatusSolver(m, down, np.array([0]), True)
-    v, u = found.velocity[system.kept], found.balance[system.kept]
+    v, u = status.velocity[system.kept], status.balance[system.kept]
     across = np.array([-v[1], v[0]])
-    assert absence._verify_motion(system, v, u, slides).power == pytest.approx(found.power)
+    assert absence._verify_motion(system, v, u, slides).power == pytest.approx(status.power)
     assert absence._verify_motion(system, v, u, ~slides) is None  # it sticks
     assert absence._verify_motion(system, across, u, slides) is None
     assert absence._verify_motion(system, v, across, slides) is None
-    idle = StatusSolver(m, np.array([-found.balance[1], found.balance[0]]), np.array([0]), True)
+    idle = StatusSolver(m, np.array([-status.balance[1], status.balance[0]]), np.array([0]), True)
     assert absence._verify_motion(idle, v, u, slides) is None

@@ -63,17 +63,17 @@ def disagreements(number: int, most: int) -> tuple[list[str], str]:
     problem = brute.dense(m, load, critical)
     unit = max(1.0, np.abs(problem.a).max())
     floor = 1e-11 * np.abs(problem.inverse @ load).max()  # rates are differences of velocities
-    found = [] if problem.drives else brute.answers(problem.a, problem.q, unit, floor)
+    answers = [] if problem.drives else brute.answers(problem.a, problem.q, unit, floor)
     choice = contact_status(m, load, critical=critical)
-    allowed = _allowed(m, problem, critical, found)
+    allowed = _allowed(m, problem, critical, answers)
     bad = (
         []
         if choice.verdict in allowed
         else [
-            f"{choice.verdict.name}, not in {[v.name for v in allowed]}: {[(sorted(f.signs), f.sure) for f in found]}"
+            f"{choice.verdict.name}, not in {[v.name for v in allowed]}: {[(sorted(f.signs), f.sure) for f in answers]}"
         ]
     )
-    bad += _about_answers(found, choice, floor) + _about_evidence(m, load, critical, choice)
+    bad += _about_answers(answers, choice, floor) + _about_evidence(m, load, critical, choice)
     try:
         known = certificate(complementarity(m, load, critical=critical))
     except LinAlgError:
@@ -85,10 +85,10 @@ def disagreements(number: int, most: int) -> tuple[list[str], str]:
     return bad, f"{choice.verdict.name}{' at an edge' if edge else ''}{', round-off decides' if vague else ''}"
 
 
-def _allowed(m, problem, critical, found) -> set:
+def _allowed(m, problem, critical, answers) -> set:
     """The verdicts that may be: one, unless round-off decides whether there is an answer and with which sign."""
-    certain = [(one, 1 if 1 in one.signs else max(one.signs)) for one in found if one.sure]
-    perhaps = [(one, sign) for one in found if not one.sure for sign in one.signs]
+    certain = [(answer, 1 if 1 in answer.signs else max(answer.signs)) for answer in answers if answer.sure]
+    perhaps = [(answer, sign) for answer in answers if not answer.sure for sign in answer.signs]
     # a verdict depends on two answers at most, and on whether all are alike
     extra = [some for k in range(3) for some in itertools.combinations(perhaps, k)] + [tuple(perhaps)]
     allowed = set()
@@ -100,21 +100,21 @@ def _allowed(m, problem, critical, found) -> set:
         elif len(here) == 1:
             allowed.add(Verdict.UNIQUE)
         else:
-            alike = brute.alike(m, problem, critical, [one for one, _ in here])
+            alike = brute.alike(m, problem, critical, [answer for answer, _ in here])
             allowed.add(Verdict.SINGULAR if alike else Verdict.NOT_UNIQUE)
     return allowed
 
 
-def _about_answers(found, choice, floor) -> list[str]:
+def _about_answers(answers, choice, floor) -> list[str]:
     """Every sure answer must be there, and nothing else than what may be one."""
     if np.isnan(choice.rate).any():
         return []
     ours = [choice.rate, *(other.rate for other in choice.others)]
-    bad = [f"the answer {one.rate} is missing" for one in found if one.sure and 0 not in one.signs
-           and not any(brute.same(one.rate, rate, floor) for rate in ours)]  # fmt: skip
-    if not any(one.signs & {0.0} or len(one.signs) > 1 for one in found):
-        bad += [f"{r} is no answer" for r in ours if not any(brute.same(r, one.rate, floor) for one in found)]
-    if any(one.sure and one.signs == {1} for one in found) and choice.stable is not True:
+    bad = [f"the answer {answer.rate} is missing" for answer in answers if answer.sure and 0 not in answer.signs
+           and not any(brute.same(answer.rate, rate, floor) for rate in ours)]  # fmt: skip
+    if not any(answer.signs & {0.0} or len(answer.signs) > 1 for answer in answers):
+        bad += [f"{r} is no answer" for r in ours if not any(brute.same(r, answer.rate, floor) for answer in answers)]
+    if any(answer.sure and answer.signs == {1} for answer in answers) and choice.stable is not True:
         bad.append("a stable status was not chosen")
     return bad
 
@@ -122,14 +122,14 @@ def _about_answers(found, choice, floor) -> list[str]:
 def _about_evidence(m, load, critical, choice) -> list[str]:
     """Everything that a choice says about itself, with dense matrices."""
     bad = []
-    for one in [choice, *choice.others] if choice.ok or choice.verdict is Verdict.NEGATIVE else []:
-        k = stiffness_matrix(m, one.sliding).toarray()
-        if np.abs(k @ one.velocity - load).max() > 1e-6 * np.abs(load).max():
+    for status in [choice, *choice.others] if choice.ok or choice.verdict is Verdict.NEGATIVE else []:
+        k = stiffness_matrix(m, status.sliding).toarray()
+        if np.abs(k @ status.velocity - load).max() > 1e-6 * np.abs(load).max():
             bad.append("k(S) v is not the load")
-        relative = (m.c.T @ one.velocity).reshape(-1, 2)
+        relative = (m.c.T @ status.velocity).reshape(-1, 2)
         tilde = (m.slope * relative[:, 0] + m.sign * relative[:, 1])[critical]
-        slack = 1e-8 * np.abs(tilde).max(initial=0.0) + 1e-11 * np.abs(one.velocity).max()
-        if (np.where(one.sliding[critical], tilde, -tilde) < -slack).any() or one.sliding.sum() > len(critical):
+        slack = 1e-8 * np.abs(tilde).max(initial=0.0) + 1e-11 * np.abs(status.velocity).max()
+        if (np.where(status.sliding[critical], tilde, -tilde) < -slack).any() or status.sliding.sum() > len(critical):
             bad.append("a contact does not do what it must")
     if choice.verdict is Verdict.MECHANISM:
         bad += _about_motion(m, load, critical, choice.proof)

@@ -69,7 +69,7 @@ def test_bodies_in_elimination_order_are_all_coordinates_once():
     assert elimination_order(m.c[:0], m.free.body[:0]).tolist() == []
 
 
-def between_floors():
+def disk_between_floors():
     """A disk between two floors: k is singular unless both contacts stick."""
     law = ss.laws.linear(1.0, 0.5, 0.5)
     walls = ss.flat_walls([[0, 0.01], [0, 0.99]], [[0, 1], [0, -1]])
@@ -86,20 +86,20 @@ def between_floors():
     ],
 )
 def test_a_singular_status_on_the_way_is_no_verdict(load, verdict):
-    m = between_floors()
+    m = disk_between_floors()
     both, load = np.array([0, 1]), np.array(load)
     with pytest.raises(LinAlgError):
         StatusSolver(m, load, both, True).rates(np.array([True, True]))
-    found = contact_status(m, load, critical=both)
-    assert found.verdict is verdict
+    status = contact_status(m, load, critical=both)
+    assert status.verdict is verdict
     mapped = status_map(complementarity(m, load, critical=both))
-    assert mapped.consistent.tolist() == ([0] if found.ok else [])
-    assert not found.sliding.any()
-    if not found.ok:
-        k = stiffness_matrix(m, np.isin([0, 1], both[found.proof.sliding]))
-        assert np.abs(k @ found.proof.velocity).max() < 1e-12
-        assert np.abs(k.T @ found.proof.balance).max() < 1e-12
-        assert abs(found.proof.balance @ load) > 0.1
+    assert mapped.consistent.tolist() == ([0] if status.ok else [])
+    assert not status.sliding.any()
+    if not status.ok:
+        k = stiffness_matrix(m, np.isin([0, 1], both[status.proof.sliding]))
+        assert np.abs(k @ status.proof.velocity).max() < 1e-12
+        assert np.abs(k.T @ status.proof.balance).max() < 1e-12
+        assert abs(status.proof.balance @ load) > 0.1
 
 
 def test_a_solution_that_misses_the_load_is_not_believed():
@@ -123,11 +123,11 @@ def test_without_a_p_matrix_lemke_takes_over_at_once(monkeypatch):
     called = []
     monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
     monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
-    monkeypatch.setattr(room, "may_be_p", lambda a: False)
+    monkeypatch.setattr(room, "may_be_p_matrix", lambda a: False)
     monkeypatch.setattr(room, "principal_pivoting", lambda problem: called.append(1))
     m, critical, load, _ = sample(1)
-    found = contact_status(m, load, critical=critical)
-    assert found.method == "Lemke"
+    status = contact_status(m, load, critical=critical)
+    assert status.method == "Lemke"
     assert not called
 
 
@@ -136,8 +136,8 @@ def test_pivoting_that_comes_back_gives_up():
     rng, ended = np.random.default_rng(0), []
     for _ in range(300):
         problem = Complementarity(rng.normal(size=(3, 3)), rng.normal(size=3))
-        found, pivots = principal_pivoting(problem)
-        ended.append((found is None, pivots))
+        solution, pivots = principal_pivoting(problem)
+        ended.append((solution is None, pivots))
     assert any(gone and pivots > 0 for gone, pivots in ended)
     assert max(pivots for _, pivots in ended) <= 8
 

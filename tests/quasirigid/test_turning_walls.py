@@ -140,9 +140,9 @@ def test_status_takes_turning_walls():
     normal, along = (m.c.T @ velocity).reshape(-1, 2).T
     slides = np.isin(np.arange(m.count), critical) & (m.slope * normal + m.sign * along > 0)
     load = stiffness_matrix(m, slides) @ velocity  # which one status balances, at least
-    found = contact_status(m, load, critical=critical)
-    assert found.ok
-    np.testing.assert_allclose(stiffness_matrix(m, found.sliding) @ found.velocity, load, atol=1e-6)
+    status = contact_status(m, load, critical=critical)
+    assert status.ok
+    np.testing.assert_allclose(stiffness_matrix(m, status.sliding) @ status.velocity, load, atol=1e-6)
 
 
 def test_walls_that_cannot_turn_are_refused():

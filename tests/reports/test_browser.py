@@ -30,9 +30,9 @@ def browser():
     if not (which("chromium") and which("chromedriver")):
         pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
     options = webdriver.ChromeOptions()
-    words = ["headless=new", "no-sandbox", "disable-dev-shm-usage", "window-size=1100,1000", "use-angle=swiftshader"]
-    words += ["enable-unsafe-swiftshader", "host-resolver-rules=MAP * ~NOTFOUND"]  # no graphics card, no network
-    for word in words:
+    lines = ["headless=new", "no-sandbox", "disable-dev-shm-usage", "window-size=1100,1000", "use-angle=swiftshader"]
+    lines += ["enable-unsafe-swiftshader", "host-resolver-rules=MAP * ~NOTFOUND"]  # no graphics card, no network
+    for word in lines:
         options.add_argument(f"--{word}")
     options.binary_location = which("chromium")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})

@@ -39,13 +39,13 @@ def test_a_report_starts_with_the_verdict(tmp_path):
     assert words_of(done.stdout).startswith(verdict), done.stderr
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert text.index(f"O{verdict[1:]}.</p>") < text.index("<iframe")
-    found = json.loads(run("report", EXAMPLE, "--out", tmp_path / "s.html", "--json").stdout)
-    assert found["verdict"] == verdict
+    answer = json.loads(run("report", EXAMPLE, "--out", tmp_path / "s.html", "--json").stdout)
+    assert answer["verdict"] == verdict
 
 
 def test_a_report_without_a_verdict_says_so_and_still_checks_the_balance(without, tmp_path):
-    found = json.loads(run("report", EXAMPLE, "--no-verdict", "--out", tmp_path / "r.html", "--json").stdout)
-    assert (found["verdict"], found["notes"]) == (None, [])
+    answer = json.loads(run("report", EXAMPLE, "--no-verdict", "--out", tmp_path / "r.html", "--json").stdout)
+    assert (answer["verdict"], answer["notes"]) == (None, [])
     shown = page(tmp_path / "r.html")
     assert "the spectrum was not computed, so there is no verdict" in shown.words
     assert not view_of(shown)["modes"] and not any("Growing modes" in word for word in shown.words)
@@ -55,36 +55,36 @@ def test_a_report_without_a_verdict_says_so_and_still_checks_the_balance(without
 
 def test_a_report_on_a_large_packing_says_how_to_get_a_verdict(tmp_path, monkeypatch):
     monkeypatch.setattr("stickslip.runs.page.SEARCHED", 100)
-    found = json.loads(run("report", EXAMPLE, "--out", tmp_path / "r.html", "--json").stdout)
-    assert found["verdict"] is None
-    assert found["notes"] == ["no verdict was sought, which takes minutes for 50 grains: add --verdict."]
+    answer = json.loads(run("report", EXAMPLE, "--out", tmp_path / "r.html", "--json").stdout)
+    assert answer["verdict"] is None
+    assert answer["notes"] == ["no verdict was sought, which takes minutes for 50 grains: add --verdict."]
     assert "which takes minutes for 50 grains" in " ".join(page(tmp_path / "r.html").words)
-    found = json.loads(run("report", EXAMPLE, "--verdict", "--out", tmp_path / "s.html", "--json").stdout)
-    assert found["verdict"].startswith("oscillatory")
+    answer = json.loads(run("report", EXAMPLE, "--verdict", "--out", tmp_path / "s.html", "--json").stdout)
+    assert answer["verdict"].startswith("oscillatory")
 
 
 def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
     done = run("stability", without(*MEMORY), cwd=tmp_path)
-    words = words_of(done.stdout)
-    assert done.returncode == 3 and SENTENCE in words
-    assert "no contacts were given: they were found from positions, without memory" in words
-    assert "no slips: all 183 contacts are treated as never sheared" in words
-    assert "--settle" in words and "no cell" not in words and "another law" not in words
+    text = words_of(done.stdout)
+    assert done.returncode == 3 and SENTENCE in text
+    assert "no contacts were given: they were found from positions, without memory" in text
+    assert "no slips: all 183 contacts are treated as never sheared" in text
+    assert "--settle" in text and "no cell" not in text and "another law" not in text
     assert not list(tmp_path.glob("*modes*"))
     quiet = run("stability", tmp_path / "p.npz", "-q", cwd=tmp_path)
     assert (quiet.returncode, quiet.stdout.strip()) == (3, SENTENCE)
 
 
-def test_programs_are_told_what_is_known(without, tmp_path):
+def test_json_has_the_likely_causes_off_equilibrium(without, tmp_path):
     done = run("stability", without(*MEMORY, "cell"), "--mu", "0.3", "--json", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
-    found = json.loads(done.stdout)
-    assert found["balanced"] is False and found["stable"] is None and found["settled"] is None
-    assert found["residual"] > found["tolerance"] == ss.measure.BALANCED_BELOW
-    assert [cause.partition(" ")[0] + " " + cause.split()[1].rstrip(":") for cause in found["causes"]] == [
+    answer = json.loads(done.stdout)
+    assert answer["balanced"] is False and answer["stable"] is None and answer["settled"] is None
+    assert answer["residual"] > answer["tolerance"] == ss.measure.BALANCED_BELOW
+    assert [cause.partition(" ")[0] + " " + cause.split()[1].rstrip(":") for cause in answer["causes"]] == [
         "no slips", "no cell", "another law",
     ]  # fmt: skip
-    assert "--mu came from the command line" in found["causes"][2]
+    assert "--mu came from the command line" in answer["causes"][2]
     done = run("stability", without(*MEMORY, *LAW), "--json", cwd=tmp_path)
     assert "the defaults were used" in json.loads(done.stdout)["causes"][1]
 
@@ -92,18 +92,18 @@ def test_programs_are_told_what_is_known(without, tmp_path):
 def test_the_answer_after_settling_is_about_the_settled_packing(without, tmp_path):
     file = without(*MEMORY)
     done = run("stability", file, "--settle", cwd=tmp_path)
-    words = words_of(done.stdout)
-    assert done.returncode == 0 and "not in equilibrium" not in words
-    assert "the verdict is for the SETTLED packing, not for the one in the file" in words
-    assert "grains moved by up to 0.0018 of their radius (rms 0.00068), 0 contacts lost and 0 gained" in words
+    text = words_of(done.stdout)
+    assert done.returncode == 0 and "not in equilibrium" not in text
+    assert "the verdict is for the SETTLED packing, not for the one in the file" in text
+    assert "grains moved by up to 0.0018 of their radius (rms 0.00068), 0 contacts lost and 0 gained" in text
     assert "SETTLED" in run("stability", file, "--settle", "-q", cwd=tmp_path).stdout
-    found = json.loads(run("stability", file, "--settle", "--json", cwd=tmp_path).stdout)
-    assert found["balanced"] is True and "SETTLED" in found["verdict"]
-    calm = found["settled"]
+    answer = json.loads(run("stability", file, "--settle", "--json", cwd=tmp_path).stdout)
+    assert answer["balanced"] is True and "SETTLED" in answer["verdict"]
+    calm = answer["settled"]
     assert set(calm) == {"moved", "moved_rms", "lost", "gained", "before", "how"}
     assert calm["moved"] == pytest.approx(0.0018, abs=5e-5) and calm["before"] == pytest.approx(0.053, abs=5e-4)
     # the slips do not come back: with them the same packing is unstable
-    assert found["stable"] is True
+    assert answer["stable"] is True
     assert json.loads(run("stability", EXAMPLE, "--json").stdout)["stable"] is False
 
 
@@ -127,9 +127,9 @@ def test_a_page_says_it_and_shows_no_mode(without, tmp_path):
     assert done.returncode == 0, done.stderr
     assert SENTENCE in words_of(done.stdout)
     shown = page(tmp_path / "p-report.html")
-    words = "".join(shown.words)
-    assert SENTENCE in words and "N" + SENTENCE[1:] in words and "no slips: all 183 contacts" in words
-    assert "stable" not in words.replace("stability", "") and "Growing modes" not in words
+    text = "".join(shown.words)
+    assert SENTENCE in text and "N" + SENTENCE[1:] in text and "no slips: all 183 contacts" in text
+    assert "stable" not in text.replace("stability", "") and "Growing modes" not in text
     assert view_of(shown)["modes"] == []
     assert 'class="warning"' in (tmp_path / "p-report.html").read_text()
     done = run("report", tmp_path / "p.npz", "--settle", cwd=tmp_path)
@@ -139,11 +139,11 @@ def test_a_page_says_it_and_shows_no_mode(without, tmp_path):
 
 def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp_path, monkeypatch):
     file = without(*MEMORY)
-    for words, said in (
+    for arguments, said in (
         ([], SENTENCE),
         (["--settle"], "is stable or has no growing mode (the verdict is for the SETTLED"),
     ):
-        done = run("movie", file, *words, cwd=tmp_path)
+        done = run("movie", file, *arguments, cwd=tmp_path)
         assert done.returncode == 2 and said in done.stderr and not list(tmp_path.glob("*.gif"))
     assert run("stability", EXAMPLE, "--modes", tmp_path / "m.npz").returncode == 0
     labels = []
@@ -167,8 +167,8 @@ def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(tmp_path):
     moved = rest._replace(contacts=rest.contacts._replace(slip=0.5 * rest.contacts.slip))
     tree = {"law": law, "frames": {"0000": rest, "0001": moved._replace(time=1.0)}}
     archive.write(tmp_path / "run" / "results.h5", tree, scenario='{"experiment": "flow"}', version="9")
-    for words, modes, warned in ((["--frame", "0001"], 0, True), (["--frame", "0000"], 1, False), ([], 1, False)):
-        done = run("report", tmp_path / "run", *words)
+    for arguments, modes, warned in ((["--frame", "0001"], 0, True), (["--frame", "0000"], 1, False), ([], 1, False)):
+        done = run("report", tmp_path / "run", *arguments)
         assert done.returncode == 0, done.stderr
         shown = page(tmp_path / "run" / "report.html")
         assert len(view_of(shown)["modes"]) == modes

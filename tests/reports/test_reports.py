@@ -106,9 +106,9 @@ def test_a_report_holds_all_of_a_run_and_loads_nothing(folder):
     shown = page(folder / "report.html")
     assert all(load.startswith("data:image/") for load in shown.loads), [load[:60] for load in shown.loads]
     assert not re.search(r"(src|href)\s*=\s*[\"']?\s*(https?:)?//", shown.inner[: shown.inner.index("k3dCompressed")])
-    words = "".join(shown.words)
+    text = "".join(shown.words)
     for part in ("flow: my run", "front speed", "Fig 5 <b>", "0.081", "of 16 & more", "A line", '"</pre><script>"'):
-        assert part in words
+        assert part in text
     assert "script" not in re.findall(r"<(\w+)", (folder / "report.html").read_text())
     (picture,) = (load for load in shown.loads)
     assert base64.b64decode(picture.partition(",")[2]) == (folder / "fig1_a_line.png").read_bytes()
@@ -116,28 +116,28 @@ def test_a_report_holds_all_of_a_run_and_loads_nothing(folder):
 
 def test_without_claims_a_report_shows_measures_with_units(folder):
     assert run("report", folder).returncode == 0
-    words = page(folder / "report.html").words
-    at = words.index("friction")
-    assert words[at : at + 2][0] == "friction"
-    assert [w for w in words[at : at + 10] if w.strip()][:5] == ["friction", "0.3", "0.1", "0.4", "1"]
-    assert "plane › height" in words
+    shown = page(folder / "report.html").words
+    at = shown.index("friction")
+    assert shown[at : at + 2][0] == "friction"
+    assert [w for w in shown[at : at + 10] if w.strip()][:5] == ["friction", "0.3", "0.1", "0.4", "1"]
+    assert "plane › height" in shown
 
 
 def test_a_flow_report_starts_with_its_first_frame_and_lists_its_physics(tmp_path):
     experiment = EXPERIMENTS["flow"]
-    found = ss.simulate(ss.scenario(experiment="flow", **experiment.smallest[0]))
-    write_numbers(tmp_path, experiment, found)
+    result = ss.simulate(ss.scenario(experiment="flow", **experiment.smallest[0]))
+    write_numbers(tmp_path, experiment, result)
     assert run("report", tmp_path).returncode == 0
     shown = page(tmp_path / "report.html")
     data = view_of(shown)
     assert data["start"] == 0
     assert data["frames"][0]["label"] == "settle, time 0, frame 0000"
-    (top, unit) = experiment.measures(found)["deposit_top"]
-    words = [word for word in shown.words if word.strip()]
-    at = words.index("deposit top")
-    assert words[at : at + 3] == ["deposit top", f"{top:.5g}", unit]
-    assert "grains.number" in words and words[words.index("grains.number") + 1] == "40"  # the folded scenario
-    assert any(word.startswith("The view shows the run from its beginning") for word in words)
+    (top, unit) = experiment.measures(result)["deposit_top"]
+    texts = [word for word in shown.words if word.strip()]
+    at = texts.index("deposit top")
+    assert texts[at : at + 3] == ["deposit top", f"{top:.5g}", unit]
+    assert "grains.number" in texts and texts[texts.index("grains.number") + 1] == "40"  # the folded scenario
+    assert any(word.startswith("The view shows the run from its beginning") for word in texts)
 
 
 def test_the_movie_of_a_run_lasts_eight_seconds_and_shows_its_last_stage(tmp_path, monkeypatch):
@@ -154,8 +154,8 @@ def test_the_movie_of_a_run_lasts_eight_seconds_and_shows_its_last_stage(tmp_pat
 
     monkeypatch.setattr("stickslip.figures.animation.movie", film)
     assert run("movie", tmp_path).returncode == run("movie", tmp_path, "--whole", "--overwrite").returncode == 0
-    for (times, fps, labels), start, words in zip(filmed, (2, 0), ("flow, time 2", "pour, time 0"), strict=True):
-        assert (len(times), fps, labels[0]) == (200, 25, words)
+    for (times, fps, labels), start, label in zip(filmed, (2, 0), ("flow, time 2", "pour, time 0"), strict=True):
+        assert (len(times), fps, labels[0]) == (200, 25, label)
         np.testing.assert_allclose(times, np.linspace(start, 4, 200), atol=1e-12)
 
 
@@ -199,8 +199,8 @@ def test_the_view_holds_grains_contacts_and_frames(folder):
     np.testing.assert_allclose(array(frame["branch"]).reshape(-1, 3), ss.measure.branch_vectors(state)[rows], atol=1e-6)
     assert array(frame["mode"], np.uint8).tolist() == (state.contacts.mode[rows] == SLIDE).tolist()
     assert data["quantities"][data["shown"]]["name"] == "pressure"
-    found = quantities(ss.io.frame_of(state, SHARP))
-    np.testing.assert_allclose(array(frame["values"]["pressure"]), found["pressure"][0], rtol=1e-6)
+    fields = quantities(ss.io.frame_of(state, SHARP))
+    np.testing.assert_allclose(array(frame["values"]["pressure"]), fields["pressure"][0], rtol=1e-6)
 
 
 def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
@@ -224,7 +224,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
 
 @pytest.mark.parametrize("command", ["report", "movie"])
 @pytest.mark.parametrize(
-    ("make", "words", "said"),
+    ("make", "arguments", "said"),
     [
         (lambda p: (p / "d").mkdir(), ["d"], "d contains no results"),
         (lambda p: ((p / "d").mkdir(), (p / "d" / "cv.pdf").write_text("x")), ["d"], "d contains no results"),
@@ -237,17 +237,17 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_written(command, make, words, said, tmp_path):
+def test_bad_input_gives_a_one_sentence_error_and_nothing_is_written(command, make, arguments, said, tmp_path):
     make(tmp_path)
     before = sorted(tmp_path.rglob("*"))
-    out = run(command, *words, cwd=tmp_path)
+    out = run(command, *arguments, cwd=tmp_path)
     assert out.returncode == 2
     assert said in out.stderr
     assert len(out.stderr.strip().splitlines()) == 1
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_an_unknown_colour_or_frame_is_one_sentence(folder):
+def test_an_unknown_colour_or_frame_gives_a_one_sentence_error(folder):
     out = run("report", folder, "--colour", "taste")
     assert out.returncode == 2
     assert "these grains have radius" in out.stderr or "these grains have " in out.stderr
@@ -263,9 +263,9 @@ def test_pressures_of_grains_add_up_to_that_of_the_packing():
         dim, radius = state.cell.dim, state.grains.radius
         own = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3
         size = np.linalg.det(state.cell.vectors) if dim == 3 else np.linalg.det(state.cell.vectors[:2, :2])
-        found = quantities(ss.io.frame_of(state, SHARP))["pressure"][0]
+        fields = quantities(ss.io.frame_of(state, SHARP))["pressure"][0]
         trace = np.trace(ss.measure.stress(state, SHARP)[:dim, :dim]) / dim
-        assert found @ own == pytest.approx(size * trace, rel=1e-10)
+        assert fields @ own == pytest.approx(size * trace, rel=1e-10)
 
 
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
@@ -279,8 +279,8 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
     sizes = np.sort(np.concatenate([2 * np.ravel(c._widths) for c in balls]))  # matplotlib keeps half of them
     np.testing.assert_allclose(sizes, np.sort(2 * BALL[dim] * state.grains.radius), rtol=1e-12)
     colours = {BLUE: [], RED: []}
-    for one in lines:
-        for color, width in zip(one.get_edgecolor(), one.get_linewidth(), strict=True):
+    for line in lines:
+        for color, width in zip(line.get_edgecolor(), line.get_linewidth(), strict=True):
             for name in colours:
                 if np.allclose(color, to_rgba(name)):
                     colours[name].append(width)
@@ -289,7 +289,7 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
     assert (len(colours[BLUE]), len(colours[RED])) == (pieces * (len(rows) - slides), pieces * slides)
     contacts = ss.io.frame_of(state, law).contacts
     force = np.sort(np.repeat(contacts["force_n"], pieces))
-    long = np.sort(np.concatenate([2 * np.ravel(one._widths) for one in lines]))
+    long = np.sort(np.concatenate([2 * np.ravel(line._widths) for line in lines]))
     branch, radius = contacts["branch"], np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     seen = np.linalg.norm((branch @ view_basis(ss.io.frame_of(state, law)).T)[:, :2], axis=1)
     if dim == 3:  # lines are drawn between the surfaces of the balls
@@ -308,7 +308,7 @@ def test_a_mode_is_drawn_as_ellipses_with_its_axes():
     u[0], u[1] = [2.0, 1j, 0], [0, 0.5, 0]
     figure = ss.figures.packing(state, SHARP, mode=(u, 0 * u, 0.1 - 1j))
     paths = [c.get_segments() for c in figure.axes[0].collections if isinstance(c, LineCollection)]
-    drawn = [path for found in paths for path in found if len(path) == 49]
+    drawn = [path for segments in paths for path in segments if len(path) == 49]
     assert len(drawn) == 2
     spans = np.ptp(drawn[0], axis=0)
     radius = state.grains.radius
@@ -325,10 +325,10 @@ def test_grains_hide_the_lines_behind_them(side):
     toward = view_basis(ss.io.frame_of(two, SHARP))[2]
     place = [[0, 0, 0], [0.99, 0, 0], [0.495, 0, 0] + side * 1.5 * toward, -3 * side * toward]
     figure = ss.figures.packing(ss.packings.from_arrays(place, [0.5] * 4, SHARP), SHARP)
-    found = [c for c in figure.axes[0].collections if isinstance(c, EllipseCollection) and len(c.get_edgecolor())]
-    lines = [c.zorder for c in found if not np.ravel(c._heights).any()]
+    values = [c for c in figure.axes[0].collections if isinstance(c, EllipseCollection) and len(c.get_edgecolor())]
+    lines = [c.zorder for c in values if not np.ravel(c._heights).any()]
     middle = (np.array(place) @ view_basis(ss.io.frame_of(two, SHARP)).T)[2, :2]
-    (ball,) = (c.zorder for c in found if np.allclose(c.get_offsets(), middle, atol=1e-9))
+    (ball,) = (c.zorder for c in values if np.allclose(c.get_offsets(), middle, atol=1e-9))
     assert lines and all(side * (ball - z) > 0 for z in lines)
     plt.close(figure)
 

@@ -59,7 +59,7 @@ def test_the_library_of_every_level_holds_every_source(trial):
     assert "was built in" in build.build(trial)
     check_levels(trial)
     stamps = [build.stamp(build.library_path(level, trial)) for level in build.LEVELS]
-    assert {one["digest"] for one in stamps} == {build.digest(trial)}
+    assert {stamp["digest"] for stamp in stamps} == {build.digest(trial)}
     assert stamps[0]["compiler"] == build.find_compiler().version
     assert not list(trial.rglob(".[0-9]*"))  # nothing half written
 
@@ -79,7 +79,7 @@ def test_only_what_changed_is_compiled(trial):
     )
 
 
-def test_an_error_in_a_source_is_one_sentence_with_its_line(trial):
+def test_an_error_in_a_source_gives_a_one_sentence_error_with_its_line(trial):
     (trial / "wrong.cpp").write_text("int first;\nint second = third;\n")
     with pytest.raises(build.BuildError) as error:
         build.build(trial)

@@ -34,13 +34,13 @@ def test_constants_are_those_of_python():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda slip: slip.astype(np.float32), "slip has type float32: the compiled core needs float64"),
         (lambda slip: slip[::-1], "slip is not contiguous"),
     ],
 )
-def test_arrays_of_another_type_or_layout_are_refused(change, words):
+def test_arrays_of_another_type_or_layout_are_refused(change, message):
     contacts = with_neighbor_list(make_packing(2)).contacts
-    with pytest.raises(TypeError, match=words):
+    with pytest.raises(TypeError, match=message):
         core.fill("Contacts", contacts._replace(slip=change(contacts.slip)))

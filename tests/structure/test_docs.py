@@ -33,11 +33,11 @@ def generator(name="scenario_reference"):
 
 def tables_of(kind):
     """A class of tables and all within it, each once."""
-    found = [kind]
-    for table in found:
-        inner = [one for field in table.model_fields.values() for one in tables_in(field.annotation)]
-        found += [one for one in dict.fromkeys(inner) if one not in found]
-    return found
+    results = [kind]
+    for table in results:
+        inner = [nested for field in table.model_fields.values() for nested in tables_in(field.annotation)]
+        results += [nested for nested in dict.fromkeys(inner) if nested not in results]
+    return results
 
 
 def test_the_reference_is_that_of_the_schema(tmp_path):
@@ -74,8 +74,8 @@ def test_the_overview_of_a_namespace_has_a_row_for_each_of_its_names(namespace):
 
 
 def test_functions_come_before_classes_and_constants():
-    found = API.names("packings")
-    assert found.index("jammed") < found.index("PackingError") < found.index("TOP")
+    names = API.names("packings")
+    assert names.index("jammed") < names.index("PackingError") < names.index("TOP")
     assert ":py:obj:`~stickslip.packings.jammed`" in API.page("packings")
 
 
@@ -102,11 +102,11 @@ def built(tmp_path_factory):
     for library in ("sphinx", "myst_nb", "furo", "sphinx_copybutton"):
         pytest.importorskip(library, reason="`make docs` installs what builds the documentation")
     folder = tmp_path_factory.mktemp("docs")
-    words = ("-m", "sphinx", "-q", "-W", "--keep-going", "-D", f"nb_execution_cache_path={folder / 'cache'}")
+    arguments = ("-m", "sphinx", "-q", "-W", "--keep-going", "-D", f"nb_execution_cache_path={folder / 'cache'}")
     mine = Path(sys.executable).parent  # as where the environment is not activated
     path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if Path(part) != mine)
     run = subprocess.run(
-        [sys.executable, *words, DOCS, folder / "html"],
+        [sys.executable, *arguments, DOCS, folder / "html"],
         capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(DOCS.parent / "src"), "PATH": path},
     )  # fmt: skip
     assert run.returncode == 0, run.stderr[-4000:]
@@ -166,9 +166,9 @@ def test_no_page_scrolls_sideways(built, width):
         for page in sorted(built.rglob("*.html")):
             if "_static" not in page.parts:
                 visit(driver, page)
-                found = driver.execute_script("return document.documentElement.scrollWidth")
-                if found > width:
-                    wide[str(page.relative_to(built))] = found
+                answer = driver.execute_script("return document.documentElement.scrollWidth")
+                if answer > width:
+                    wide[str(page.relative_to(built))] = answer
                 cut = driver.execute_script(CUT) if width >= 1024 else 0
                 if cut:
                     wide[f"code of {page.relative_to(built)}"] = cut
@@ -237,8 +237,8 @@ STYLE = {
 @pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.name)
 def test_numbers_are_in_one_style(page):
     text = prose(page)
-    found = [f"{word}: write as in {rule}" for pattern, rule in STYLE.items() for word in re.findall(pattern, text)]
-    assert not found
+    values = [f"{word}: write as in {rule}" for pattern, rule in STYLE.items() for word in re.findall(pattern, text)]
+    assert not values
 
 
 def test_papers_have_their_authors_names():
@@ -246,10 +246,10 @@ def test_papers_have_their_authors_names():
     root = DOCS.parent
     texts = (root / "README.md", *PAGES, *(root / "examples").glob("*.*"), *(root / "src").rglob("*.py*"))
     numbered = [
-        f"{path.relative_to(root)}: {found}"
+        f"{path.relative_to(root)}: {number}"
         for path in texts
         if path.suffix in (".md", ".py", ".pyi", ".toml")
-        for found in re.findall(r"(?i)\bpapers?[ -]00\d", path.read_text(encoding="utf-8"))
+        for number in re.findall(r"(?i)\bpapers?[ -]00\d", path.read_text(encoding="utf-8"))
     ]
     assert not numbered
 
@@ -257,10 +257,10 @@ def test_papers_have_their_authors_names():
 def test_each_speed_stands_once():
     """Ratios to other codes are on the page of speeds; the README repeats its first one."""
     pages = (DOCS.parent / "README.md", *PAGES)
-    found = {str(path.relative_to(DOCS.parent)): RATIO.findall(" ".join(path.read_text().split())) for path in pages}
-    found = {name: ratios for name, ratios in found.items() if ratios}
-    assert set(found) == {"README.md", "docs/performance.md"}
-    assert found["README.md"] == found["docs/performance.md"][:1]
+    values = {str(path.relative_to(DOCS.parent)): RATIO.findall(" ".join(path.read_text().split())) for path in pages}
+    values = {name: ratios for name, ratios in values.items() if ratios}
+    assert set(values) == {"README.md", "docs/performance.md"}
+    assert values["README.md"] == values["docs/performance.md"][:1]
 
 
 def test_the_comparison_denies_nothing_that_the_package_has():

@@ -29,5 +29,5 @@ def test_examples(name):
 
 
 def test_examples_of_decorated_functions_are_found():
-    found = {test.name: len(test.examples) for test in Finder().find(import_module("stickslip.solve.stability"))}
-    assert found["stickslip.solve.stability.stability"] > 0
+    values = {test.name: len(test.examples) for test in Finder().find(import_module("stickslip.solve.stability"))}
+    assert values["stickslip.solve.stability.stability"] > 0

@@ -31,8 +31,8 @@ def clean(**more):
     return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | more
 
 
-def called(*words, cwd, **env):
-    return subprocess.run([*map(str, words)], cwd=cwd, env=clean(**env), capture_output=True, text=True)
+def called(*arguments, cwd, **env):
+    return subprocess.run([*map(str, arguments)], cwd=cwd, env=clean(**env), capture_output=True, text=True)
 
 
 def interpreter(release):
@@ -71,8 +71,8 @@ def installed(request, built, tmp_path_factory):
     home = tmp_path_factory.mktemp(f"python{request.param}")
     assert called(python, "-m", "venv", home / "venv", cwd=home).returncode == 0
     programs = home / "venv" / ("Scripts" if os.name == "nt" else "bin")
-    words = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:", built[1])
-    run = called(programs / "python", *words, cwd=home)
+    arguments = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:", built[1])
+    run = called(programs / "python", *arguments, cwd=home)
     if run.returncode and any(word in run.stderr for word in OFFLINE):
         pytest.skip("the package index cannot be reached")
     assert run.returncode == 0, run.stderr
@@ -158,8 +158,8 @@ def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alo
 
 @pytest.mark.slow
 def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
-    def stickslip(*words):
-        return called(installed / "stickslip", *words, cwd=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    def stickslip(*arguments):
+        return called(installed / "stickslip", *arguments, cwd=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
 
     run = stickslip("--version")
     assert (run.returncode, run.stdout) == (0, f"stickslip {built_version()}\n"), run.stderr
@@ -184,7 +184,7 @@ LICENCES = {  # other than BSD and MIT
 
 
 @pytest.mark.slow
-def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_path):
+def test_every_missing_extra_gives_a_one_sentence_error_with_its_command(installed, tmp_path):
     code = "\n".join([
         "import sys", "from stickslip import cli, extras",
         "def ask(library: str, extra: str):", "    extras.require(library, extra)",
@@ -196,16 +196,16 @@ def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_pat
         sentence = f"stickslip: {libraries[0]} is not installed: {extras.install_command(extra)} installs it"
         licence = f" ({LICENCES[extra]})" if extra in LICENCES else ""
         assert run.stderr == f"{sentence}{licence}\n"
-    words = ("run", ROOT / "examples/gouge.toml", "--engine", "lammps", "--out", tmp_path / "out")
-    run = called(installed / "stickslip", *words, cwd=tmp_path)
+    arguments = ("run", ROOT / "examples/gouge.toml", "--engine", "lammps", "--out", tmp_path / "out")
+    run = called(installed / "stickslip", *arguments, cwd=tmp_path)
     assert run.returncode == 2, run.stderr
     assert extras.install_command("bench") in run.stderr
     assert run.stderr.count("\n") == 1
 
 
 def built_version():
-    words = (ROOT / "src/stickslip/__init__.py").read_text()
-    return words.partition('__version__ = "')[2].partition('"')[0]
+    text = (ROOT / "src/stickslip/__init__.py").read_text()
+    return text.partition('__version__ = "')[2].partition('"')[0]
 
 
 def test_a_release_names_one_version_everywhere():
@@ -232,21 +232,22 @@ def test_the_address_of_the_repository_is_one_setting(tmp_path):
 
 def test_the_four_papers_can_be_cited():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())["references"]
-    assert [one["authors"][0]["family-names"] for one in cited] == ["Charan", "Bonfanti", "McNamara", "Ferdowsi"]
+    assert [entry["authors"][0]["family-names"] for entry in cited] == ["Charan", "Bonfanti", "McNamara", "Ferdowsi"]
 
 
 def test_the_changelog_has_a_screen_for_each_release_newest_first():
     text = (ROOT / "CHANGELOG.md").read_text()
     heads = re.findall(r"^## (.+)$", text, flags=re.M)
     dates = [re.fullmatch(r"(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)", head) for head in heads if head != "Unreleased"]
-    assert all(dates) and sorted((one[2] for one in dates), reverse=True) == [one[2] for one in dates]
+    assert all(dates) and sorted((date[2] for date in dates), reverse=True) == [date[2] for date in dates]
     assert max(len(part.splitlines()) for part in text.split("\n## ")) <= 60
 
 
 def test_the_conda_recipe_has_the_dependencies_of_the_package():
     recipe = yaml.safe_load((ROOT / "release" / "conda" / "recipe.yaml").read_text())
     listed = {
-        words.replace(" ", "").replace("matplotlib-base", "matplotlib") for words in recipe["requirements"]["run"]
+        requirement.replace(" ", "").replace("matplotlib-base", "matplotlib")
+        for requirement in recipe["requirements"]["run"]
     }
     assert listed == {f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]}
 

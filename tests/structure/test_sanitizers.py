@@ -24,6 +24,6 @@ def test_sanitizers_find_nothing(tmp_path):
     env = os.environ | {
         "STICKSLIP_CORE": str(tmp_path), "LD_PRELOAD": build.preload(KINDS), "ASAN_OPTIONS": "detect_leaks=0",
     }  # fmt: skip
-    words = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--timeout", "1800", *TESTS]
-    run = subprocess.run(words, capture_output=True, text=True, env=env)
+    arguments = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--timeout", "1800", *TESTS]
+    run = subprocess.run(arguments, capture_output=True, text=True, env=env)
     assert run.returncode == 0, (run.stdout + run.stderr)[-3000:]

@@ -31,7 +31,7 @@ class Tosses(NamedTuple):
 CALLS = []
 
 
-def simulate(scenario, *, folder=None, workers=None, report=lambda *words: None):
+def simulate(scenario, *, folder=None, workers=None, report=lambda *now: None):
     kept = checkpoint_in(folder, scenario)
     heads = load_or_compute(kept, "tosses", lambda: np.random.default_rng(scenario.seed).random(100) < scenario.bias)
     CALLS.append(scenario.seed)
@@ -44,24 +44,24 @@ def simulate(scenario, *, folder=None, workers=None, report=lambda *words: None)
 def coins(monkeypatch):
     toy = Experiment(
         Coins, "tosses of a coin", simulate,
-        numbers=lambda found: {"heads": found.heads.astype(float)},
-        measures=lambda found: {"share": (found.heads.mean(), "1")},
-        show=lambda found: print(f"{found.heads.sum()} heads"),
+        numbers=lambda result: {"heads": result.heads.astype(float)},
+        measures=lambda result: {"share": (result.heads.mean(), "1")},
+        show=lambda result: print(f"{result.heads.sum()} heads"),
     )  # fmt: skip
     monkeypatch.setitem(EXPERIMENTS, toy.name, toy)
     CALLS[:] = [None]
 
 
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, words)])
+def call(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, arguments)])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
 
 
 def test_from_python():
-    found = ss.simulate(ss.scenario(experiment="coins", bias=0.7))
-    assert 0.5 < found.heads.mean() < 0.9
+    result = ss.simulate(ss.scenario(experiment="coins", bias=0.7))
+    assert 0.5 < result.heads.mean() < 0.9
 
 
 def test_from_the_command_line_and_after_it_was_stopped(tmp_path, monkeypatch, capsys):
@@ -88,8 +88,8 @@ def test_bad_keys_are_named():
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_what_is_imported_late_is_there(name):
-    one = EXPERIMENTS[name]
-    for value in (*one, *(one.paper or ())):
+    first = EXPERIMENTS[name]
+    for value in (*first, *(first.paper or ())):
         package, _, path = getattr(value, "__qualname__", "").rpartition(".experiments.")
         if package:
             module, _, function = path.rpartition(".")

@@ -30,8 +30,8 @@ rate: str = found.residual
 @pytest.mark.timeout(300)
 def test_mypy_sees_names_and_types(tmp_path):
     (tmp_path / "user.py").write_text(PROGRAM)
-    words = [sys.executable, "-m", "mypy", "--follow-imports=silent", "--ignore-missing-imports", "user.py"]
-    said = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=280, env=HERE).stdout
+    arguments = [sys.executable, "-m", "mypy", "--follow-imports=silent", "--ignore-missing-imports", "user.py"]
+    said = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, timeout=280, env=HERE).stdout
     errors = [line for line in said.splitlines() if ": error: " in line]
     assert [line.split(":")[1] for line in errors] == ["9", "10", "11"], said
     assert '"stabilty"' in errors[0]

@@ -185,13 +185,13 @@ def test_m_at_the_breach_is_a_length_in_units_of_r_and_the_first_contact_is_coun
 
 
 def test_a_ratio_of_means_has_the_error_that_repeated_runs_show():
-    rng, found = np.random.default_rng(0), []
+    rng, results = np.random.default_rng(0), []
     for _ in range(300):
         values = np.array([1.0, 1.2]) * (1 + 0.2 * rng.normal(size=(30, 2)))
-        found.append(motion_rows._ratio("r", "Fig 7: text", np.vstack([values, [np.nan, 1.0]]), 0.1, "ratio"))
-    measured = np.array([row.measured for row in found])
-    assert measured.mean() == pytest.approx(1.2, rel=0.01) and "over 30 runs" in found[0].note
-    assert np.median([row.error for row in found]) == pytest.approx(measured.std(), rel=0.15)
+        results.append(motion_rows._ratio("r", "Fig 7: text", np.vstack([values, [np.nan, 1.0]]), 0.1, "ratio"))
+    measured = np.array([row.measured for row in results])
+    assert measured.mean() == pytest.approx(1.2, rel=0.01) and "over 30 runs" in results[0].note
+    assert np.median([row.error for row in results]) == pytest.approx(measured.std(), rel=0.15)
     assert motion_rows._ratio("r", "Fig 7: text", np.full((3, 2), np.nan), 0.1, "ratio").verdict == UNDECIDED
 
 

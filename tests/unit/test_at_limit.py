@@ -30,32 +30,32 @@ def growth(state, law, rate, e_foldings=25):
 
 def test_what_grows_only_if_contacts_slide_on_is_not_decided():
     state, law = sheared(0, 2, 1.2, 0.1)
-    found = ss.stability(state, law)
-    assert found.balanced and found.stable is None and found.at_limit == 4
-    assert found.grows and not found.if_stuck.grows and found.if_stuck.stable
-    assert found.verdict.startswith("not decided: if the 4 contacts at the Coulomb limit stick")
-    assert "stable; if all of them keep sliding: oscillatory instability" in found.verdict
-    assert "mixed cases were not considered" in found.scope
-    assert growth(state, law, found.growth_rate[0]) < 100
+    result = ss.stability(state, law)
+    assert result.balanced and result.stable is None and result.at_limit == 4
+    assert result.grows and not result.if_stuck.grows and result.if_stuck.stable
+    assert result.verdict.startswith("not decided: if the 4 contacts at the Coulomb limit stick")
+    assert "stable; if all of them keep sliding: oscillatory instability" in result.verdict
+    assert "mixed cases were not considered" in result.scope
+    assert growth(state, law, result.growth_rate[0]) < 100
 
 
 def test_what_grows_while_contacts_stick_is_unstable():
     state, law = sheared(2, 3, 0.3, 0.3)
-    found = ss.stability(state, law)
-    assert found.at_limit == 2
-    assert found.stable is False
-    assert found.verdict.startswith("if the 2 contacts at the Coulomb limit stick")
-    assert growth(state, law, found.if_stuck.growth_rate[0], 15) > 1000
+    result = ss.stability(state, law)
+    assert result.at_limit == 2
+    assert result.stable is False
+    assert result.verdict.startswith("if the 2 contacts at the Coulomb limit stick")
+    assert growth(state, law, result.if_stuck.growth_rate[0], 15) > 1000
 
 
-def test_with_dashpots_both_are_told_too():
+def test_with_dashpots_both_are_reported_too():
     state, law = sheared(0, 2, 1.2, 0.1, damping=1e-4)
-    found = ss.stability(state, law)
-    assert found.stable is None and found.undamped.stable is None
+    result = ss.stability(state, law)
+    assert result.stable is None and result.undamped.stable is None
     assert (
-        found.if_stuck.stable
-        and found.verdict.startswith("not decided: ")
-        and "mixed cases were not considered" in found.scope
+        result.if_stuck.stable
+        and result.verdict.startswith("not decided: ")
+        and "mixed cases were not considered" in result.scope
     )
 
 
@@ -66,9 +66,9 @@ def test_the_scope_always_says_that_mixtures_were_not_considered(method, damping
     state, law = sheared(2, 3, 0.3, 0.3)
     if damping:
         law = ss.laws.hertz_mindlin(1.0, 0.3, 0.3, coulomb="sharp", damping_n=damping)
-    found = ss.stability(state, law, method=method)
-    assert found.at_limit == 2 and MIXED in found.scope
-    assert found.undamped is None if not damping else found.undamped.at_limit == 2 and MIXED in found.undamped.scope
+    result = ss.stability(state, law, method=method)
+    assert result.at_limit == 2 and MIXED in result.scope
+    assert result.undamped is None if not damping else result.undamped.at_limit == 2 and MIXED in result.undamped.scope
     calm, _ = ss.packings.jammed(12, packing_fraction=0.7, dim=3, seed=2)
     assert MIXED not in ss.stability(ss.equilibrate(calm, law)[0], law).scope
 
@@ -76,9 +76,9 @@ def test_the_scope_always_says_that_mixtures_were_not_considered(method, damping
 def test_smooth_friction_has_one_stiffness_at_the_limit():
     law = ss.laws.hertz_mindlin(1.0, 1.2, 0.1, coulomb="smooth")
     state, _ = ss.packings.jammed(12, packing_fraction=0.9, dim=2, seed=0)
-    found = ss.stability(ramp(state, np.arange(6) * 2e-3, aqs(law))[-1].state, law)
-    assert (found.at_limit, found.if_stuck) == (0, None)
-    assert found.stable is not None
+    result = ss.stability(ramp(state, np.arange(6) * 2e-3, aqs(law))[-1].state, law)
+    assert (result.at_limit, result.if_stuck) == (0, None)
+    assert result.stable is not None
 
 
 def test_the_command_line_gives_no_verdict_and_says_why(tmp_path):
@@ -86,9 +86,9 @@ def test_the_command_line_gives_no_verdict_and_says_why(tmp_path):
     ss.io.write_packing(tmp_path / "p.npz", state, law)
     done = run("stability", tmp_path / "p.npz", "--json", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
-    found = json.loads(done.stdout)
-    assert found["balanced"] is True and found["stable"] is None and found["causes"] == []
-    assert (found["at_limit"], found["if_stuck"]) == (4, "stable")
+    answer = json.loads(done.stdout)
+    assert answer["balanced"] is True and answer["stable"] is None and answer["causes"] == []
+    assert (answer["at_limit"], answer["if_stuck"]) == (4, "stable")
     done = run("stability", tmp_path / "p.npz", cwd=tmp_path)
     assert done.returncode == 3
     assert "not decided" in " ".join(done.stdout.split())

@@ -52,7 +52,7 @@ def test_the_path_of_a_disk_before_and_after_the_first_limit():
     for axes, start, stop in ((before, 450, 600), (after, 600, 850)):
         shown = (time >= start) & (time <= stop)
         moved = spiral[shown] - spiral[shown].mean(axis=0)
-        (lines,) = (found for found in axes.collections if isinstance(found, LineCollection))
+        (lines,) = (collection for collection in axes.collections if isinstance(collection, LineCollection))
         parts = np.array(lines.get_segments())
         np.testing.assert_allclose(parts[:, 0], moved[:-1], atol=1e-12)  # round-off of places of order ten
         np.testing.assert_allclose(parts[:, 1], moved[1:], atol=1e-12)
@@ -78,8 +78,8 @@ def test_the_shape_of_a_mode_by_coordinate(phase):
     drawn = {box.get_label(): [(r.get_x() + r.get_width() / 2, r.get_height()) for r in box] for box in axes.containers}
     height = part.real * np.sqrt(mass) / norm
     assert list(drawn) == ["$x$", "$y$", r"$R\,\theta$"]
-    for k, found in enumerate(drawn.values()):
-        np.testing.assert_allclose(found, np.stack([3 * k + np.arange(1.0, 4.0), height[:, k]], axis=1), atol=1e-12)
+    for k, points in enumerate(drawn.values()):
+        np.testing.assert_allclose(points, np.stack([3 * k + np.arange(1.0, 4.0), height[:, k]], axis=1), atol=1e-12)
     share = (mass * np.abs(part) ** 2)[:, 1].sum() / norm**2
     assert axes.get_title() == rf"$\omega$ = 0.5000, share in $y$ {share:.3f}"
     assert labels(axes) == (r"degree of freedom $q_\ell$", "mass-weighted component")
@@ -91,8 +91,8 @@ def test_forces_in_the_cone_are_over_their_mean_at_the_start():
     normal = np.array([2.0, 4.0, 3.0, 5.0, 1.0, 6.0, 2.0, 9.0]) * (1 - load * np.array([0, 0, 0, 0, 0, 0, 1, 0]))
     share = load * np.array([0.9, -0.8, 0.7, -0.6, 0.5, 0.4, 1.0, 0.1])  # of the Coulomb limit
     pairs = np.array([[k, k + 10] for k in range(8)])
-    one = Made(forces=np.stack([normal, share * mu * normal], axis=-1), pairs=pairs, seed=7)
-    (axes,) = quasi_rigid.cone(one, mu).axes
+    sample = Made(forces=np.stack([normal, share * mu * normal], axis=-1), pairs=pairs, seed=7)
+    (axes,) = quasi_rigid.cone(sample, mu).axes
     unit = 4.0  # mean normal force of all eight at the start
     for k in range(6):
         x, y = normal[:, k] / unit, share[:, k] * mu * normal[:, k] / unit
@@ -114,9 +114,9 @@ def test_slides_after_holds_collapse_over_the_ratio_of_velocities():
     peaks = [Made(value=v, half=h) for v, h in ((0.01, 0.002), (0.02, np.nan), (0.06, 0.004))]
     panels = gouge.reslides(curves, ratios, peaks, Made(value=0.008, half=0.001), offset).axes
     above, below, peak = panels
-    for curve, ratio, words in zip(curves, ratios, ("0.0068", "1", "10"), strict=True):
+    for curve, ratio, label in zip(curves, ratios, ("0.0068", "1", "10"), strict=True):
         mean = curve.rows.sum(axis=0) / 3
-        assert holds(above, curve.x, mean, label=f"$V_r/V_i$ = {words}")
+        assert holds(above, curve.x, mean, label=f"$V_r/V_i$ = {label}")
         assert holds(below, curve.x, mean / (5.0 + np.log(ratio))) == (ratio > 0.01)
     deviation = np.sqrt(((curves[1].rows - curves[1].rows.mean(axis=0)) ** 2).sum(axis=0) / 2)
     corners = above.collections[1].get_paths()[0].vertices
@@ -206,8 +206,8 @@ def panels():
     """Axes of snapshots, those with a picture, and that of the colours."""
     frames = [moment(t) for t in (0.0, 3.0, 4.0, 4.2, 4.4, 5.0, 5.7, 6.5, 7.1, 8.0)]
     stages = [Made(name="settle", start=0.0), Made(name="flow", start=3.0)]
-    *found, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE))).axes
-    return [axes for axes in found if axes.axison], bar
+    *snapshots, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE))).axes
+    return [axes for axes in snapshots if axes.axison], bar
 
 
 SHOWN = (3.0, 4.0, 5.0, 5.7, 7.1, 8.0)  # of the last stage, nearest to 3, 4, 5, 6, 7 and 8
@@ -215,21 +215,21 @@ SHOWN = (3.0, 4.0, 5.0, 5.7, 7.1, 8.0)  # of the last stage, nearest to 3, 4, 5,
 
 def test_snapshots_show_where_grains_are_and_how_fast(panels):
     for axes, t in zip(panels[0], SHOWN, strict=True):
-        found = [one for one in axes.collections if isinstance(one, EllipseCollection)]
+        values = [disks for disks in axes.collections if isinstance(disks, EllipseCollection)]
         left = []
-        for one in found:
-            loose = len(one.get_offsets()) == 3
+        for disks in values:
+            loose = len(disks.get_offsets()) == 3
             rows = ORDER if loose else GLUED
-            moved = one.get_offsets() - SEEN[rows] + [0, 0.01 * t]
+            moved = disks.get_offsets() - SEEN[rows] + [0, 0.01 * t]
             left.append((loose, round(float(moved[0, 0]))))
             np.testing.assert_allclose(moved, [[left[-1][1], 0]] * len(rows), atol=1e-12)
-            for size in (one.get_widths(), one.get_heights()):
+            for size in (disks.get_widths(), disks.get_heights()):
                 np.testing.assert_allclose(size, 2 * RADIUS[rows])
             if loose:
-                np.testing.assert_allclose(one.get_array(), np.array([2.0, 3.0, 1.0]) * t / 8)
-                assert one.get_clim() == pytest.approx((0, 2.98))  # of speeds 1, 2, 3 at the end, 99 % are below
+                np.testing.assert_allclose(disks.get_array(), np.array([2.0, 3.0, 1.0]) * t / 8)
+                assert disks.get_clim() == pytest.approx((0, 2.98))  # of speeds 1, 2, 3 at the end, 99 % are below
             else:
-                np.testing.assert_allclose(one.get_facecolor(), to_rgba_array("0.6"))
+                np.testing.assert_allclose(disks.get_facecolor(), to_rgba_array("0.6"))
         # once where they are, and once a cell to either side, as grains at an edge are seen at both
         assert sorted(left) == [(kind, shift) for kind in (False, True) for shift in (-10, 0, 10)]
 
@@ -263,15 +263,17 @@ def shape(text) -> Bbox:
 def clashes(figure) -> list[tuple[str, str]]:
     """Pairs of tick labels of one axis that overlap where they are drawn, and offset texts, which must be in labels."""
     figure.canvas.draw()
-    found = []
+    results = []
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis) if axes.name == "rectilinear" and axes.axison else ():
-            found += [(axis.get_label_text(), text) for text in [axis.get_offset_text().get_text()] if text]
+            results += [(axis.get_label_text(), text) for text in [axis.get_offset_text().get_text()] if text]
             ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
             texts = [t.label1 for t in ticks if t.label1.get_visible() and t.label1.get_text()]
             boxes = sorted(((shape(t), t.get_text()) for t in texts), key=lambda pair: tuple(pair[0].p0))
-            found += [(a, b) for k, (one, a) in enumerate(boxes) for two, b in boxes[k + 1 :] if one.overlaps(two)]
-    return found
+            results += [
+                (a, b) for k, (first, a) in enumerate(boxes) for second, b in boxes[k + 1 :] if first.overlaps(second)
+            ]
+    return results
 
 
 def long_run(most: float):
@@ -299,18 +301,18 @@ def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     for figure in figures:
         assert not clashes(figure)
     power = {3e4: 4, 5.6e5: 5, 1e8: 7, 2e-5: -5}.get(most)  # ticks of the last but one end at 8e7
-    words = figures[0].axes[1].get_xlabel()
-    assert words == (rf"time step [$10^{{{power}}}$]" if power else "time step") or most == 1e8
-    assert ("10^" in words) == (power is not None)
+    label = figures[0].axes[1].get_xlabel()
+    assert label == (rf"time step [$10^{{{power}}}$]" if power else "time step") or most == 1e8
+    assert ("10^" in label) == (power is not None)
 
 
 @pytest.mark.parametrize("name", ["rate-state", "flow", "fault"])
 def test_no_figure_of_a_run_has_overlapping_tick_labels(name):
     experiment = EXPERIMENTS[name]
-    found = ss.simulate(ss.scenario(experiment=name, **experiment.smallest[0]))
-    drawn = list(experiment.figures(found))
+    result = ss.simulate(ss.scenario(experiment=name, **experiment.smallest[0]))
+    drawn = list(experiment.figures(result))
     assert drawn
-    assert {file: words for file, figure in drawn if (words := clashes(figure))} == {}
+    assert {file: pairs for file, figure in drawn if (pairs := clashes(figure))} == {}
 
 
 @styled

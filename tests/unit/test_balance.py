@@ -57,15 +57,15 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
     assert ss.stability(sheared, SHARP).stable is not None
-    found = ss.stability(*CHANGES[change](sheared))
-    assert found.residual > ss.measure.BALANCED_BELOW
-    assert found.stable is None and not found.balanced
-    assert found.verdict.startswith("not in equilibrium (residual") and found.verdict.endswith("cannot be judged")
-    assert found.causes[-1].startswith("another law")
-    assert found.method == "none" and not found.grows and not found.modes.shape[1]
+    result = ss.stability(*CHANGES[change](sheared))
+    assert result.residual > ss.measure.BALANCED_BELOW
+    assert result.stable is None and not result.balanced
+    assert result.verdict.startswith("not in equilibrium (residual") and result.verdict.endswith("cannot be judged")
+    assert result.causes[-1].startswith("another law")
+    assert result.method == "none" and not result.grows and not result.modes.shape[1]
     asked = ss.stability(*CHANGES[change](sheared), method="all")  # the spectrum is there for whoever asks for it
     assert (len(asked.pairs) + len(asked.negative) > 0) == asked.grows and asked.zero_modes >= 0
-    assert asked.verdict == found.verdict and "stable" not in asked.motion.split("; ")
+    assert asked.verdict == result.verdict and "stable" not in asked.motion.split("; ")
 
 
 def test_no_spectrum_is_computed_for_an_answer_that_is_not_given(sheared, monkeypatch):
@@ -76,8 +76,8 @@ def test_no_spectrum_is_computed_for_an_answer_that_is_not_given(sheared, monkey
 def test_contacts_are_linearised_once_and_once_more_with_those_at_the_limit_sticking(sheared, monkeypatch):
     calls, linearise = [], core.linearise
     monkeypatch.setattr(core, "linearise", lambda *args: calls.append(linearise(*args)), raising=False)
-    found = ss.stability(sheared, SHARP)
-    assert found.balanced and found.if_stuck and len(calls) == 2
+    result = ss.stability(sheared, SHARP)
+    assert result.balanced and result.if_stuck and len(calls) == 2
 
 
 def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):
@@ -115,10 +115,10 @@ def with_velocity(state, velocity):
 
 def test_what_moves_is_not_in_equilibrium(sheared):
     shaken = with_velocity(sheared, 0.01 * np.random.default_rng(0).normal(size=(24, 3)))
-    found = ss.stability(shaken, SHARP)
-    assert found.residual <= ss.measure.BALANCED_BELOW < found.swing
-    assert found.stable is None and found.verdict.startswith("not in equilibrium (the grains move, which changes")
-    assert found.causes[0].startswith("motion")
+    result = ss.stability(shaken, SHARP)
+    assert result.residual <= ss.measure.BALANCED_BELOW < result.swing
+    assert result.stable is None and result.verdict.startswith("not in equilibrium (the grains move, which changes")
+    assert result.causes[0].startswith("motion")
     turning = sheared._replace(grains=sheared.grains._replace(spin=0.01 + 0 * shaken.grains.velocity))
     assert not ss.stability(turning, SHARP).balanced
     for still in (with_velocity(sheared, 0.01), with_velocity(sheared, 1e-6 * shaken.grains.velocity)):
@@ -176,8 +176,8 @@ def test_rattlers_are_part_of_the_balance():
         ss.laws.linear(1, 0.5, 0.5),
     )
     out = ss.forces(ss.packings.from_arrays(place, radius, law, dim=2), law)[0].force[:, :2]
-    found = ss.stability(ss.packings.from_arrays(place, radius, law, dim=2, external_force=-out), law)
-    assert found.balanced and found.rattlers.tolist() == [3]
+    result = ss.stability(ss.packings.from_arrays(place, radius, law, dim=2, external_force=-out), law)
+    assert result.balanced and result.rattlers.tolist() == [3]
     out[3] = 1e-6, 0
     assert ss.stability(ss.packings.from_arrays(place, radius, law, dim=2, external_force=-out), law).stable is None
 
@@ -194,10 +194,10 @@ def test_a_free_cell_must_bear_its_stress(sheared):
 
 def test_a_wide_tolerance_leaves_nothing_to_judge(sheared):
     pushed = with_slip(sheared, 0.9)
-    for tolerance, words in ((1.0, "not in equilibrium (residual"), (1e-12, "")):
+    for tolerance, message in ((1.0, "not in equilibrium (residual"), (1e-12, "")):
         _, outcome = ss.equilibrate(pushed, SHARP, tolerance=tolerance)
-        assert outcome.ok and outcome.warning.startswith(words)
-        assert bool(outcome.warning) == bool(words)
+        assert outcome.ok and outcome.warning.startswith(message)
+        assert bool(outcome.warning) == bool(message)
 
 
 def test_more_friction_lets_what_slid_stick(sheared):
@@ -208,13 +208,13 @@ def test_more_friction_lets_what_slid_stick(sheared):
     assert set(here.contacts.mode[rows]) == {ss.STICK}
     assert np.array_equal(here.contacts.slip, sheared.contacts.slip)
     assert with_modes_under(sheared, SHARP) is sheared
-    found, free = ss.stability(sheared, law), ss.freedom(sheared)
-    assert found.stable is not None
+    result, free = ss.stability(sheared, law), ss.freedom(sheared)
+    assert result.stable is not None
     numeric = differences(sheared, law, free, ss.FREE, h=1e-6)
     np.testing.assert_allclose(jacobian(here, law, free).toarray(), numeric, atol=1e-7 * np.abs(numeric).max())
     weighted = -numeric / np.sqrt(free.mass[:, None] * free.mass)
     fastest = np.abs(np.sqrt(np.linalg.eigvals(weighted).astype(complex)).imag)
-    assert found.growth_rate.max(initial=0.0) == pytest.approx(fastest.max(), abs=1e-4)
+    assert result.growth_rate.max(initial=0.0) == pytest.approx(fastest.max(), abs=1e-4)
 
 
 def test_less_friction_lets_what_stuck_slide(sheared):
@@ -242,10 +242,10 @@ def test_round_off_of_text_is_no_reason_to_refuse(sheared, digits):
         cell=sheared.cell.vectors, pair_i=c.i[rows], pair_j=c.j[rows], image=c.image[rows], slip=text(c.slip[rows]),
         mode=c.mode[rows],
     )  # fmt: skip
-    found, truth = ss.stability(read, SHARP), ss.stability(sheared, SHARP)
-    assert found.residual > 1e-9
-    assert found.stable is truth.stable
-    assert len(found.pairs) == len(truth.pairs)
+    result, truth = ss.stability(read, SHARP), ss.stability(sheared, SHARP)
+    assert result.residual > 1e-9
+    assert result.stable is truth.stable
+    assert len(result.pairs) == len(truth.pairs)
 
 
 @pytest.mark.slow
@@ -255,17 +255,17 @@ def test_verdicts_are_those_of_finite_differences_and_changed_packings_have_none
     verdicts = set()
     for seed in range(15):
         state, law = _rest(dim, seed)
-        found = ss.stability(state, law)
-        assert found.balanced, found.verdict
+        result = ss.stability(state, law)
+        assert result.balanced, result.verdict
         free = ss.modes.backbone(state, law)
         numeric = differences(state, law, free, ss.HELD, h=1e-6)
         values = np.linalg.eigvals(-numeric / np.sqrt(free.mass[:, None] * free.mass))
         scale = np.abs(values).max()
         # differences are off by 1e-8 of the largest, which pairs turn into its square root near their birth
         grows = np.abs(np.sqrt(values[np.abs(values) > 1e-6 * scale].astype(complex)).imag).max(initial=0.0)
-        rates = np.concatenate([found.growth_rate, np.sqrt(-found.negative)])
+        rates = np.concatenate([result.growth_rate, np.sqrt(-result.negative)])
         assert rates.max(initial=0.0) == pytest.approx(grows, rel=1e-2, abs=1e-4 * np.sqrt(scale)), seed
-        verdicts.add(found.stable)
+        verdicts.add(result.stable)
         radius = state.grains.radius * (1 + 1e-2 * np.random.default_rng(seed).random(len(state.grains.radius)))
         stiffer = law._replace(table=law.table * np.where(np.arange(law.table.shape[2]) == 1, 2.0, 1.0))
         for other, its_law in (
@@ -298,9 +298,9 @@ def test_a_grain_that_spins_about_its_contact_moves_nothing(spin, rests):
     state = ss.assembly(grains, ss.flat_walls([[0, 0, 0]], [[0, 1, 0]]), ss.box([5] * 3, [False] * 3, 3), load)
     law = ss.laws.linear(kn=0.1, kt=0.05)
     state = ss.accept(state, ss.forces(state, law)[1])
-    found = ss.stability(state, law)
-    assert found.balanced == rests
-    assert rests or any("motion: the grains move, at up to 2.5" in cause for cause in found.causes)
+    result = ss.stability(state, law)
+    assert result.balanced == rests
+    assert rests or any("motion: the grains move, at up to 2.5" in cause for cause in result.causes)
 
 
 def test_torques_that_do_not_balance_name_moments_if_there_are_any(sheared):

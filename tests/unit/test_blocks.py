@@ -209,10 +209,10 @@ def test_no_two_blocks_that_are_needed_at_once_share_rows_of_loads(grains, chose
     needed |= {at: [0, last] for at in range(cross[last], cross[last + 1])}
     worker = {at: k for k in range(len(share) - 1) for part in (cross, inner)
               for at in range(part[share[k]], part[share[k + 1]])}  # fmt: skip
-    for one, two in itertools.combinations(range(blocks.count), 2):
-        apart = needed[one][1] < needed[two][0] or needed[two][1] < needed[one][0]
-        if not apart or worker.get(one) != worker.get(two):
-            assert abs(b["place"][one] - b["place"][two]) >= LANES
+    for first, second in itertools.combinations(range(blocks.count), 2):
+        apart = needed[first][1] < needed[second][0] or needed[second][1] < needed[first][0]
+        if not apart or worker.get(first) != worker.get(second):
+            assert abs(b["place"][first] - b["place"][second]) >= LANES
     assert (b["place"][: blocks.count].max() + LANES) * 8 < len(b["load"])
 
 

@@ -77,7 +77,7 @@ def test_every_example_can_be_cited(path):
 
 def test_every_experiment_knows_its_sources():
     given = Experiment._field_defaults["references"]
-    assert all(one.references is not given for one in EXPERIMENTS.values())
+    assert all(experiment.references is not given for experiment in EXPERIMENTS.values())
 
 
 @pytest.mark.parametrize(

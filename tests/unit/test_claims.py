@@ -143,8 +143,8 @@ def test_verdicts_do_not_depend_on_units_or_signs(paper, measured, tolerance):
      (1.0, (0.51, 1.99), (0.49, 0.34, 2.99), (0.33, 3.01))],
 )  # fmt: skip
 def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
-    words = [{verdict(1.0, value, tolerance, 0.0) for value in values} for values in (inside, near, far)]
-    assert words == [{REPRODUCED}, {PARTLY}, {NOT_REPRODUCED}]
+    texts = [{verdict(1.0, value, tolerance, 0.0) for value in values} for values in (inside, near, far)]
+    assert texts == [{REPRODUCED}, {PARTLY}, {NOT_REPRODUCED}]
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
     [(1.0, 1.0, float("nan"), 0.0), (1.0, 1.0, -0.1, 0.0), (1.0, 1.0, float("inf"), 0.0), (1.0, 1.0, 0.1, -0.5),
      (1.0, 1.0, 0.1, 0.0, "often"), ([1.0, 2.0], 1.0, 0.1, 0.0), (1.0, [1.0, 2.0], 0.1, 0.0), ([1, 2], [1], 0.1, 0.0)],
 )  # fmt: skip
-def test_what_cannot_be_compared_is_one_sentence(given):
+def test_what_cannot_be_compared_gives_a_one_sentence_error(given):
     with pytest.raises(ValueError, match=r"(was given: |compare windows)"):
         verdict(*given)
 
@@ -181,7 +181,7 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
 
 
 @pytest.mark.parametrize(
-    ("words", "options"),
+    ("message", "options"),
     [
         ("use 'PLACE: words'", {"source": "Fig 1"}),
         ("give reference and reference_source together", {"reference": 1.0}),
@@ -190,9 +190,9 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
         ("counterexample", {"paper": True, "measured": False, "quantifier": ALWAYS}),
     ],
 )
-def test_rows_that_say_too_little_are_refused(words, options):
+def test_rows_that_say_too_little_are_refused(message, options):
     row = {"source": SOURCE, "paper": 1.0, "measured": 1.0} | options
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         claim("id", row.pop("source"), row.pop("paper"), row.pop("measured"), "1", 0.1, **row)
 
 
@@ -281,7 +281,7 @@ def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
     assert all(f"- **{word}**" in text for word in VERDICTS)
 
 
-def test_what_failed_is_told_in_claims_md_and_on_the_terminal(tmp_path, capsys):
+def test_what_failed_is_reported_in_claims_md_and_on_the_terminal(tmp_path, capsys):
     claims_report.write_claims(tmp_path, ROWS[:1], SHOWS, "Paper 9", ["sample 4: no rest [after 9 s]"])
     assert "sample 4: no rest [after 9 s]" in capsys.readouterr().out
     text = (tmp_path / run_files.NOTES).read_text()
@@ -333,8 +333,8 @@ def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypat
 
 
 def test_when_all_is_well_the_terminal_says_so():
-    one = [ROWS[0]]
-    assert claims_report.summarize(one, SHOWS) == (
+    row = [ROWS[0]]
+    assert claims_report.summarize(row, SHOWS) == (
         "Of the paper's sentences, 1 has a row, and 1 of these is decided.",
         "1 of the paper's 1 claims is reproduced.",
         "Every claim agrees within its tolerance.",

@@ -41,7 +41,7 @@ def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (["reproduce", "disk-aray"], "'disk-aray' is not known: use disk-array"),
         (["reproduce", "disk-array", "--workers", "0"], "greater than or equal to 1"),
@@ -51,8 +51,8 @@ def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
         (["jump"], "command 'jump' is not known: use reproduce, run"),
     ],
 )
-def test_wrong_words(words, sentence, tmp_path):
-    run = stickslip(*words, cwd=tmp_path)
+def test_unknown_commands_and_options_are_refused(arguments, sentence, tmp_path):
+    run = stickslip(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert sentence in run.stderr
     assert run.stderr.count("\n") == 1
@@ -104,7 +104,7 @@ def test_unwritable_folders(tmp_path):
     ],
     ids=["paper", "unlike-radii-linear", "two-newton"],
 )
-def test_a_run_of_ones_own(change, tmp_path):
+def test_a_scenario_of_the_user_runs(change, tmp_path):
     scenario = short(tmp_path / "s.toml", **change)
     run = stickslip("run", scenario, "--out", tmp_path / "out", "--workers", "1")
     assert run.returncode == 0, run.stderr
@@ -147,9 +147,9 @@ def test_a_disk_whose_own_contact_is_first_at_the_limit_can_be_drawn(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 def test_control_c_ends_with_a_sentence_and_130(tmp_path):
     code = "from stickslip.cli import main; main()"
-    words = ["reproduce", "disk-array", "--out", str(tmp_path / "out")]
+    arguments = ["reproduce", "disk-array", "--out", str(tmp_path / "out")]
     run = subprocess.Popen(
-        [sys.executable, "-c", code, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # shells ignore it in the background
     )  # fmt: skip
     assert any("ramps and free runs" in line for line in run.stdout)
@@ -182,10 +182,10 @@ def test_after_control_c_the_message_names_the_folder_if_something_was_saved(sav
 @pytest.mark.slow
 def test_the_number_of_workers_does_not_change_the_numbers(tmp_path):
     scenario = short(tmp_path / "s.toml")
-    found = []
+    results = []
     for workers in (1, 2):
         out = tmp_path / str(workers)
         assert stickslip("run", scenario, "--out", out, "--workers", workers).returncode == 0
-        found.append(archive.read(out / "results.h5")["main"]["sliding"]["0.020000"])
+        results.append(archive.read(out / "results.h5")["main"]["sliding"]["0.020000"])
     for name in ("breach", "slide", "velocity", "center"):
-        assert np.array_equal(found[0][name], found[1][name], equal_nan=True), name
+        assert np.array_equal(results[0][name], results[1][name], equal_nan=True), name

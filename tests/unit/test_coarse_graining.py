@@ -97,7 +97,7 @@ def test_in_equilibrium_the_divergence_of_the_stress_is_the_weight():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"width": 0.0}, r"width = 0.0 was given: .*positive"),
         ({"width": 0.1, "spacing": -1.0}, r"spacing = -1.0 was given: .*positive"),
@@ -105,6 +105,6 @@ def test_in_equilibrium_the_divergence_of_the_stress_is_the_weight():
         ({"width": 1e9}, r"width = 1e\+09 was given, wider than the cell"),
     ],
 )
-def test_wrong_widths_are_refused(options, words):
-    with pytest.raises(ValueError, match=words):
+def test_wrong_widths_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
         ss.measure.coarse_grained(moving(2), LAW, **options)

@@ -101,15 +101,17 @@ def test_without_friction_the_packing_is_like_a_jammed_one():
 
 
 def test_friction_lowers_contact_number_and_packing_fraction():
-    found = [compressed(45, mu=mu, pressure=1e-4, dim=2, seed=1)[1] for mu in (0.0, 0.3, 10.0)]
-    assert found[0].coordination > found[1].coordination > found[2].coordination
-    assert found[0].packing_fraction > found[1].packing_fraction > found[2].packing_fraction
+    values = [compressed(45, mu=mu, pressure=1e-4, dim=2, seed=1)[1] for mu in (0.0, 0.3, 10.0)]
+    assert values[0].coordination > values[1].coordination > values[2].coordination
+    assert values[0].packing_fraction > values[1].packing_fraction > values[2].packing_fraction
 
 
 def test_a_law_and_progress():
     told = []
     law = ss.laws.linear(kn=2.0, kt=1.0, mu=0.5)
-    state, info = compressed(30, law=law, pressure=2e-3, dim=2, report=lambda share, words: told.append((share, words)))
+    state, info = compressed(
+        30, law=law, pressure=2e-3, dim=2, report=lambda share, message: told.append((share, message))
+    )
     assert ss.measure.residual(state, law)[0] <= 1e-13  # round-off of forces over their mean
     assert info.pressure == pytest.approx(2e-3, rel=1e-8)
     assert told[0][0] < told[-1][0] == pytest.approx(1.0, abs=0.01)
@@ -117,7 +119,7 @@ def test_a_law_and_progress():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"pressure": 1e-3}, "give either mu or a law"),
         ({"pressure": 1e-3, "mu": 0.5, "law": ss.laws.linear()}, "give either mu or a law"),
@@ -132,13 +134,13 @@ def test_a_law_and_progress():
         ({"pressure": 1e-3, "mu": 0.1, "mass": -1.0}, "mass"),
     ],
 )
-def test_an_impossible_compression_is_one_sentence(options, words):
-    with pytest.raises(ValueError, match=words) as problem:
+def test_an_impossible_compression_gives_a_one_sentence_error(options, message):
+    with pytest.raises(ValueError, match=message) as problem:
         compressed(20, **options)
     assert "\n" not in str(problem.value)
 
 
-def test_a_pressure_that_is_not_reached_is_told_with_what_was_reached(monkeypatch):
+def test_a_pressure_that_is_not_reached_is_reported_with_what_was_reached(monkeypatch):
     monkeypatch.setattr(compression, "STEPS", 2000)
     with pytest.raises(ValueError, match="about 1e\\+04 steps"):
         compressed(20, mu=0.5, pressure=1e-4, dim=2)
@@ -146,7 +148,7 @@ def test_a_pressure_that_is_not_reached_is_told_with_what_was_reached(monkeypatc
     monkeypatch.setattr(compression, "_find_scales", lambda *given: scales)
     with pytest.raises(ss.NotInEquilibriumError) as problem:
         compressed(20, mu=0.5, pressure=1e-4, dim=2)
-    words = str(problem.value)
-    assert words.startswith("no packing at rest under a pressure of 0.0001 was found, the compression ended at ")
-    assert "with a packing fraction of 0.7" in words
-    assert "\n" not in words
+    message = str(problem.value)
+    assert message.startswith("no packing at rest under a pressure of 0.0001 was found, the compression ended at ")
+    assert "with a packing fraction of 0.7" in message
+    assert "\n" not in message

@@ -48,13 +48,13 @@ def test_a_plate_moves_as_one(n, direction):
 
 def test_a_plate_does_not_depend_on_threads_or_on_the_way_through_the_list(monkeypatch):
     law, (state, *_) = make_law("hertz_mindlin", "sharp"), plated(300)
-    one, two = (ss.run(state, law, 200, 0.05, threads=threads)[0] for threads in (1, 2))
-    assert np.array_equal(one.grains.position, two.grains.position)
+    single, double = (ss.run(state, law, 200, 0.05, threads=threads)[0] for threads in (1, 2))
+    assert np.array_equal(single.grains.position, double.grains.position)
     law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)
-    one, record, _ = ss.run(state, law, 200, 0.05, every=10, ledger=True)
+    single, record, _ = ss.run(state, law, 200, 0.05, every=10, ledger=True)
     monkeypatch.setattr("stickslip.core.dynamics.driver.MIN_BODIES", 10**9)
     plain, _, _ = ss.run(state, law, 200, 0.05)
-    np.testing.assert_allclose(plain.grains.position, one.grains.position, atol=1e-11)
+    np.testing.assert_allclose(plain.grains.position, single.grains.position, atol=1e-11)
     # walls that cut into grains throw them apart at the start: a step of a fifth of a radius closes to half a per cent
     assert np.abs(record.ledger.defect).max() < 5e-3 * record.ledger.viscous[-1]
 

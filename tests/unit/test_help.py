@@ -31,8 +31,8 @@ def examples(command):
     return re.findall(r"^ +stickslip (.+)$", text, flags=re.M)
 
 
-def is_dear(words):
-    return any(part in words for part in DEAR)
+def is_dear(command):
+    return any(part in command for part in DEAR)
 
 
 @pytest.fixture(scope="module")
@@ -43,33 +43,33 @@ def clone(tmp_path_factory):
     return root
 
 
-def follow(words, root):
-    run = stickslip_here(*shlex.split(words), cwd=root)
-    assert run.returncode == 0, (words, run.stderr)
+def follow(command, root):
+    run = stickslip_here(*shlex.split(command), cwd=root)
+    assert run.returncode == 0, (command, run.stderr)
     assert run.stdout
-    if "--json" in words:
-        assert json.loads(run.stdout)["command"] == words.split()[0]
+    if "--json" in command:
+        assert json.loads(run.stdout)["command"] == command.split()[0]
     return run.stdout
 
 
-def test_every_command_has_examples_and_cheap_ones_work_as_typed(clone):
+def test_every_command_has_examples_and_fast_ones_work_as_typed(clone):
     for command in COMMANDS:
-        found = examples(command)
-        assert len(found) >= 2, command
-        assert all(words.startswith((command, "run ")) for words in found)
-        for words in found:
-            if not is_dear(words):
-                follow(words, clone)
+        typed = examples(command)
+        assert len(typed) >= 2, command
+        assert all(line.startswith((command, "run ")) for line in typed)
+        for line in typed:
+            if not is_dear(line):
+                follow(line, clone)
     said = stickslip_here("stability", "examples/sheared_spheres.npz", "-q", cwd=clone).stdout
     assert "instability: 1 complex pair" in said
 
 
 @pytest.mark.slow
-def test_dear_examples_work_as_typed(clone):
+def test_slow_examples_work_as_typed(clone):
     follow("run examples/rate_state.toml --out results/rate-state --overwrite", clone)
     for command in COMMANDS:
-        for words in filter(is_dear, examples(command)):
-            follow(words, clone)
+        for line in filter(is_dear, examples(command)):
+            follow(line, clone)
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
@@ -88,13 +88,13 @@ def test_without_a_command_it_says_what_to_type_first(clone):
     said = stickslip_here()
     assert said.returncode == 0
     typed = re.findall(r"^  stickslip (.+?)(?:  .*)?$", said.stdout, flags=re.M)
-    known = {words for command in COMMANDS for words in examples(command)}
+    known = {example for command in COMMANDS for example in examples(command)}
     assert len(typed) >= 3
     assert set(typed) <= known
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (["rnu"], "did you mean 'run'?"),
         (["plot"], "command 'plot' is not known: use reproduce, run, "),
@@ -105,8 +105,8 @@ def test_without_a_command_it_says_what_to_type_first(clone):
         (["fit", "s.csv", "--law", "agin"], "did you mean 'aging'?"),
     ],
 )
-def test_what_is_mistyped_is_guessed(words, sentence, tmp_path):
-    run = stickslip_here(*words, cwd=tmp_path)
+def test_what_is_mistyped_is_guessed(arguments, sentence, tmp_path):
+    run = stickslip_here(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert sentence in run.stderr
     assert run.stderr.count("\n") == 1

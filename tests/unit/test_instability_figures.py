@@ -56,7 +56,7 @@ def test_envelopes_of_bursts_touch_the_motion():
 
 
 def test_thresholds_are_drawn_where_they_are():
-    found = Made(
+    threshold = Made(
         loads=np.array([0.1, 0.2, 0.3]), kicks=np.array([1e-6, 3e-3]), probability=np.array([[0, 0], [0, 0.5], [0, 1]]),
         lifetime=np.array([[np.nan, np.nan], [np.nan, 40.0], [np.nan, 10.0]]), duration=50.0,
         width=np.array([np.nan, 0.01]),
@@ -66,7 +66,7 @@ def test_thresholds_are_drawn_where_they_are():
         arrest=np.array([[0.1, 0.15], [-np.inf, 0.1]]), arrest_range=(-np.inf, 0.15), first_pair=0.0, first_limit=0.25,
         distance=0.1,
     )  # fmt: skip
-    above, below = ss.figures.static_and_kinetic(found, label="push", strength=0.4).axes
+    above, below = ss.figures.static_and_kinetic(threshold, label="push", strength=0.4).axes
     lines = {line.get_label(): line for line in above.get_lines()}
     circles = [line.get_ydata().tolist() for line in above.get_lines() if len(line.get_xdata()) == 3]
     assert circles[2:] == [[0, 0.5, 1], [0, 0.4, 0.9]] and {"slid by 0.1", "slid on"} <= set(lines)

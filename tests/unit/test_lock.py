@@ -26,22 +26,22 @@ with lock_folder(Path(sys.argv[1])):
 @pytest.fixture
 def holder(tmp_path):
     """Another process that works in tmp_path/out."""
-    words = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    arguments = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
+    process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "held\n"
     yield process
     process.kill()
     process.communicate()
 
 
-def test_a_second_process_is_told_who_works_there_and_a_killed_one_leaves_it_free(holder, tmp_path):
+def test_a_second_process_is_told_who_holds_the_lock_and_a_killed_holder_releases_it(holder, tmp_path):
     out = tmp_path / "out"
     (tmp_path / "s.toml").write_text(SLIDER)
     (tmp_path / "many.toml").write_text(SLIDER + '[sweep]\n"surface.mu0" = [0.3, 0.4]\n')
     before = sorted(path.name for path in out.iterdir())
     calls = [["run", "s.toml"], ["run", "many.toml"], ["reproduce", "disk-array"], ["run", "s.toml", "--overwrite"]]
-    for words in calls:
-        run = stickslip_here(*words, "--out", "out", cwd=tmp_path)
+    for arguments in calls:
+        run = stickslip_here(*arguments, "--out", "out", cwd=tmp_path)
         assert run.returncode == 2
         assert f"out is in use: process {holder.pid} on " in run.stderr
         assert "has been using it since 2" in run.stderr
@@ -88,7 +88,7 @@ def test_what_goes_wrong_inside_leaves_neither_lock_nor_folder(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_of_many_at_once_one_is_in_at_a_time(tmp_path):
+def test_only_one_of_many_holds_the_lock_at_a_time(tmp_path):
     """Threads hold locks of their own, as processes do; none may pass by a lock file that is just being removed."""
     inside, most, wrong = [], [], []
 

@@ -143,10 +143,10 @@ def poured():
     series = Made(time=time, kinetic_energy=time**2, coordination=time / 2, plate_position=height, plate_force=force)
     scenario = Made(cell=Made(periodic=(), size=(5.0, 12.0)), grains=Made(dim=2))
     plates = {"bottom": np.array([4]), "top": np.array([5])}
-    found = Made(series=series, frames=[state], scenario=scenario, poured=Made(loose=np.arange(4), plates=plates),
+    result = Made(series=series, frames=[state], scenario=scenario, poured=Made(loose=np.arange(4), plates=plates),
                  stages=[Made(start=0.0, end=4.0)])  # fmt: skip
     gap, pressure = 11.0, 10.0 / 5.0
-    return found, {
+    return result, {
         "end": 4.0, "kinetic_energy": 16.0, "coordination": 2.0, "deposit_top": 2.5, "grains_in_deposit": 3,
         "deposit_length": 3.0, "run_out": 3.5, "plane_friction": 0.3, "plane_friction_deviation": 0.1,
         "plane_pressure": pressure, "plane_shear_rate": 3 / gap, "plane_height": gap,
@@ -181,9 +181,9 @@ def crushed():
 def announced():
     """Four packings with five events each, and a switch test that announces all of them."""
     shear = Made(window=4e-4, step=4e-4)
-    found = samples(4, 5)
+    packings = samples(4, 5)
     strain = 4 * 56 * 4e-4
-    return Made(samples=found, number=20, scenario=Made(shear=shear)), {
+    return Made(samples=packings, number=20, scenario=Made(shear=shear)), {
         "events": 20, "packings": 4, "events_per_strain": 20 / strain, "saddle_node_exponent": 0.5,
         "share_pair": 3 / 20, "auc_switch": 1.0,
     }  # fmt: skip
@@ -211,14 +211,14 @@ def cycled():
 
 def kicked():
     """Two velocities, of which the smaller never makes the sample slide."""
-    found = Made(
+    threshold = Made(
         kicks=np.array([1e-13, 1e-4]), threshold=np.array([np.nan, 0.04]), arrest_range=(0.02, 0.03), first_pair=0.01,
         interval=np.array([[-np.inf, np.inf], [0.035, 0.05]]), probability=np.array([[0.0, 0.2], [0.0, 0.9]]),
         first_limit=0.015, lasting_threshold=np.array([np.nan, 0.045]),
         lasting_interval=np.array([[-np.inf, np.inf], [0.042, 0.048]]),
         lasting_probability=np.array([[0.0, 0.1], [0.0, 0.8]]),
     )  # fmt: skip
-    return Made(found=found, strength=0.06), {
+    return Made(found=threshold, strength=0.06), {
         "threshold_low@1e-13": -np.inf, "threshold_high@1e-13": np.inf,
         "largest_share@1e-13": 0.0, "threshold@0.0001": 0.04, "threshold_low@0.0001": 0.035,
         "threshold_high@0.0001": 0.05, "largest_share@0.0001": 0.9, "arrest_low": 0.02, "arrest_high": 0.03,
@@ -240,6 +240,6 @@ def test_every_experiment_has_a_table():
 def test_measures_have_their_values_and_units(experiment):
     """Every branch is taken, so that the tables have all that a run can leave, and nothing else."""
     result, values = MADE[experiment]()
-    found = EXPERIMENTS[experiment].measures(result)
-    assert {name.partition("@")[0]: unit for name, (_, unit) in found.items()} == UNITS[experiment]
-    assert {name: found[name][0] for name in values} == {name: pytest.approx(v) for name, v in values.items()}
+    measured = EXPERIMENTS[experiment].measures(result)
+    assert {name.partition("@")[0]: unit for name, (_, unit) in measured.items()} == UNITS[experiment]
+    assert {name: measured[name][0] for name in values} == {name: pytest.approx(v) for name, v in values.items()}

@@ -39,17 +39,17 @@ def sample(radii, dim, seed):
 
 def pairs_within_range(state):
     """All pairs closer than the skin, by comparing everything with everything."""
-    x, radius, n, found = body_positions(state), body_radii(state), len(state.grains.radius), set()
+    x, radius, n, pairs = body_positions(state), body_radii(state), len(state.grains.radius), set()
     reach = radius[:n, None] + radius[:n] + state.contacts.skin
     for image in itertools.product(*(range(-5, 6) if periodic else (0,) for periodic in state.cell.periodic)):
         apart = x[:n, None] - x[:n] + np.array(image) @ state.cell.vectors
         for i, j in np.argwhere((apart**2).sum(axis=2) < reach**2):
             if i < j or (i == j and image > (0, 0, 0)):
-                found.add((int(i), int(j), image))
+                pairs.add((int(i), int(j), image))
     for w in range(n, len(x)):
         gap = (x[:n] - x[w]) @ state.walls.normal[w - n] - radius[:n]
-        found |= {(int(i), w, (0, 0, 0)) for i in np.flatnonzero(gap < state.contacts.skin)}
-    return sorted(found)
+        pairs |= {(int(i), w, (0, 0, 0)) for i in np.flatnonzero(gap < state.contacts.skin)}
+    return sorted(pairs)
 
 
 def rebuilt(state, **changes):
@@ -98,13 +98,13 @@ def test_a_position_that_is_not_a_number_touches_nothing():
     assert listed(contacts) == [pair for pair in pairs_within_range(state) if 5 not in pair[:2]]
 
 
-@pytest.mark.parametrize("boxes, found", [(63, True), (64, False), (-63, True), (-64, False)])
-def test_images_have_seven_bits(boxes, found):
+@pytest.mark.parametrize("boxes, fits", [(63, True), (64, False), (-63, True), (-64, False)])
+def test_images_have_seven_bits(boxes, fits):
     grains = ss.spheres([[0.0, 0.5, 0.5], [10.0 * boxes + 0.9, 0.5, 0.5]], [0.5, 0.1])
     state = ss.assembly(grains, cell=ss.box([10, 10, 10], (True,) * 3), skin=0.5)
     contacts = rebuilt(state)
-    assert contacts.count[0] == (1 if found else -1)
-    if found:
+    assert contacts.count[0] == (1 if fits else -1)
+    if fits:
         assert contacts.image.tolist() == [[boxes, 0, 0]]
 
 

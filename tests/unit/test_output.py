@@ -26,9 +26,9 @@ SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
 SWEEP = SLIDER + '[sweep]\n"{key}" = {values}\n'
 
 
-def object_of(*words, cwd, code=0):
+def object_of(*arguments, cwd, code=0):
     """The one object on standard output; nothing else may be there."""
-    run = stickslip_here(*words, "--json", cwd=cwd)
+    run = stickslip_here(*arguments, "--json", cwd=cwd)
     assert run.returncode == code, run.stderr
     assert run.stdout.count("\n") == 1
     return json.loads(run.stdout, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")), run.stderr
@@ -36,20 +36,20 @@ def object_of(*words, cwd, code=0):
 
 def test_a_run_as_one_object_and_as_paths(tmp_path):
     (tmp_path / "s.toml").write_text(SLIDER)
-    found, err = object_of("run", "s.toml", "--out", "out", cwd=tmp_path)
+    answer, err = object_of("run", "s.toml", "--out", "out", cwd=tmp_path)
     assert not err
-    assert (found["command"], found["status"], found["folder"]) == ("run", "finished", "out")
+    assert (answer["command"], answer["status"], answer["folder"]) == ("run", "finished", "out")
     left = {path.name for path in (tmp_path / "out").iterdir()}
-    assert left == {"manifest.json"} | {path.split("/")[-1] for path in found["files"]}
-    assert found["measures"]["reached"]["unit"] == "s"
-    assert found["scenario"]["experiment"] == "rate-state"
-    assert re.fullmatch("[0-9a-f]{16}", found["scenario"]["digest"])
-    assert found["versions"]["numpy"] == np.__version__
+    assert left == {"manifest.json"} | {path.split("/")[-1] for path in answer["files"]}
+    assert answer["measures"]["reached"]["unit"] == "s"
+    assert answer["scenario"]["experiment"] == "rate-state"
+    assert re.fullmatch("[0-9a-f]{16}", answer["scenario"]["digest"])
+    assert answer["versions"]["numpy"] == np.__version__
     quiet = stickslip_here("run", "s.toml", "--out", "out", "-q", cwd=tmp_path)
-    assert quiet.stdout.split() == found["files"]
+    assert quiet.stdout.split() == answer["files"]
     again, _ = object_of("resume", "out", cwd=tmp_path)
-    assert again["files"] == found["files"]
-    assert again["scenario"] == found["scenario"]
+    assert again["files"] == answer["files"]
+    assert again["scenario"] == answer["scenario"]
     assert not terminal.console.quiet
     assert not terminal.console.stderr
 
@@ -57,8 +57,8 @@ def test_a_run_as_one_object_and_as_paths(tmp_path):
 def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     """`resume` can try these again as long as pieces are kept; then it is finished."""
     chosen = scenario(experiment="rate-state")
-    found = simulate_slider(chosen)
-    several = SimpleNamespace(**found._asdict(), failures=("realization 2 failed: not again",))
+    complete = simulate_slider(chosen)
+    several = SimpleNamespace(**complete._asdict(), failures=("realization 2 failed: not again",))
     made = claim("a", "Fig 1: text", 1.0, float("nan"), "1", 0.1)
 
     def told(result, claims=None):
@@ -68,21 +68,21 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     assert told(several)["status"] == "incomplete"
     assert told(several)["failures"] == ["realization 2 failed: not again"]
     (tmp_path / UNFINISHED).rmdir()
-    whole = told(found, [made])
+    whole = told(complete, [made])
     assert whole["status"] == "finished"
     assert "failures" not in whole
     assert (whole["claims"][0]["verdict"], whole["claims"][0]["measured"]) == ("undecided", None)
     swept = {"names": ["a", "b"], "failures": ["", "no equilibrium"], "reused": 1}
     swept["sweep"] = SimpleNamespace(base={}, digest="0", refused=(("b > a", 3),))
-    one = answers.describe_sweep("run", tmp_path, SimpleNamespace(**swept), {})
-    assert one["status"] == "failed"
-    assert one["members"] == {"total": 2, "finished": 1, "reused": 1, "failed": 1}
-    assert one["failures"] == {"b": "no equilibrium"}
-    assert one["refused"] == {"b > a": 3}
+    answer = answers.describe_sweep("run", tmp_path, SimpleNamespace(**swept), {})
+    assert answer["status"] == "failed"
+    assert answer["members"] == {"total": 2, "finished": 1, "reused": 1, "failed": 1}
+    assert answer["failures"] == {"b": "no equilibrium"}
+    assert answer["refused"] == {"b > a": 3}
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (["run", "absent.toml", "--out", "o"], "absent.toml cannot be read"),
         (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
@@ -93,12 +93,12 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
         (["convert", "absent.npz", "--to", "x.gsd"], "absent.npz"),
     ],
 )
-def test_errors_are_an_object_too_and_one_line_for_people(words, sentence, tmp_path):
-    found, err = object_of(*words, cwd=tmp_path, code=2)
-    assert (found["status"], found["exit_code"]) == ("failed", 2)
-    assert sentence in found["error"]
-    assert err == f"stickslip: {found['error']}\n"
-    assert stickslip_here(*words, "--quiet", cwd=tmp_path).stdout == ""
+def test_errors_are_an_object_too_and_one_line_for_people(arguments, sentence, tmp_path):
+    answer, err = object_of(*arguments, cwd=tmp_path, code=2)
+    assert (answer["status"], answer["exit_code"]) == ("failed", 2)
+    assert sentence in answer["error"]
+    assert err == f"stickslip: {answer['error']}\n"
+    assert stickslip_here(*arguments, "--quiet", cwd=tmp_path).stdout == ""
     assert not list(tmp_path.iterdir())
 
 
@@ -120,33 +120,33 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         (tmp_path / "s.toml").write_text(SWEEP.format(key=key, values=values))
 
     write()
-    words = ("run", "s.toml", "--out", "out", "--workers", "1")
-    found, _ = object_of(*words, "--figures", cwd=tmp_path)
-    assert found["members"] == {"total": 2, "finished": 2, "reused": 0, "failed": 0}
-    assert found["ranges"]["final_friction"]["members"] == 2
+    arguments = ("run", "s.toml", "--out", "out", "--workers", "1")
+    answer, _ = object_of(*arguments, "--figures", cwd=tmp_path)
+    assert answer["members"] == {"total": 2, "finished": 2, "reused": 0, "failed": 0}
+    assert answer["ranges"]["final_friction"]["members"] == 2
     gone = sorted((tmp_path / "out" / "members").iterdir())[0] / "measures.json"
     gone.unlink()
     (gone.parent / "fig1_history.png").unlink()
-    found, _ = object_of("resume", "out", "--workers", "1", cwd=tmp_path)
-    assert found["members"]["reused"] == 1
+    answer, _ = object_of("resume", "out", "--workers", "1", cwd=tmp_path)
+    assert answer["members"]["reused"] == 1
     assert (gone.parent / "fig1_history.png").exists()
     assert "The sweep is finished: there was nothing to run." in " ".join(
         stickslip_here("resume", "out", "--workers", "1", cwd=tmp_path).stdout.split()
     )
     write(values="[0.3, 0.4, 0.5]")
-    assert object_of(*words, cwd=tmp_path)[0]["members"]["reused"] == 2
+    assert object_of(*arguments, cwd=tmp_path)[0]["members"]["reused"] == 2
     write(key="surface.a", values="[0.01]")
     before = sorted(path.name for path in (tmp_path / "out" / "members").iterdir())
-    refused = stickslip_here(*words, cwd=tmp_path)
+    refused = stickslip_here(*arguments, cwd=tmp_path)
     assert refused.returncode == 2
     assert "contains another sweep (the old sweep has keys surface.mu0, the new one surface.a)" in refused.stderr
     assert sorted(path.name for path in (tmp_path / "out" / "members").iterdir()) == before
-    assert object_of(*words, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
+    assert object_of(*arguments, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
     assert len(list((tmp_path / "out" / "members").iterdir())) == 1
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "text"),
     [
         ({}, ""),
         ({"sweep": {"law.mu": [3, 4]}}, ""),
@@ -158,9 +158,9 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         ({"seed": 3}, "seed was not given and is now 3"),
     ],
 )
-def test_what_makes_another_sweep(change, words):
+def test_what_makes_another_sweep(change, text):
     base = {"law": {"kt": 0.1}, "sweep": {"law.mu": [1, 2]}}
-    assert describe_differences(base, base | change) == words
+    assert describe_differences(base, base | change) == text
 
 
 def test_colours_and_live_lines_are_for_terminals(monkeypatch):
@@ -188,7 +188,7 @@ def test_colours_and_live_lines_are_for_terminals(monkeypatch):
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
-def test_code_pages_without_greek_get_words(encoding, tmp_path):
+def test_code_pages_without_greek_get_spelled_letters(encoding, tmp_path):
     code = "import sys; from stickslip.cli.entry_point import main; from stickslip.cli import app\n"
     code += "@app.command()\ndef greek(): print('λ ± 2 Å'); raise ValueError('φ → ∞')\nmain()"
     env = os.environ | {"PYTHONIOENCODING": encoding, "NO_COLOR": "1"}
@@ -227,11 +227,11 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
         ],
         "stickslip run examples/": [""],
     }
-    for words, found in expected.items():
-        line = {"script": script.stdout, "words": words, "place": len(words.split()) - 1}
+    for command, completions in expected.items():
+        line = {"script": script.stdout, "words": command, "place": len(command.split()) - 1}
         text = BASH.format(**line, program=tmp_path / "stickslip")
         run = subprocess.run(["bash", "--norc", "-c", text], capture_output=True, text=True)
-        assert run.stdout.split("\n")[:-1] == found, (words, run.stderr)
+        assert run.stdout.split("\n")[:-1] == completions, (command, run.stderr)
 
 
 @pytest.mark.parametrize(

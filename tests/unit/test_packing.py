@@ -53,7 +53,7 @@ def test_a_large_packing_is_quenched_by_fire_to_the_same_tolerance():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({}, "give either packing_fraction or pressure"),
         ({"packing_fraction": 0.68, "pressure": 1e-3}, "give either packing_fraction or pressure"),
@@ -63,8 +63,8 @@ def test_a_large_packing_is_quenched_by_fire_to_the_same_tolerance():
         ({"packing_fraction": 0.68, "radius": [5.0] + [0.5] * 19}, "use more grains"),
     ],
 )
-def test_an_impossible_packing_is_one_sentence(options, words):
-    with pytest.raises(ValueError, match=words):
+def test_an_impossible_packing_gives_a_one_sentence_error(options, message):
+    with pytest.raises(ValueError, match=message):
         jammed(20, **options)
 
 
@@ -73,9 +73,9 @@ def test_stress_of_one_contact_is_force_times_branch_over_volume():
     state = ss.assembly(grains, cell=ss.box([5.0, 4.0, 3.0], [True] * 3))
     law = ss.laws.linear(kn=2.0)
     _, trial = ss.forces(state, law)
-    found = stress(ss.accept(with_neighbor_list(state), trial), law)
-    assert found[0, 0] == pytest.approx(2.0 * 0.1 * 0.9 / 60)  # compression is positive
-    assert np.abs(found).sum() == pytest.approx(found[0, 0])
+    tensor = stress(ss.accept(with_neighbor_list(state), trial), law)
+    assert tensor[0, 0] == pytest.approx(2.0 * 0.1 * 0.9 / 60)  # compression is positive
+    assert np.abs(tensor).sum() == pytest.approx(tensor[0, 0])
     assert packing_fraction(state) == pytest.approx(2 * 4 / 3 * np.pi * 0.125 / 60)
 
 
@@ -120,8 +120,10 @@ def test_what_a_load_a_spring_or_a_fixed_body_holds_is_no_rattler():
     spring = np.zeros((5, 3))
     spring[2, 1] = 1.0
     assert loose(spring=spring) == [True, False, False, True]
-    two, one = (ss.control.rigid(state.control, members) for members in ([0, 1, 2], [1, 2]))  # contacts with the floor
-    assert loose(two) == [False, False, False, True] and loose(one) == [True] * 4
+    double, single = (
+        ss.control.rigid(state.control, members) for members in ([0, 1, 2], [1, 2])
+    )  # contacts with the floor
+    assert loose(double) == [False, False, False, True] and loose(single) == [True] * 4
 
 
 def test_affine_strain_moves_grains_and_cell_alike():
@@ -171,11 +173,11 @@ def test_a_cell_described_by_shorter_vectors_is_the_same_packing(dim, seed):
 
 
 @pytest.mark.parametrize(
-    ("gradient", "words"), [(np.eye(4), "shape"), ([[0, 0, 1], [0, 0, 0], [0, 0, 0]], "z components")]
+    ("gradient", "message"), [(np.eye(4), "shape"), ([[0, 0, 1], [0, 0, 0], [0, 0, 0]], "z components")]
 )
-def test_an_impossible_strain_is_one_sentence(gradient, words):
+def test_an_impossible_strain_gives_a_one_sentence_error(gradient, message):
     state = jammed(20, packing_fraction=0.86, dim=2)[0]
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         strained(state, gradient)
 
 

@@ -38,9 +38,9 @@ OF_LAMMPS = [session for name in ("exchange", "contact_laws", "look") for sessio
 
 def run(command: str, folder: Path) -> str:
     """Output of a command, as on a terminal of as many columns as the pages have."""
-    words = [sys.executable, "-m", *command.split()]
+    arguments = [sys.executable, "-m", *command.split()]
     environment = os.environ | {"COLUMNS": str(COLUMNS), "TERM": "dumb"}
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, env=environment)
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, env=environment)
     assert "Traceback" not in done.stderr and done.returncode != 2, done.stderr
     return done.stdout
 
@@ -103,7 +103,7 @@ def test_the_commands_for_a_packing_from_lammps_print_what_the_pages_show(tmp_pa
                 require_output(shown, run(command, tmp_path))
 
 
-def test_agreement_is_of_words_and_numbers():
+def test_printed_outputs_agree_in_text_and_numbers():
     assert agree("residual 5.9e-12 of  3 grains", "residual 2.1e-12 of 3 grains")
     assert not agree("period 23.49", "period 24.49") and not agree("1 pair", "1 pairs")
     require_output(["first", "…", "last"], "first\nother\nlast\n")

@@ -38,17 +38,17 @@ def packing(request):
     return state, spectrum(state, LAW)
 
 
-def assert_same(found, full):
+def assert_same(result, full):
     expected = full.pairs
     scale = np.abs(full.eigenvalues).max()
-    assert len(found.eigenvalues) == len(expected)
+    assert len(result.eigenvalues) == len(expected)
     # both solve to 1e-15 of the largest |λ|, and eigenvalues next to their birth amplify that by a hundred
-    np.testing.assert_allclose(found.eigenvalues, expected, rtol=0, atol=1e-12 * scale)
-    norm = (found.free.mass[:, None] * np.abs(found.modes) ** 2).sum(axis=0)
+    np.testing.assert_allclose(result.eigenvalues, expected, rtol=0, atol=1e-12 * scale)
+    norm = (result.free.mass[:, None] * np.abs(result.modes) ** 2).sum(axis=0)
     np.testing.assert_allclose(norm, 1, rtol=1e-12)
     for k, p in enumerate(full.pair_indices):
-        assert mode_overlap(found.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
-    assert np.all(found.residual < 1e-12)
+        assert mode_overlap(result.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
+    assert np.all(result.residual < 1e-12)
 
 
 def test_windows_find_the_pairs_of_lapack(packing):
@@ -75,16 +75,16 @@ def test_walls_and_sliding_contacts(dim):
     law = make_law("hertz_mindlin", "sharp", mu=0.2)
     state = stirred(make_packing(dim, 2, n=12), law, np.random.default_rng(2))
     full = spectrum(state, law)
-    found = complex_pairs(state, law, dense_below=0)
+    pairs = complex_pairs(state, law, dense_below=0)
     scale = np.abs(full.eigenvalues).max()
-    np.testing.assert_allclose(found.eigenvalues, full.pairs, rtol=0, atol=1e-11 * scale)
+    np.testing.assert_allclose(pairs.eigenvalues, full.pairs, rtol=0, atol=1e-11 * scale)
 
 
 def test_certificate_accounts_for_every_eigenvalue(packing):
     state, full = packing
-    found = complex_pairs(state, LAW, certificate=True, dense_below=0)
-    certified = found.certified
-    assert_same(found, full)
+    pairs = complex_pairs(state, LAW, certificate=True, dense_below=0)
+    certified = pairs.certified
+    assert_same(pairs, full)
     assert certified.consistent
     assert certified.real + 2 * certified.pairs + certified.members.sum() == certified.size
     assert certified.size + certified.zero == len(full.eigenvalues)
@@ -104,14 +104,14 @@ def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     scale = np.abs(full.eigenvalues).max()
 
     def consistent(pairs):
-        return gershgorin_certificate(matrix, None, pairs, 0, lambda share, words: None).consistent
+        return gershgorin_certificate(matrix, None, pairs, 0, lambda share, message: None).consistent
 
     assert consistent(values)
     assert not consistent(values[1:])
     assert not consistent(np.append(values, 0.5 * scale + 1e-3j))
 
 
-def quiet(share, words):
+def quiet(share, message):
     pass
 
 
@@ -127,12 +127,12 @@ def test_discs_are_gershgorins_after_the_blocks_are_diagonal():
             T[np.ix_(together, together)] = np.linalg.eig(B[np.ix_(together, together)])[1]
         turned = np.linalg.inv(T) @ B @ T
         radii = np.abs(turned).sum(axis=1) - np.abs(np.diag(turned))
-        centres, found = _discs(B.copy(), 0.0, quiet, passes=0)
+        centres, sizes = _discs(B.copy(), 0.0, quiet, passes=0)
         at = np.lexsort((np.diag(turned).imag.round(9), np.diag(turned).real.round(9)))
         mine = np.lexsort((centres.imag.round(9), centres.real.round(9)))
         np.testing.assert_allclose(centres[mine], np.diag(turned)[at], atol=1e-12)
-        np.testing.assert_allclose(found[mine], radii[at], atol=1e-12)
-        wider = _discs(B.copy(), 10.0, quiet, passes=0)[1] - found
+        np.testing.assert_allclose(sizes[mine], radii[at], atol=1e-12)
+        wider = _discs(B.copy(), 10.0, quiet, passes=0)[1] - sizes
         np.testing.assert_allclose(wider, 6 * np.finfo(float).eps * 10.0, rtol=0.1)  # a difference of two radii
 
 
@@ -159,8 +159,8 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
     planes = module._search_by_arnoldi(matrix, np.linalg.qr(rough)[0], scale)
-    found = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
-    assert min(np.abs(values - full.pairs[0]).min() for values in found) < 1e-12 * scale
+    rows = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
+    assert min(np.abs(values - full.pairs[0]).min() for values in rows) < 1e-12 * scale
 
 
 def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
@@ -169,12 +169,12 @@ def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
         complex_pairs(packing[0], LAW)
 
 
-def test_progress_is_told_in_order(packing):
+def test_progress_is_reported_in_order(packing):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, words: told.append(share))
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(share))
     assert told == sorted(told)
     told.clear()
-    complex_pairs(packing[0], LAW, certificate=True, dense_below=0, report=lambda share, words: told.append(share))
+    complex_pairs(packing[0], LAW, certificate=True, dense_below=0, report=lambda share, message: told.append(share))
     assert told == sorted(told)
     assert told[-1] == 1.0
 
@@ -183,12 +183,12 @@ def test_progress_is_told_in_order(packing):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_thousand_spheres_agree_with_lapack(seed):
     state = sheared_packing(1000, 3, 0.68, 6e-4, steps=8, seed=seed)
-    found = complex_pairs(state, LAW)
+    pairs = complex_pairs(state, LAW)
     values = eigvals(dynamical_matrix(state, LAW, freedom(state)).toarray(order="F"), overwrite_a=True)
     scale = np.abs(values).max()
     expected = values[values.imag > 1e-9 * scale]
-    assert len(found.eigenvalues) == len(expected) > 0
-    apart = np.abs(found.eigenvalues[:, None] - expected[None, :])
+    assert len(pairs.eigenvalues) == len(expected) > 0
+    apart = np.abs(pairs.eigenvalues[:, None] - expected[None, :])
     assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-12 * scale
 
 
@@ -204,7 +204,7 @@ def test_windows_miss_nothing_on_independent_packings(seed):
 
 def test_a_certificate_announces_its_time_first(packing):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, words: told.append(words))
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(message))
     assert "certificate" in told[0] and "estimated time" in told[0]
 
 
@@ -217,21 +217,21 @@ def test_an_unaffordable_certificate_is_refused_with_its_time(packing, monkeypat
 @pytest.mark.parametrize(("asked", "way"), [("fastest", "dense"), ("all", "dense"), ("certify", "certify")])
 def test_stability_takes_the_cheapest_way_and_names_it(packing, asked, way):
     state, full = packing
-    found = ss.stability(state, LAW, method=asked)
-    assert found.method == way and found.way
-    np.testing.assert_allclose(found.pairs[0], full.pairs[0], rtol=0, atol=1e-12 * np.abs(full.eigenvalues).max())
+    result = ss.stability(state, LAW, method=asked)
+    assert result.method == way and result.way
+    np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=0, atol=1e-12 * np.abs(full.eigenvalues).max())
 
 
 @pytest.mark.parametrize(("asked", "way"), [("fastest", "fastest"), ("all", "pairs"), ("auto", "pairs")])
 def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way):
     state, full = packing
     monkeypatch.setattr("stickslip.solve.stability.DENSE_UP_TO", 10)
-    found = ss.stability(state, LAW, method=asked)
-    assert found.method == way and found.scope
-    np.testing.assert_allclose(found.pairs[0], full.pairs[0], rtol=1e-9)
+    result = ss.stability(state, LAW, method=asked)
+    assert result.method == way and result.scope
+    np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=1e-9)
 
 
-def test_too_many_coordinates_for_a_certificate_name_the_other_way(packing, monkeypatch):
+def test_too_many_coordinates_for_a_certificate_name_the_other_method(packing, monkeypatch):
     monkeypatch.setattr("stickslip.solve.stability.PAIRS_UP_TO", 10)
     with pytest.raises(ValueError, match=r"would take about .* use 'fastest'"):
         ss.stability(packing[0], LAW, method="certify")

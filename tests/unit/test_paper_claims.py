@@ -74,13 +74,13 @@ def test_one_packing_with_a_pair_at_zero_slip_is_enough_against_the_paper():
 
 @pytest.mark.parametrize(("start", "end", "decades"), [(1e-25, 1e-6, 19), (1e-25, 1e-9, 16), (1e-23, 1e-5, 18)])
 def test_decades_are_those_of_the_growth_and_not_of_the_window_of_the_fit(start, end, decades):
-    found = shear_claims.exponential_stretch(released(start, end))
+    stretch = shear_claims.exponential_stretch(released(start, end))
     # the line is left where the level of the start is as high as the growing part, and the growth is cut at `end`
-    assert found.decades == pytest.approx(decades, abs=0.7)
-    assert found.last == pytest.approx(end, rel=0.1)
-    assert found.ended
+    assert stretch.decades == pytest.approx(decades, abs=0.7)
+    assert stretch.last == pytest.approx(end, rel=0.1)
+    assert stretch.ended
     row = sheared([released(start, end), released(start, end)])["decades-of-growth"]
-    assert row.measured == pytest.approx(found.decades)
+    assert row.measured == pytest.approx(stretch.decades)
     assert row.verdict == UNDECIDED  # the paper does not print how large its perturbation was
     assert sheared([released(start, end)] * 2)["growth-follows-prediction"].verdict == REPRODUCED
 
@@ -112,7 +112,7 @@ def sample(end: float, verdict: str, collapse: float | None):
 
 
 @pytest.mark.parametrize(
-    ("one", "low", "high"),
+    ("tested", "low", "high"),
     [
         (sample(0.5, "UNSTABLE", 0.51), 1.02, 1.02),
         (sample(0.5, "NEGATIVE", None), 1.1, np.inf),  # dynamics passed the end by a tenth
@@ -123,8 +123,8 @@ def sample(end: float, verdict: str, collapse: float | None):
         (sample(0.0, "UNSTABLE", None), 0.0, np.inf),
     ],
 )
-def test_a_sample_in_which_path_or_dynamics_does_not_end_bounds_its_ratio(one, low, high):
-    assert quasi_claims.collapse_ratio(one, 0.1) == pytest.approx((low, high))
+def test_a_sample_in_which_path_or_dynamics_does_not_end_bounds_its_ratio(tested, low, high):
+    assert quasi_claims.collapse_ratio(tested, 0.1) == pytest.approx((low, high))
 
 
 def test_the_collapse_ratio_counts_every_sample():
@@ -137,8 +137,8 @@ def test_the_collapse_ratio_counts_every_sample():
     row = quasi_claims._collapse(Made(tested=tested, scenario=Made(dynamics=Made(beyond=0.1))))
     assert row.measured is None
     assert row.verdict == NO_REFERENCE
-    for words in ("all 3 samples", "1.0000 to 1.0000 in 1", "above 1.1000 in 1", "1 whose path did not end"):
-        assert words in row.note
+    for part in ("all 3 samples", "1.0000 to 1.0000 in 1", "above 1.1000 in 1", "1 whose path did not end"):
+        assert part in row.note
 
 
 def looked(symmetric, unique):
@@ -181,11 +181,11 @@ def test_stable_means_that_m_does_not_rise():
 
 def test_the_power_of_im_lambda_is_found_with_its_error():
     rng, im = np.random.default_rng(1), np.array([1e-4, 2e-4, 4e-4, 8e-4])
-    found = []
+    results = []
     for _ in range(300):
         speed = 2.0 * im**0.7 * (1 + 0.05 * rng.normal(size=4))
-        found.append(disk_measures.Proportion(im, im, speed, 0.05 * speed).exponent)
-    values, errors = np.array(found).T
+        results.append(disk_measures.Proportion(im, im, speed, 0.05 * speed).exponent)
+    values, errors = np.array(results).T
     assert values.mean() == pytest.approx(0.7, abs=0.01)
     assert np.median(errors) == pytest.approx(values.std(), rel=0.25)
     assert disk_measures.Proportion(im[:2], im[:2], im[:2], im[:2]).exponent is None
@@ -209,12 +209,12 @@ def test_both_estimators_of_a_front_have_an_error_that_repeated_ensembles_show()
 
 def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
     late = np.array([1.6e-5, 1.7e-5, 1.5e-5])
-    found = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), np.array([1.2, 1.1, 1.3]), 9)
-    msd, pairs = disk_claims._arrest_claims(found)
+    arrest = Arrest(0.03, late, 1.02 * late, np.array([0, 1, 0]), np.array([1, 1, 2]), np.array([1.2, 1.1, 1.3]), 9)
+    msd, pairs = disk_claims._arrest_claims(arrest)
     assert msd.id == "arrest-msd-0.030" and msd.measured == pytest.approx(1.632e-5) and msd.verdict == REPRODUCED
     assert "agrees with the reference 1.6e-05" in msd.note and "of 9 disk–disk contacts they have 1, 1, 2" in msd.note
     assert pairs.measured == 0 and "2 have none" in pairs.note
-    far = disk_claims._arrest_claims(found._replace(static=0.01 * late))[0]
+    far = disk_claims._arrest_claims(arrest._replace(static=0.01 * late))[0]
     assert far.verdict == NOT_REPRODUCED and "differs from the reference" in far.note
 
 
@@ -224,12 +224,12 @@ def test_arrest_is_compared_with_the_late_motion_and_pairs_with_none():
      ((-np.inf, 0.045), UNDECIDED)],
 )  # fmt: skip
 def test_the_threshold_must_lie_between_arrest_and_sliding(interval, verdict):
-    found = Made(
+    threshold = Made(
         loads=np.array([0.04, 0.083]), probability=np.array([[0.1], [1.0]]), runs=np.full((2, 1), 16), distance=0.1,
         lasting_probability=np.array([[0.0], [0.9]]), kicks=np.array([1e-4]), lasting_threshold=np.array([0.044]),
         lasting_interval=np.array([interval]), arrest=np.array([[0.04, 0.045]] * 3), arrest_range=(0.04, 0.045),
     )  # fmt: skip
-    value, between = disk_claims._threshold_claims(found)
+    value, between = disk_claims._threshold_claims(threshold)
     assert "slide by 0.1, and that slide on: 0.1 and 0 at 0.04, 1 and 0.9 at 0.083" in value.note
     assert "3 sliding arrays stopped between 0.04 and 0.045" in value.note
     assert between.verdict == verdict and value.verdict == NO_REFERENCE
@@ -241,14 +241,16 @@ def test_late_states_of_an_array_relax_to_equilibria_at_rest():
     chosen = ss.scenario(load={"push": (0.0, 0.03), "step": 5e-3}, array={"disks": 3}, dynamics={
         "loads": (0.03,), "duration": 400.0, "seed_velocity": 1e-6})  # fmt: skip
     result = ss.simulate(chosen)
-    found = find_arrest(result, 0.03)
+    arrest = find_arrest(result, 0.03)
     start = result.path[-1].state
     state = ss.packings.perturbed(start, velocity=1e-6, seed=0)
     for k, duration in enumerate((400.0, *[50.0] * 7)):
         state, _, _ = ss.run(state, result.law, round(duration / 0.1), 0.1, threads=1)
         rest, outcome = ss.relax(state, result.law, tolerance=1e-14)
         assert outcome.ok
-        assert found.late[k] == pytest.approx(((state.grains.position - start.grains.position) ** 2).sum(), rel=1e-6)
-        assert found.static[k] == pytest.approx(((rest.grains.position - start.grains.position) ** 2).sum(), abs=1e-14)
+        assert arrest.late[k] == pytest.approx(((state.grains.position - start.grains.position) ** 2).sum(), rel=1e-6)
+        assert arrest.static[k] == pytest.approx(((rest.grains.position - start.grains.position) ** 2).sum(), abs=1e-14)
     # while the pair still grows, the state relaxes to where it was: to the same contacts, and the same pair
-    assert found.static[0] < 1e-6 * found.late[0] and found.neighbours[0] == found.before == 2 and found.pairs[0] == 1
+    assert (
+        arrest.static[0] < 1e-6 * arrest.late[0] and arrest.neighbours[0] == arrest.before == 2 and arrest.pairs[0] == 1
+    )

@@ -43,6 +43,6 @@ def test_no_thread_is_ever_left_without_a_tile(tiles):
 @pytest.mark.parametrize("parts", [1, 3, 10])
 def test_parts_hold_every_point_once_and_are_of_a_size(parts):
     x = np.random.default_rng(parts).random((3, 500)) * np.array([[4.0], [1.0], [1.0]])
-    found = split_layers(x, np.arange(500), parts)
-    assert np.array_equal(np.sort(np.concatenate(found)), np.arange(500))
-    assert max(map(len, found)) - min(map(len, found)) <= 4
+    layers = split_layers(x, np.arange(500), parts)
+    assert np.array_equal(np.sort(np.concatenate(layers)), np.arange(500))
+    assert max(map(len, layers)) - min(map(len, layers)) <= 4

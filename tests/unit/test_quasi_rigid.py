@@ -30,28 +30,28 @@ def small():
 
 
 def test_curve_is_what_the_walls_say(small):
-    one = small.tested[0]
-    state, n = one.path.states[-1], small.scenario.disks.number
+    first = small.tested[0]
+    state, n = first.path.states[-1], small.scenario.disks.number
     width = state.walls.point[RIGHT, 0] - state.walls.point[LEFT, 0]
-    assert one.curve.ratio[-1] > one.curve.ratio[0] > 0
+    assert first.curve.ratio[-1] > first.curve.ratio[0] > 0
     height = state.walls.point[TOP, 1] - state.walls.point[1, 1]
     force = state.control.force
-    assert one.curve.ratio[-1] == pytest.approx((force[n + TOP, 1] / width) / (force[n + RIGHT, 0] / height))
-    assert one.curve.strain[0] == one.curve.volumetric[0] == 0
-    assert one.curve.strain[-1] > 0
-    assert one.back.load[-1] == pytest.approx(0, abs=1e-12)
-    there = np.interp(one.back.load[0], one.curve.load, one.curve.strain)
-    assert one.back.strain[-1] < one.back.strain[0] == pytest.approx(there, rel=0.1)
+    assert first.curve.ratio[-1] == pytest.approx((force[n + TOP, 1] / width) / (force[n + RIGHT, 0] / height))
+    assert first.curve.strain[0] == first.curve.volumetric[0] == 0
+    assert first.curve.strain[-1] > 0
+    assert first.back.load[-1] == pytest.approx(0, abs=1e-12)
+    there = np.interp(first.back.load[0], first.curve.load, first.curve.strain)
+    assert first.back.strain[-1] < first.back.strain[0] == pytest.approx(there, rel=0.1)
 
 
 def test_contact_forces_start_and_end_as_the_packing_has_them(small):
-    one = small.tested[0]
-    m = ss.quasirigid.linear_system(one.path.states[0], one.law)
-    contacts = one.path.states[0].contacts
+    first = small.tested[0]
+    m = ss.quasirigid.linear_system(first.path.states[0], first.law)
+    contacts = first.path.states[0].contacts
     ours = {(int(i), int(j)): f for i, j, f in zip(contacts.i[m.rows], contacts.j[m.rows], m.force, strict=True)}
-    for pair, force in zip(one.pairs, one.forces[0], strict=True):
+    for pair, force in zip(first.pairs, first.forces[0], strict=True):
         assert force == pytest.approx(ours[tuple(pair.tolist())], abs=1e-15)
-    assert (np.abs(one.forces[..., 1]) <= 0.5 * one.forces[..., 0] + 1e-3 * one.forces[..., 0].mean()).all()
+    assert (np.abs(first.forces[..., 1]) <= 0.5 * first.forces[..., 0] + 1e-3 * first.forces[..., 0].mean()).all()
 
 
 def test_table_one_holds_in_the_engine(small):
@@ -81,10 +81,10 @@ def test_claims_have_all_ids_and_say_what_was_measured(small):
 
 
 def test_a_sample_whose_path_ends_at_once_has_no_dynamics_and_is_left_out(small):
-    one = small.tested[0]
-    both = quasi_claims._slow_error(small._replace(tested=(one, one._replace(slow=()))))
+    first = small.tested[0]
+    both = quasi_claims._slow_error(small._replace(tested=(first, first._replace(slow=()))))
     assert "1 sample without dynamics at every duration" in both.note and "of 1 samples;" in both.note
-    none = quasi_claims._slow_error(small._replace(tested=(one._replace(slow=()),)))
+    none = quasi_claims._slow_error(small._replace(tested=(first._replace(slow=()),)))
     assert none.verdict == "undecided" and none.note.startswith("no sample has slow dynamics")
 
 
@@ -100,12 +100,12 @@ def test_difference_and_collapse_of_made_up_curves():
     burst = energy.copy()
     burst[70:73] = 1e-9
     fallen = Curve(load, np.where(load > 0.7, load + 0.2, load), load, load)
-    for curve, found in ((fallen, load[71]), (path, None)):  # a burst after which the run is on the path is none
+    for curve, expected in ((fallen, load[71]), (path, None)):  # a burst after which the run is on the path is none
         both = [
             SlowDynamics(3e4, curve, burst, 0.0),
             SlowDynamics(1e5, curve, np.maximum(burst, energy) - 0.9 * energy, 0.0),
         ]
-        assert collapse_load(both, path) == (None if found is None else pytest.approx(found))
+        assert collapse_load(both, path) == (None if expected is None else pytest.approx(expected))
 
 
 def test_run_leaves_curves_figures_numbers(small, tmp_path):
@@ -139,7 +139,7 @@ def test_shear_from_the_command_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         ({"loading": {"wall": "left"}}, "loading.wall = 'left' was given"),
         ({"loading": {"increment": 2.0}}, "loading.increment = 2.0"),
@@ -150,8 +150,8 @@ def test_shear_from_the_command_line(tmp_path):
         ({"dynamics": {"times": (-1.0,)}}, "dynamics.times"),
     ],
 )
-def test_wrong_scenarios_are_one_sentence(tables, words):
+def test_wrong_scenarios_give_a_one_sentence_error(tables, message):
     with pytest.raises(ss.experiments.ScenarioError) as problem:
         ss.scenario(experiment="quasi-rigid", **tables)
-    assert words in str(problem.value)
+    assert message in str(problem.value)
     assert "\n" not in str(problem.value)

@@ -65,7 +65,7 @@ def test_no_type_prints_the_generic_tuple(kind):
     assert hasattr(kind, "_repr_html_")
 
 
-def test_a_large_value_stays_short_whatever_it_holds():
+def test_the_repr_of_a_large_value_stays_short():
     path = ss.results.Ledger(*[np.arange(1e5)] * len(ss.results.Ledger._fields))
     for text in (repr(path), str(path)):
         assert len(text) < 1000
@@ -94,7 +94,7 @@ def test_what_stands_in_a_table_is_escaped():
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "text"),
     [
         (np.zeros((5, 3)), "0 (5 × 3 values)"), (1e-13, "1e-13"), (None, "none"), (True, "yes"),
         (ss.Status.DONE, "the run reached its last step"), ("x" * 100, "x" * 59 + "…"), ([1.0] * 50, "1 (50 values)"),
@@ -105,14 +105,14 @@ def test_what_stands_in_a_table_is_escaped():
         (np.eye(2), "1, 0; 0, 1"), (np.array(2.5), "2.5"),
     ],
 )  # fmt: skip
-def test_one_value(value, words):
-    assert format_value(value) == words
+def test_one_value(value, text):
+    assert format_value(value) == text
 
 
 def test_a_scenario_names_what_differs_from_its_defaults():
-    one = ss.scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)})
-    assert repr(one).startswith("DiskArrayScenario: disk-array, array.disks = 5, load.push = 0, 0.05")
-    assert ["load.push", "0, 0.05", "[unit]", "turning points of the quasi-static load path"] in cells(one)
+    chosen = ss.scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)})
+    assert repr(chosen).startswith("DiskArrayScenario: disk-array, array.disks = 5, load.push = 0, 0.05")
+    assert ["load.push", "0, 0.05", "[unit]", "turning points of the quasi-static load path"] in cells(chosen)
     assert len(repr(ss.scenario(dynamics={"loads": tuple(np.linspace(0, 0.09, 999))}))) < 1000
 
 
@@ -154,13 +154,13 @@ def test_tables_are_for_people(state, jammed):
 def test_a_table_of_stability_lists_growing_pairs():
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth"), 0, 1, mu=0.3)
     array = ss.packings.disk_array(10, press=5e-5, push=1.5e-5, gap=-1e-6)
-    found = ss.stability(ss.equilibrate(array, law)[0], law)
-    shown = dict(row[:2] for row in cells(found))
-    assert shown["verdict"] == found.verdict
-    assert len(found.pairs) == 2
+    result = ss.stability(ss.equilibrate(array, law)[0], law)
+    shown = dict(row[:2] for row in cells(result))
+    assert shown["verdict"] == result.verdict
+    assert len(result.pairs) == 2
     for k in range(2):
-        period = f"period {2 * np.pi / found.frequency[k]:.4g}"
-        assert shown[f"growing pair {k + 1}"] == f"{period}, e-folding time {1 / found.growth_rate[k]:.4g}"
+        period = f"period {2 * np.pi / result.frequency[k]:.4g}"
+        assert shown[f"growing pair {k + 1}"] == f"{period}, e-folding time {1 / result.growth_rate[k]:.4g}"
     assert shown["rattlers"] == "0"
 
 

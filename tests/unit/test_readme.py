@@ -18,7 +18,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
-    ("page", "number", "words"),
+    ("page", "number", "message"),
     [
         ("README.md", 0, ("oscillatory instability: 1 complex pair",)),
         ("docs/index.md", 0, ("3 complex pairs", "limit")),
@@ -35,12 +35,12 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ),
     ],
 )
-def test_the_examples_run_and_are_short(page, number, words, tmp_path):
+def test_the_examples_run_and_are_short(page, number, message, tmp_path):
     code = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)[number]
     assert len(code.strip().splitlines()) <= 15
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert all(w in run.stdout for w in words), run.stdout
+    assert all(w in run.stdout for w in message), run.stdout
 
 
 def test_links_and_commands_exist():
@@ -108,19 +108,19 @@ def test_an_attribute_that_does_not_exist_names_the_nearest_one(space, wrong, ne
 
 
 def test_a_name_in_two_namespaces_names_both():
-    words = r"did you mean stickslip\.modes\.complex_pairs or stickslip\.figures\.disk_array\.complex_pairs\?"
-    with pytest.raises(AttributeError, match=words):
+    text = r"did you mean stickslip\.modes\.complex_pairs or stickslip\.figures\.disk_array\.complex_pairs\?"
+    with pytest.raises(AttributeError, match=text):
         stickslip.complex_pairs  # noqa: B018
 
 
-def test_words_of_other_programs_lead_to_names_that_exist():
+def test_names_of_other_programs_lead_to_names_that_exist():
     with pytest.raises(AttributeError, match=r"did you mean stickslip\.packings\.jammed\?"):
         stickslip.packings.random  # noqa: B018
     with pytest.raises(AttributeError, match=r"did you mean `stickslip report`\?"):
         stickslip.report  # noqa: B018
     for path in ", ".join(WORDS.values()).split(", "):
         if path.startswith("`"):
-            assert path.strip("`").split()[1] in [one.callback.__name__ for one in app.registered_commands]
+            assert path.strip("`").split()[1] in [command.callback.__name__ for command in app.registered_commands]
         else:
             assert attrgetter(path)(stickslip), path
 

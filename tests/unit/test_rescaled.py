@@ -63,7 +63,7 @@ def test_what_has_not_moved_keeps_its_slip_to_the_last_bit():
     state = stirred(make_packing(3), law := make_law("hertz_mindlin_rescaled", "sharp"), np.random.default_rng(0))
     plain = make_law("hertz_mindlin", "sharp")
     assert state.contacts.slip.any()
-    mine, other = (ss.forces(state, one, memory=FREE)[1].slip for one in (law, plain))
+    mine, other = (ss.forces(state, kind, memory=FREE)[1].slip for kind in (law, plain))
     assert np.array_equal(mine, other)
 
 
@@ -104,11 +104,11 @@ def test_a_step_in_blocks_shortens_as_one_evaluation_does(cell, walls):
     both = sorted(set.intersection(*closed))
     rows = [np.searchsorted(c.key[: c.count[0]], both) for c in (trial, end.contacts)]
     assert len(rows[0]) > 100
-    one, two = trial.slip[rows[0]], end.contacts.slip[rows[1]]
+    first, two = trial.slip[rows[0]], end.contacts.slip[rows[1]]
     # displacements of a step are v dt here and differences of positions there: round-off of 1e-16 over overlaps
-    np.testing.assert_allclose(two, one, atol=1e-13)
+    np.testing.assert_allclose(two, first, atol=1e-13)
     plain = ss.forces(end._replace(contacts=state.contacts), make_law("hertz_mindlin", "sharp", mu=0.3))[1].slip
-    assert np.abs(plain[rows[0]] - one).max() > 1e-6
+    assert np.abs(plain[rows[0]] - first).max() > 1e-6
 
 
 def test_the_tangent_is_that_of_a_growing_overlap():
@@ -142,8 +142,8 @@ def test_the_jacobian_of_a_packing_is_that_of_growing_overlaps(name):
 
     def slope(h):
         here, there = (ss.modes.displaced(state, free, x * way) for x in (0.0, h))
-        one, other = (ss.modes.residual_vector(x, ss.forces(x, law)[0], free) for x in (here, there))
-        return (other - one) / h
+        before, after = (ss.modes.residual_vector(x, ss.forces(x, law)[0], free) for x in (here, there))
+        return (after - before) / h
 
     tangent = ss.jacobian(state, law) @ way
     scale = np.abs(tangent).max()
@@ -170,13 +170,13 @@ def test_what_rescaling_takes_stands_under_nonpotential(rescaled):
 
 @pytest.mark.parametrize(("name", "plain"), PLAIN.items())
 def test_other_scalars_are_those_of_the_plain_law(name, plain):
-    one, other = LAWS[name](2.0, 0.7), LAWS[plain](2.0, 0.7)
-    values = [evaluate(law, "force", "energy", "stiffness", overlap=0.01, r_eff=0.3) for law in (one, other)]
+    rescaled, other = LAWS[name](2.0, 0.7), LAWS[plain](2.0, 0.7)
+    values = [evaluate(law, "force", "energy", "stiffness", overlap=0.01, r_eff=0.3) for law in (rescaled, other)]
     assert values[0] == values[1]
-    assert laws.rescales(one) and not laws.rescales(other)
-    assert not laws.laws_equal(one, other)
+    assert laws.rescales(rescaled) and not laws.rescales(other)
+    assert not laws.laws_equal(rescaled, other)
     at = {"radius": 0.5, "mass": 1.0, "speed": 0.1}
-    assert ss.laws.collision(one, **at) == ss.laws.collision(other, **at)
+    assert ss.laws.collision(rescaled, **at) == ss.laws.collision(other, **at)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -191,17 +191,17 @@ def test_flows_take_the_law_by_name():
     tables = {"experiment": "flow", "stages": [{"name": "settle", "duration": 1.0}], "gravity": [0.0, -1.0]}
     grains = {"number": 4, "mass": 1.0, "low": [0.0, 0.0], "high": [6.0, 16.0]}
     law = {"kind": "hertz_mindlin_reff_rescaled", "young": 1e5, "poisson": 0.3, "damping_n": 1.0}
-    found = flow_law(ss.scenario(grains=grains, law=law, **tables), [0.5], [1.0])
-    assert NAMES[found.kind] == law["kind"]
-    assert found.damping & 3 == laws.VISCOELASTIC
+    chosen = flow_law(ss.scenario(grains=grains, law=law, **tables), [0.5], [1.0])
+    assert NAMES[chosen.kind] == law["kind"]
+    assert chosen.damping & 3 == laws.VISCOELASTIC
     with pytest.raises(ScenarioError, match="hertz_mindlin_reff"):
         ss.scenario(grains=grains, law=law | {"kind": "hertz_mindlin_rescaled"}, **tables)
 
 
 def test_spectra_say_that_unloading_was_not_looked_at():
     state, _ = jammed(12, dim=2, pressure=1e-2, seed=1)
-    found = [stability(state, LAWS[name](1.0, 0.5, 10.0, coulomb="smooth"), method="all") for name in PLAIN]
-    assert all(UNLOADED in one.scope for one in found)
+    values = [stability(state, LAWS[name](1.0, 0.5, 10.0, coulomb="smooth"), method="all") for name in PLAIN]
+    assert all(UNLOADED in result.scope for result in values)
     law = LAWS["hertz_mindlin_rescaled"](1.0, 0.5, 10.0, coulomb="smooth", damping_n=0.1)
     assert UNLOADED in stability(state, law, method="all").scope
     assert UNLOADED not in stability(state, ss.laws.hertz_mindlin(1.0, 0.5, 10.0, coulomb="smooth"), method="all").scope

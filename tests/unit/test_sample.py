@@ -37,16 +37,16 @@ def arrays_of(state):
 
 def test_a_packing_comes_back_with_the_same_forces_and_spectrum(unstable, tmp_path):
     np.savez(tmp_path / "p.npz", **arrays_of(unstable))
-    state, law, words = read_packing(tmp_path / "p.npz", mu=10.0, i0=0.4)
-    assert not words
+    state, law, notes = read_packing(tmp_path / "p.npz", mu=10.0, i0=0.4)
+    assert not notes
     before, after = ss.forces(unstable, LAW)[0], ss.forces(state, law)[0]
     np.testing.assert_allclose(after.force, before.force, atol=1e-15)
-    found, direct = stability(state, law), ss.spectrum(unstable, LAW)
-    assert len(found.pairs) == len(direct.pairs) > 0
-    np.testing.assert_allclose(found.pairs, direct.pairs, rtol=1e-9)
+    result, direct = stability(state, law), ss.spectrum(unstable, LAW)
+    assert len(result.pairs) == len(direct.pairs) > 0
+    np.testing.assert_allclose(result.pairs, direct.pairs, rtol=1e-9)
 
 
-def test_pairs_may_be_given_the_other_way_round_and_in_any_order(unstable):
+def test_pairs_may_be_given_in_either_direction_and_any_order(unstable):
     given = arrays_of(unstable)
     rng = np.random.default_rng(0)
     flip = rng.random(len(given["pair_i"])) < 0.5
@@ -82,7 +82,7 @@ def test_contacts_may_be_left_out(unstable):
     assert not state.contacts.slip.any()
 
 
-def test_slip_that_is_not_tangential_is_projected_and_said(unstable):
+def test_slip_that_is_not_tangential_is_projected_and_reported(unstable):
     given = arrays_of(unstable)
     with pytest.warns(PackingWarning, match="normal part was up to"):
         state = from_arrays(law=LAW, **given | {"slip": given["slip"] + 1e-3})
@@ -99,7 +99,7 @@ def test_slip_that_is_too_long_for_a_number_is_refused(unstable):
         accepted(unstable._replace(contacts=unstable.contacts._replace(slip=slip)), LAW, memory=ss.FROZEN)
 
 
-def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):
+def test_slip_beyond_the_limit_and_missing_pairs_are_reported(unstable):
     given = arrays_of(unstable)
     with pytest.warns(PackingWarning, match="slip beyond the Coulomb limit at"):
         from_arrays(law=ss.laws.hertz_mindlin(mu=1e-3), **given)
@@ -113,7 +113,7 @@ def wrong(given, **changes):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda g: {"radius": g["radius"][:-1]}, "radius has 29 entries"),
         (lambda g: {"position": g["position"][:, :2]}, r"\(any, 3\) is needed"),
@@ -139,9 +139,9 @@ def wrong(given, **changes):
         (lambda g: {"dim": 2}, "leaves the plane"),
     ],
 )
-def test_what_cannot_be_taken_is_one_sentence(unstable, change, words):
+def test_what_cannot_be_taken_gives_a_one_sentence_error(unstable, change, message):
     given = arrays_of(unstable)
-    with pytest.raises(PackingError, match=words) as problem:
+    with pytest.raises(PackingError, match=message) as problem:
         from_arrays(law=LAW, **wrong(given, **change(given)))
     assert "\n" not in str(problem.value)
 
@@ -151,23 +151,23 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     options = ["--law", "hertz_mindlin", "--coulomb", "smooth", "--kn", "1", "--kt", str(2 / 7), "--mu", "10"]
     done = run("stability", str(tmp_path / "p.npz"), *options, "--i0", "0.4", "--json")
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    answer = json.loads(done.stdout)
     documented = {
         "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
             "at_limit", "if_stuck", "pairs", "assumed", "geometry",
         "negative", "zero_modes", "spectrum", "method", "scope",
     }  # fmt: skip
     of_every_command = {"command", "status", "folder", "files", "versions"}
-    assert set(found) == documented | of_every_command | {"notes", "verdict"}
+    assert set(answer) == documented | of_every_command | {"notes", "verdict"}
     truth = ss.spectrum(unstable, LAW)
-    assert found["n"] == 30
-    assert found["stable"] is False
-    assert found["balanced"] is True and not found["causes"] and found["settled"] is None
-    assert found["zero_modes"] == 3
-    assert found["residual"] < 1e-10
-    assert set(found["pairs"][0]) == {"re_lambda", "im_lambda", "omega", "growth_rate"}
+    assert answer["n"] == 30
+    assert answer["stable"] is False
+    assert answer["balanced"] is True and not answer["causes"] and answer["settled"] is None
+    assert answer["zero_modes"] == 3
+    assert answer["residual"] < 1e-10
+    assert set(answer["pairs"][0]) == {"re_lambda", "im_lambda", "omega", "growth_rate"}
     np.testing.assert_allclose(
-        [p["growth_rate"] for p in found["pairs"]], truth.growth_rate[truth.pair_indices], rtol=1e-6
+        [p["growth_rate"] for p in answer["pairs"]], truth.growth_rate[truth.pair_indices], rtol=1e-6
     )
 
 
@@ -184,7 +184,7 @@ def test_the_command_says_the_verdict_and_writes_the_modes(unstable, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "options", "words"),
+    ("change", "options", "message"),
     [
         ({"positions": np.zeros((3, 3))}, [], "did you mean 'position'"),
         ({"radius": None}, [], "has no array 'radius'"),
@@ -194,11 +194,11 @@ def test_the_command_says_the_verdict_and_writes_the_modes(unstable, tmp_path):
         ({"slip": np.zeros((2, 3))}, [], "slip has shape"),
     ],
 )
-def test_a_wrong_file_ends_with_code_2_and_one_sentence(unstable, tmp_path, change, options, words):
+def test_a_wrong_file_ends_with_code_2_and_one_sentence(unstable, tmp_path, change, options, message):
     np.savez(tmp_path / "p.npz", **wrong(arrays_of(unstable), **change))
     done = run("stability", str(tmp_path / "p.npz"), *options)
     assert done.returncode == 2
-    assert words in done.stderr
+    assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert "Traceback" not in done.stderr
 
@@ -249,7 +249,7 @@ def test_masses_may_be_given_by_density(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("given", "message"),
     [
         ({"mass": 1.0, "density": 2.0}, "both mass and density were given: give one of them"),
         ({"density": 0.0}, "density = 0 was given: it must be positive"),
@@ -257,8 +257,8 @@ def test_masses_may_be_given_by_density(tmp_path):
         ({"density": np.nan}, "density contains NaN"),
     ],
 )
-def test_densities_that_cannot_be_used(given, words):
-    with pytest.raises(PackingError, match=words):
+def test_densities_that_cannot_be_used(given, message):
+    with pytest.raises(PackingError, match=message):
         from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 1.0], LAW, **given)
 
 

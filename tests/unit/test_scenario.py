@@ -14,7 +14,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         ({"aray": {}}, "a scenario has no key 'aray': did you mean 'array'"),
         ({"array": {"raduis": 0.5}}, r"the table \[array\] has no key 'raduis': did you mean 'radius'"),
@@ -46,19 +46,19 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"experiment": "Sphere_Shear"}, "did you mean 'sphere-shear'?"),
     ],
 )
-def test_a_bad_scenario_is_one_sentence(tables, words):
-    with pytest.raises(ScenarioError, match=words) as caught:
+def test_a_bad_scenario_gives_a_one_sentence_error(tables, message):
+    with pytest.raises(ScenarioError, match=message) as caught:
         scenario(**tables)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks = 'ten' was given")]
+    ("text", "message"), [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks = 'ten' was given")]
 )
-def test_a_bad_file_is_one_sentence(tmp_path, text, words):
+def test_a_bad_file_gives_a_one_sentence_error(tmp_path, text, message):
     path = tmp_path / "bad.toml"
     path.write_text(text)
-    with pytest.raises(ScenarioError, match=words):
+    with pytest.raises(ScenarioError, match=message):
         read_scenario(path)
     (tmp_path / "bad.json").write_text("{not json")
     with pytest.raises(ScenarioError, match="not valid JSON"):

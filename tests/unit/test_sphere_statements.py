@@ -107,14 +107,14 @@ def test_blocks_exchange_as_the_paper_says(monkeypatch):
 
 
 def test_more_than_half_with_its_interval():
-    assert [claims_of_laws._most(n, 60) for n in (60, 45, 30, 15, 0)] == [True, True, None, False, False]
+    assert [claims_of_laws._mostly(n, 60) for n in (60, 45, 30, 15, 0)] == [True, True, None, False, False]
 
 
 def test_the_stored_summary_is_that_of_the_packings(tmp_path, monkeypatch):
     monkeypatch.setattr(pairs_by_law, "BIRTHS", tmp_path / "births.csv")
     pairs_by_law.write_summary(births_by_law(pairs_by_law.read_births()))
     assert (tmp_path / "births.csv").read_text() == claims_of_laws.BIRTHS.read_text()
-    assert len(claims_of_laws.stored_births()) == 14
+    assert len(claims_of_laws.read_births()) == 14
 
 
 def test_every_row_belongs_to_a_place_that_is_shown():

@@ -68,8 +68,8 @@ def test_a_course_that_others_follow_stays_theirs():
     both = ss.control.spring_loaded(
         state.control, [0, 1], state.grains.position, 2.0, times=[0, 10], displacement=[0, 1]
     )
-    one = ss.control.spring_loaded(both, [0], state.grains.position[:1], 1.0, times=[0, 10], displacement=[0, 4])
-    assert ss.control.spring_forces(one, state.grains.position, 5.0)[:, 0] == pytest.approx([2.0, 0.5])
+    control = ss.control.spring_loaded(both, [0], state.grains.position[:1], 1.0, times=[0, 10], displacement=[0, 4])
+    assert ss.control.spring_forces(control, state.grains.position, 5.0)[:, 0] == pytest.approx([2.0, 0.5])
 
 
 def test_the_record_tells_what_pulls_a_group():

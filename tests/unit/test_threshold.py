@@ -44,30 +44,30 @@ def first_velocity(seed, load, kick, number):
 def test_a_block_slides_where_its_kinetic_energy_suffices():
     loads, kick, runs = [0.0, 0.001, 0.002, 0.003, 0.0035], 0.03, 8
     path, protocol = path_and_protocol(loads)
-    found = ss.protocols.kinetic_threshold(
+    threshold = ss.protocols.kinetic_threshold(
         path, protocol, kicks=kick, realizations=runs, duration=2000.0, dt=0.1, workers=1, seed=5
     )
-    for load, slid in zip(loads, found.slid[:, 0], strict=True):
+    for load, slid in zip(loads, threshold.slid[:, 0], strict=True):
         velocity = np.array([first_velocity(5, load, kick, k) for k in range(runs)])
         # the disk drifts to a distance of v²/(2 a), a = (μ N ∓ F)/m, plus the deflection of its spring
         decelerated = (MU * PRESS - np.sign(velocity) * load) / MASS
         distance = velocity**2 / (2 * decelerated)
         sure, possible = (distance > 0.1 + margin for margin in (0.02, -0.02))
         assert sure.sum() <= slid <= possible.sum()
-    assert np.isnan(found.first_pair) and 0 < found.slid.sum() < found.runs.sum()
+    assert np.isnan(threshold.first_pair) and 0 < threshold.slid.sum() < threshold.runs.sum()
     # friction is the same at rest and in motion: below the static limit, a block slides by some distance, and stops
-    assert not found.lasting.any() and found.arrest.shape == (0, 2)
-    assert "slide on" not in "; ".join(found.sentences).replace("never slide on for another 2000", "")
-    assert "no run slides on, from which the load could be lowered" in "; ".join(found.sentences)
+    assert not threshold.lasting.any() and threshold.arrest.shape == (0, 2)
+    assert "slide on" not in "; ".join(threshold.sentences).replace("never slide on for another 2000", "")
+    assert "no run slides on, from which the load could be lowered" in "; ".join(threshold.sentences)
 
 
 def test_the_lifetime_is_the_end_of_the_leg_in_which_the_block_had_slid():
     kick, duration = 0.05, 400.0
     path, protocol = path_and_protocol([0.0, 0.001])
-    found = ss.protocols.kinetic_threshold(
+    threshold = ss.protocols.kinetic_threshold(
         path, protocol, kicks=kick, realizations=1, duration=duration, dt=0.1, workers=1, seed=25, ramps=0
     )
-    for load, lifetime in zip(found.loads, found.lifetime[:, 0], strict=True):
+    for load, lifetime in zip(threshold.loads, threshold.lifetime[:, 0], strict=True):
         velocity = first_velocity(25, load, kick, 0)
         slower = (MU * PRESS - np.sign(velocity) * load) / MASS
         time = (abs(velocity) - np.sqrt(velocity**2 - 2 * slower * 0.1)) / slower
@@ -236,12 +236,12 @@ def start_sliding(point, seed, number):
 def test_runs_that_last_and_ramps_down_are_those_of_dynamics_by_hand(bumps):
     """Forces are set and runs are judged without the protocol and the threshold of the package."""
     path, protocol = bumps
-    found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.05, 0.15, 0.3], seed=3, **BUMPS)
-    for point, slid, lasting in zip(path[1:], found.slid[:, 0], found.lasting[:, 0], strict=True):
+    threshold = ss.protocols.kinetic_threshold(path, protocol, loads=[0.05, 0.15, 0.3], seed=3, **BUMPS)
+    for point, slid, lasting in zip(path[1:], threshold.slid[:, 0], threshold.lasting[:, 0], strict=True):
         begun = [state for k in range(3) if (state := start_sliding(point, 3, k)) is not None]
         assert len(begun) == slid and sum(bool(hold(state, point.load)[1]) for state in begun) == lasting
-    assert found.lasting[0, 0] == 0 < found.slid[0, 0] and found.lasting[2, 0] == 3
-    for k, (low, high) in enumerate(found.arrest):
+    assert threshold.lasting[0, 0] == 0 < threshold.slid[0, 0] and threshold.lasting[2, 0] == 3
+    for k, (low, high) in enumerate(threshold.arrest):
         state = start_sliding(path[3], 3, k)
         stops, above = -np.inf, 0.3
         for load in (0.15, 0.05):
@@ -253,26 +253,29 @@ def test_runs_that_last_and_ramps_down_are_those_of_dynamics_by_hand(bumps):
                 break
             above = load
         assert (low, high) == (stops, above)
-    assert len(found.arrest) == 3 and len(np.unique(found.arrest[:, 0])) > 1  # one ramp down does not tell
-    assert found.arrest_range == (found.arrest[:, 0].min(), found.arrest[:, 1].max())
-    assert f"3 of 3 sliding samples stop between {found.arrest_range[0]:g} and {found.arrest_range[1]:g}" in "; ".join(
-        found.sentences
+    assert len(threshold.arrest) == 3 and len(np.unique(threshold.arrest[:, 0])) > 1  # one ramp down does not tell
+    assert threshold.arrest_range == (threshold.arrest[:, 0].min(), threshold.arrest[:, 1].max())
+    assert (
+        f"3 of 3 sliding samples stop between {threshold.arrest_range[0]:g} and {threshold.arrest_range[1]:g}"
+        in "; ".join(threshold.sentences)
     )
-    assert "slide by 2" in "; ".join(found.sentences) and "slide on for another 400 from 0" in "; ".join(
-        found.sentences
+    assert "slide by 2" in "; ".join(threshold.sentences) and "slide on for another 400 from 0" in "; ".join(
+        threshold.sentences
     )
 
 
 def test_a_sample_that_slides_at_every_load_has_not_stopped(bumps):
     path, protocol = bumps
-    found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramps=2, **BUMPS)
-    assert found.arrest.tolist() == [[-np.inf, 0.3]] * 2
+    threshold = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramps=2, **BUMPS)
+    assert threshold.arrest.tolist() == [[-np.inf, 0.3]] * 2
     assert "2 of 2 still slide at 0.3, the lowest of these loads" in "; ".join(
-        found.sentences
-    ) and "stop between" not in "; ".join(found.sentences)
-    found = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramps=0, **BUMPS)
-    assert found.arrest.shape == (0, 2) and np.isnan(found.arrest_range).all()
-    assert "still slide" not in "; ".join(found.sentences) and "could be lowered" not in "; ".join(found.sentences)
+        threshold.sentences
+    ) and "stop between" not in "; ".join(threshold.sentences)
+    threshold = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], ramps=0, **BUMPS)
+    assert threshold.arrest.shape == (0, 2) and np.isnan(threshold.arrest_range).all()
+    assert "still slide" not in "; ".join(threshold.sentences) and "could be lowered" not in "; ".join(
+        threshold.sentences
+    )
 
 
 def test_runs_are_independent_and_do_not_depend_on_what_else_is_run(bumps, monkeypatch):
@@ -284,8 +287,8 @@ def test_runs_are_independent_and_do_not_depend_on_what_else_is_run(bumps, monke
     how = BUMPS | {"duration": 40.0, "ramps": 0, "kicks": [0.1, 0.3]}
     both = ss.protocols.kinetic_threshold(path, protocol, loads=[0.15, 0.3], **how)
     assert len(set(seeds)) == len(seeds) == 2 * 2 * 3
-    one = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], **how | {"kicks": 0.3})
-    assert seeds[12:] == seeds[9:12] and one.lifetime[0, 0] == pytest.approx(both.lifetime[1, 1], nan_ok=True)
+    threshold = ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], **how | {"kicks": 0.3})
+    assert seeds[12:] == seeds[9:12] and threshold.lifetime[0, 0] == pytest.approx(both.lifetime[1, 1], nan_ok=True)
     ss.protocols.kinetic_threshold(path, protocol, loads=[0.3], seed=1, **how)
     assert not set(seeds[15:]) & set(seeds[:15])
 
@@ -305,16 +308,19 @@ def test_lifetimes_are_medians_over_all_runs_and_static_loads_are_the_smallest(m
         *[(4.0, 1), (30.0, 1), (6.0, 0)],
     ])  # fmt: skip
     monkeypatch.setattr(kinetic, "_kick", lambda *task: np.array(next(told)))
-    found = ss.protocols.kinetic_threshold(
+    threshold = ss.protocols.kinetic_threshold(
         path, protocol, kicks=0.1, realizations=3, duration=40.0, dt=0.1, workers=1, ramps=0
     )
-    assert found.lifetime[:, 0].tolist() == pytest.approx([np.nan, np.nan, 20.0, 6.0], nan_ok=True)
-    assert found.slid[:, 0].tolist() == [0, 1, 2, 3] and found.lasting[:, 0].tolist() == [0, 0, 1, 2]
-    assert found.first_pair == 0.001 and found.first_limit == 0.002
-    fits = [fit_threshold(found.loads, counts[:, 0], found.runs[:, 0]) for counts in (found.slid, found.lasting)]
-    assert [found.threshold[0], found.lasting_threshold[0]] == [at for at, _, _ in fits]
-    assert found.threshold[0] < found.lasting_threshold[0] and found.lasting_width[0] == fits[1][2]
-    assert [tuple(found.interval[0]), tuple(found.lasting_interval[0])] == [ends for _, ends, _ in fits]
+    assert threshold.lifetime[:, 0].tolist() == pytest.approx([np.nan, np.nan, 20.0, 6.0], nan_ok=True)
+    assert threshold.slid[:, 0].tolist() == [0, 1, 2, 3] and threshold.lasting[:, 0].tolist() == [0, 0, 1, 2]
+    assert threshold.first_pair == 0.001 and threshold.first_limit == 0.002
+    fits = [
+        fit_threshold(threshold.loads, counts[:, 0], threshold.runs[:, 0])
+        for counts in (threshold.slid, threshold.lasting)
+    ]
+    assert [threshold.threshold[0], threshold.lasting_threshold[0]] == [at for at, _, _ in fits]
+    assert threshold.threshold[0] < threshold.lasting_threshold[0] and threshold.lasting_width[0] == fits[1][2]
+    assert [tuple(threshold.interval[0]), tuple(threshold.lasting_interval[0])] == [ends for _, ends, _ in fits]
 
 
 def test_states_that_are_not_at_rest_at_their_loads_are_refused():
@@ -332,7 +338,7 @@ def test_states_that_are_not_at_rest_at_their_loads_are_refused():
         ss.protocols.kinetic_threshold([path[0], wrong, path[2]], protocol, loads=[0.0, 0.1], **how)  # it is not used
 
 
-def test_travel_is_the_strain_of_a_cell_the_way_of_a_plate_and_else_the_median_way():
+def test_travel_is_the_strain_of_a_cell_the_path_of_a_plate_or_else_the_median_displacement():
     state = ss.assembly(ss.spheres([[0, 0, 0], [0, 1, 0], [3, 0, 0]], 0.25), cell=ss.box([4.0, 4.0, 4.0], [True] * 3))
     ways = np.array([[0.1, 0, 0], [0.3, 0.4, 0], [1.0, 0, 0]])
     moved = state._replace(grains=state.grains._replace(position=state.grains.position + ways))
@@ -369,7 +375,7 @@ def test_wrapped_grains_have_the_same_forces_and_go_on_alike():
     assert np.abs(inside.contacts.image[: inside.contacts.count[0]]).max() <= 1
     for mine, other in zip(forces(state, law)[0][:2], forces(inside, law)[0][:2], strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-12)
-    later, then = (ss.run(one, law, 200, 0.1, threads=1)[0] for one in (state, inside))
+    later, then = (ss.run(start, law, 200, 0.1, threads=1)[0] for start in (state, inside))
     np.testing.assert_allclose(later.grains.velocity, then.grains.velocity, atol=1e-9)
 
 
@@ -382,7 +388,7 @@ def test_wrapped_grains_on_a_wall_have_the_same_forces_and_go_on_alike():
     assert (inside.grains.position[:, 0] < 3).all() and (shift > 3).all() and np.allclose(shift % 3, 0)
     for mine, other in zip(forces(state, LAW)[0][:2], forces(inside, LAW)[0][:2], strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-14)
-    later, then = (ss.run(one, LAW, 200, 0.1, threads=1)[0] for one in (state, inside))
+    later, then = (ss.run(start, LAW, 200, 0.1, threads=1)[0] for start in (state, inside))
     np.testing.assert_allclose(later.grains.velocity, then.grains.velocity, atol=1e-12)
 
 

@@ -81,9 +81,9 @@ def test_the_path_ends_where_the_sample_slides(result):
     assert len(steps) == 3 and steps[2] > 1.2 * steps[:2].max()
     tables = PACKING | {"load": {"loads": [0.1, 0.3], "step": 0.1}}
     tables["kicks"] = PACKING["kicks"] | {"distance": 0.9 * steps[2], "velocities": [0.0], "realizations": 1}
-    found = ss.simulate(ss.scenario(**tables), workers=1)
-    assert found.strength == 0.3 and found.path[-1].load == 0.2
-    assert found.found.loads.tolist() == [0.1] and np.isnan(result.strength)
+    rerun = ss.simulate(ss.scenario(**tables), workers=1)
+    assert rerun.strength == 0.3 and rerun.path[-1].load == 0.2
+    assert rerun.found.loads.tolist() == [0.1] and np.isnan(result.strength)
     tables["kicks"] |= {"distance": 0.5 * steps.min()}
     with pytest.raises(ScenarioError, match=r"slides by itself at a load of 0.1, below all of load.loads: add smaller"):
         ss.simulate(ss.scenario(**tables | {"load": {"loads": [0.2], "step": 0.1}}), workers=1)
@@ -103,11 +103,11 @@ def test_a_load_without_equilibrium_is_the_strength(result):
     path, strength = threshold.raise_load(start, [0.0, 0.1, 0.2, 0.3], protocol, 1.0, None, lambda *w: said.append(w))
     assert strength == 0.3 and [point.load for point in path] == [0.0, 0.1, 0.2] and "no equilibrium" in said[-1][2]
     with pytest.raises(ss.NotInEquilibriumError):
-        threshold.raise_load(start, [0.3], protocol, 1.0, None, lambda *words: None)
+        threshold.raise_load(start, [0.3], protocol, 1.0, None, lambda *now: None)
 
 
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, words)])
+def call(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr(sys, "argv", ["stickslip", *map(str, arguments)])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
@@ -129,16 +129,16 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
     assert len(calls) == result.found.runs.sum() + 1  # the interrupted one is repeated, and no other
     with (out / "threshold.csv").open() as file:
         rows = list(csv.DictReader(file))
-    found = result.found
-    assert [int(row["slid"]) for row in rows] == found.slid.ravel().tolist()
-    assert [int(row["lasting"]) for row in rows] == found.lasting.ravel().tolist()
-    assert [float(row["lasting share"]) * 3 for row in rows] == pytest.approx(found.lasting.ravel().tolist())
-    assert [float(row["load"]) for row in rows] == np.repeat(found.loads, 2).tolist()
+    outcome = result.found
+    assert [int(row["slid"]) for row in rows] == outcome.slid.ravel().tolist()
+    assert [int(row["lasting"]) for row in rows] == outcome.lasting.ravel().tolist()
+    assert [float(row["lasting share"]) * 3 for row in rows] == pytest.approx(outcome.lasting.ravel().tolist())
+    assert [float(row["load"]) for row in rows] == np.repeat(outcome.loads, 2).tolist()
     assert (out / "fig1_static_and_kinetic.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (
             ("dt = 0.5", "dt = 50.0\nduration = 3000.0"),
@@ -151,12 +151,12 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
         (("[0.2, 0.3]\nstep = 0.1", "[2.0, 3.0]\nstep = 0.5"), "below all of load.loads: add smaller loads"),
     ],
 )
-def test_input_that_proves_wrong_leaves_nothing(change, words, tmp_path, monkeypatch, capsys):
+def test_input_that_proves_wrong_leaves_nothing(change, message, tmp_path, monkeypatch, capsys):
     text = TOML.replace("duration = 300.0\n", "") if "duration" in change[1] else TOML
     (tmp_path / "one.toml").write_text(text.replace(*change))
     assert call(monkeypatch, "run", tmp_path / "one.toml", "--out", tmp_path / "out", "--workers", 1) == 2
     told = capsys.readouterr().err
-    assert words in told and told.count("\n") == 1
+    assert message in told and told.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -172,14 +172,14 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
     chosen = ss.scenario(
         experiment="threshold", sample={"kind": "disk-array", "disks": 4, "press": 1e-4}, load={"loads": [0.02]}
     )
-    state, protocol = threshold.make_sample(chosen, None, lambda *words: None)
+    state, protocol = threshold.make_sample(chosen, None, lambda *now: None)
     pushed = protocol.apply(state, 0.02)
     assert pushed.control.force[:, 0].tolist() == pytest.approx([0.02 * 4e-4, 0, 0, 0, 0])
     assert pushed.control.force[:4, 1] == pytest.approx(-1e-4)
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         ({"sample": {"kind": "sand"}}, "sample has kind = 'sand': use 'disk-array', 'packing', 'gouge'"),
         ({"sample": {"disks": 3}}, "sample has no kind"),
@@ -203,8 +203,8 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
         ({"kicks": {"dt": 1.0, "duration": 10.0}}, "at least 40 steps are needed"),
     ],
 )
-def test_bad_scenarios(tables, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_bad_scenarios(tables, message):
+    with pytest.raises(ScenarioError, match=message):
         ss.scenario(experiment="threshold", **tables)
 
 

@@ -15,7 +15,7 @@ from stickslip.core.units import (
     SI,
     Fields,
     Units,
-    for_people,
+    in_readable_units,
     in_si,
     in_units,
     unit_name,
@@ -64,12 +64,12 @@ def classes():
 def documented(node, lines) -> dict[str, set[str]]:
     """Units in the comment beside each field, or in the first line of the docstring."""
     whole = set(re.findall(r"\[([^\]]+)\]", (ast.get_docstring(node) or " ").splitlines()[0]))
-    found = {}
+    values = {}
     for field in node.body:
         if isinstance(field, ast.AnnAssign):
             comment = lines[field.end_lineno - 1].partition("#")[2]
-            found[field.target.id] = set(re.findall(r"\[([^\]]+)\]", comment)) or whole
-    return found
+            values[field.target.id] = set(re.findall(r"\[([^\]]+)\]", comment)) or whole
+    return values
 
 
 NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)"}  # in brackets in comments, but not units
@@ -100,15 +100,15 @@ def test_archives_store_the_documented_units_of_all_classes(tmp_path):
 def test_a_field_has_the_unit_of_its_own_class(tmp_path):
     """The same name has other units elsewhere: work against drag in a ledger, the mean over a window in a fit."""
     archive.write(tmp_path / "a.h5", {"piece": Events(**dict.fromkeys(Events._fields, 0.5))})
-    found = archive.units(tmp_path / "a.h5")
-    assert found["piece/drag"] == "1/time"
+    units = archive.units(tmp_path / "a.h5")
+    assert units["piece/drag"] == "1/time"
     state = ss.packings.disk_array(2, press=1e-5)
     for si, force, stress, time in ((False, "force", "force/length^(dim-1)", "time"), (True, "N", "Pa", "s")):
         archive.write(tmp_path / "b.h5", {"state": state}, units=SI if si else None)
-        found = archive.units(tmp_path / "b.h5")
-        told = [found.get(f"state/control/{name}") for name in ("force", "stress", "rate")]
+        units = archive.units(tmp_path / "b.h5")
+        told = [units.get(f"state/control/{name}") for name in ("force", "stress", "rate")]
         assert told == [force, stress, None]  # `rate` holds velocities and spins
-        assert found["state/time"] == time
+        assert units["state/time"] == time
 
 
 def test_stored_names_of_a_table_have_units(tmp_path):
@@ -160,12 +160,12 @@ def test_the_pressure_of_a_grain_is_force_times_lever_over_its_volume():
     place = [[0, 0, small - overlap], [0, 0, 2 * small + large - 2 * overlap]]
     state = ss.assembly(ss.spheres(place, [small, large]), ss.flat_walls([0, 0, 0], [0, 0, 1]))
     state = ss.accept(state, ss.forces(state, law)[1])
-    found = quantities(ss.io.frame_of(state, law))["pressure"][0]
+    fields = quantities(ss.io.frame_of(state, law))["pressure"][0]
     at_wall, between = (2.0 * overlap * np.sqrt(overlap * r) for r in (small, small * large / (small + large)))
     branch = small + large - overlap
     levers = [at_wall * (small - overlap) + between * branch * small / (small + large), between * branch * 2 / 3]
     volumes = [4 / 3 * np.pi * r**3 for r in (small, large)]
-    np.testing.assert_allclose(found, np.array(levers) / volumes / 3, rtol=1e-11)  # round-off of an overlap of 0.01
+    np.testing.assert_allclose(fields, np.array(levers) / volumes / 3, rtol=1e-11)  # round-off of an overlap of 0.01
 
 
 MILLIMETRES = {"length": "mm", "mass": "g", "time": "s"}
@@ -193,9 +193,9 @@ def test_products_have_the_right_dimensions():
     for _, node, lines in classes():
         for units in documented(node, lines).values():
             for unit in units - NO_UNITS:
-                found = in_units(unit.replace("²", "^2").replace("−", "-"), Units("length", "mass", "time"))
-                if not {"dim", "amplitude", "ns", "steps"} & set(re.findall("[a-z]+", unit)) and "(" not in found:
-                    assert exponents(found) == exponents(unit.replace("²", "^2").replace("−", "-")), unit
+                text = in_units(unit.replace("²", "^2").replace("−", "-"), Units("length", "mass", "time"))
+                if not {"dim", "amplitude", "ns", "steps"} & set(re.findall("[a-z]+", unit)) and "(" not in text:
+                    assert exponents(text) == exponents(unit.replace("²", "^2").replace("−", "-")), unit
 
 
 @pytest.mark.parametrize(
@@ -237,8 +237,8 @@ def flows(tmp_path_factory):
     for name, more in {"bare": {}, "named": {"units": MILLIMETRES}}.items():
         out[name] = tmp_path_factory.mktemp(name)
         chosen = ss.scenario(**FLOW, **more)
-        found = ss.simulate(chosen)
-        write_result(out[name], EXPERIMENTS["flow"], found)
+        result = ss.simulate(chosen)
+        write_result(out[name], EXPERIMENTS["flow"], result)
     return out
 
 
@@ -264,11 +264,11 @@ def test_a_page_names_the_units_of_its_run(flows):
             shown = page.folder_content(flows[name], search=False)
             data = view_data(shown.frames, shown.modes, labels=shown.labels)
         assert time in shown.labels[-1]
-        assert speed in {one["unit"] for one in data["quantities"]}
+        assert speed in {quantity["unit"] for quantity in data["quantities"]}
 
 
 def test_labels_of_figures_name_units(flows):
-    found = {}
+    values = {}
     for name in flows:
         result = ss.simulate(ss.scenario(**FLOW, **({"units": MILLIMETRES} if name == "named" else {})))
         with units_in_use(result.scenario.named_units):
@@ -278,9 +278,9 @@ def test_labels_of_figures_name_units(flows):
                 plain = {
                     re.sub(r"\$10\^.*?\$ ", "", " ".join(text.split())) for text in labels
                 }  # without powers of ten
-                found[name] = found.get(name, set()) | plain
-    assert {"$x$ [length]", "speed [length/time]", "energy [energy]", "time $t$ [time]"} <= found["bare"]
-    assert {"$x$ [mm]", "speed [mm/s]", "energy [g mm²/s²]", "time $t$ [s]"} <= found["named"]
+                values[name] = values.get(name, set()) | plain
+    assert {"$x$ [length]", "speed [length/time]", "energy [energy]", "time $t$ [time]"} <= values["bare"]
+    assert {"$x$ [mm]", "speed [mm/s]", "energy [g mm²/s²]", "time $t$ [s]"} <= values["named"]
 
 
 def test_formulas_in_labels_stay_as_they_are():
@@ -299,8 +299,8 @@ def test_packings_have_units_as_well(tmp_path, capsys):
         more = ["--after", "--more"] if path.stem == "named" else []
         app(["stability", str(path), "--modes", str(tmp_path / "m.npz"), *more], standalone_mode=False)
         table = " ".join(capsys.readouterr().out.split())
-        for words in ("period [s]", "growth rate [1/s]", "moduli in g/(mm s²)", " mm"):
-            assert (words in table) == (path.stem == "named"), words
+        for text in ("period [s]", "growth rate [1/s]", "moduli in g/(mm s²)", " mm"):
+            assert (text in table) == (path.stem == "named"), text
     assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["sheared_spheres"]) == told["named"]
     np.savez(tmp_path / "wrong.npz", **source, units="furlongs")
     with pytest.raises(ValueError, match=r"wrong.npz: units = 'furlongs' was given: use"):
@@ -314,9 +314,9 @@ def test_packings_have_units_as_well(tmp_path, capsys):
 
 def test_long_times_in_seconds_are_shown_in_years():
     year = 365.25 * 86400
-    assert for_people((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
-    assert for_people((300.0,), "s") == ((300.0,), "s")
-    assert for_people((1e12,), "m") == ((1e12,), "m")
+    assert in_readable_units((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
+    assert in_readable_units((300.0,), "s") == ((300.0,), "s")
+    assert in_readable_units((1e12,), "m") == ((1e12,), "m")
 
 
 def test_a_page_shows_the_recurrence_of_earthquakes_in_years():

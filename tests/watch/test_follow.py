@@ -28,7 +28,7 @@ def test_only_complete_frames_are_found_wherever_the_file_ends(tmp_path):
         assert dump.partial == (cut > 0 and cut not in ends)
 
 
-def test_a_file_that_begins_anew_is_read_anew(tmp_path):
+def test_a_file_that_is_rewritten_is_read_again(tmp_path):
     path = copy(tmp_path, contacts=False) / "grains.dump"
     known = find_dumps(tmp_path, {})
     path.write_bytes(frames("grains.dump")[2])
@@ -40,16 +40,16 @@ def test_a_simulation_is_followed_while_it_writes(each, tmp_path):
     writer = simulate(tmp_path / "run", each=each)
     while not any(path.stat().st_size for path in (tmp_path / "run").glob("*.dump")):
         pass
-    found = list(ss.io.follow_packings(tmp_path / "run", until_idle=1.0, interval=0.01, **LAW))
+    followed = list(ss.io.follow_packings(tmp_path / "run", until_idle=1.0, interval=0.01, **LAW))
     writer.join()
-    assert [name for name, *_ in found] == [str(step) for step in STEPS]
-    for name, state, law, words in found:
+    assert [name for name, *_ in followed] == [str(step) for step in STEPS]
+    for name, state, law, notes in followed:
         files = {"contacts": SHEARED / "contacts.dump", "frame": name}
         twin, its_law, said = ss.io.read_packing(SHEARED / "grains.dump", **files, **LAW)
         assert np.array_equal(law.table, its_law.table)
         assert np.array_equal(state.contacts.slip, twin.contacts.slip)
         assert np.array_equal(state.grains.position, twin.grains.position)
-        assert words == said
+        assert notes == said
 
 
 def test_a_frame_waits_for_its_contacts(tmp_path):
@@ -69,7 +69,7 @@ def test_a_frame_waits_for_its_contacts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("harm", "words"),
+    ("harm", "text"),
     [
         (lambda part: part[: len(part) // 2], "cut off after"),
         (lambda part: part[:25], "the header was cut off"),
@@ -77,23 +77,23 @@ def test_a_frame_waits_for_its_contacts(tmp_path):
         (lambda part: part.replace(b"ATOMS\n27", b"ATOMS\n29"), "cut off after 27 of 29 rows"),
     ],
 )  # fmt: skip
-def test_damaged_frames_are_told_and_the_others_read(harm, words, tmp_path, monkeypatch):
+def test_damaged_frames_are_reported_and_the_others_read(harm, text, tmp_path, monkeypatch):
     monkeypatch.setattr(follow, "FRESH", 0.0)  # no contacts are waited for
     parts = frames("grains.dump")
     (tmp_path / "grains.dump").write_bytes(parts[0] + harm(parts[1]) + parts[2])
     source = open_source(tmp_path, **LAW)
-    found = look(source)
-    assert [pair.grains.step for pair in found.ready] == [0, 80000]
-    (note,) = found.notes
-    assert words in note
+    seen = look(source)
+    assert [pair.grains.step for pair in seen.ready] == [0, 80000]
+    (note,) = seen.notes
+    assert text in note
     assert "grains.dump" in note
 
 
-def test_of_two_files_with_the_same_step_the_last_one_is_used_and_said(tmp_path, monkeypatch):
+def test_of_two_files_with_the_same_step_the_last_one_is_used_and_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(follow, "FRESH", 0.0)  # no contacts are waited for
     copy(tmp_path, contacts=False)
     (tmp_path / "again.dump").write_bytes(frames("grains.dump")[1])
     source = open_source(tmp_path, **LAW)
-    found = look(source)
-    assert found.ready[1].grains.path.name == "again.dump"
-    assert "step 40000 is in grains.dump and in again.dump" in found.notes[0]
+    seen = look(source)
+    assert seen.ready[1].grains.path.name == "again.dump"
+    assert "step 40000 is in grains.dump and in again.dump" in seen.notes[0]

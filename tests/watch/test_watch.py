@@ -29,8 +29,8 @@ def table_of(path) -> list[dict]:
 
 @pytest.mark.parametrize("damping", ["0.0", "0.3"])
 def test_numbers_are_those_of_stability_and_measure(damping, tmp_path):
-    words = [*WORDS[:-3], damping, "--damping-t", "0.0"]
-    run = stickslip_here("watch", SHEARED, *words, "--once", "--out", "w.csv", "-q", cwd=tmp_path)
+    arguments = [*WORDS[:-3], damping, "--damping-t", "0.0"]
+    run = stickslip_here("watch", SHEARED, *arguments, "--once", "--out", "w.csv", "-q", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert run.stdout.split() == ["w.csv", "w.html"]
     rows = table_of(tmp_path / "w.csv")
@@ -51,7 +51,7 @@ def test_numbers_are_those_of_stability_and_measure(damping, tmp_path):
         assert float(row["softest"]) == pytest.approx(low, rel=1e-8)
     row = rows[1]
     command = ["stability", SHEARED / "grains.dump", "--contacts", SHEARED / "contacts.dump", "--frame", row["step"]]
-    known = json.loads(stickslip_here(*command, *words, "--json", cwd=tmp_path).stdout)
+    known = json.loads(stickslip_here(*command, *arguments, "--json", cwd=tmp_path).stdout)
     assert row["verdict"] == known["verdict"]
     assert row["stable"] == str(known["stable"])
     assert int(row["pairs"]) == len(known["pairs"])
@@ -89,7 +89,7 @@ def test_a_running_simulation_is_watched_to_its_end(tmp_path):
     assert once.rows == seen[-1].rows
 
 
-def test_the_newest_frame_comes_first_and_the_others_are_told(tmp_path):
+def test_the_newest_frame_comes_first_and_the_others_are_reported(tmp_path):
     source = open_source(SHEARED, **LAW)
     some = list(islice(watch(source, {}), 6))
     assert [done.fresh.step for done in some if done.fresh] == STEPS[::-1]
@@ -152,10 +152,10 @@ def test_damaged_frames_are_rows_without_numbers(tmp_path):
     (folder / "grains.dump").write_bytes(parts[0] + ragged + parts[2][:-9])
     run = stickslip_here("watch", folder, *WORDS, "--until-idle", "0", "--json")
     assert run.returncode == 0, run.stderr
-    found = json.loads(run.stdout)
-    assert found["frames"] == 2
-    assert any("step 40000 is damaged" in note for note in found["notes"])
-    assert any("grains.dump ends in the middle of a frame" in note for note in found["notes"])
+    answer = json.loads(run.stdout)
+    assert answer["frames"] == 2
+    assert any("step 40000 is damaged" in note for note in answer["notes"])
+    assert any("grains.dump ends in the middle of a frame" in note for note in answer["notes"])
     bad = table_of(folder / "watch.csv")[1]
     assert bad["grains"] == ""
     assert "damaged" in bad["note"]
@@ -196,7 +196,7 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words", "sentence"),
+    ("spoil", "arguments", "sentence"),
     [
         (lambda d: [p.unlink() for p in d.iterdir()], WORDS, "is empty"),
         (lambda d: [p.rename(p.with_suffix(".txt")).write_text("1 2 3\n") for p in list(d.iterdir())], WORDS,
@@ -226,12 +226,12 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
          [*WORDS, "--no-contacts"], "0 grains was given"),
     ],
 )  # fmt: skip
-def test_bad_input_has_one_sentence(spoil, words, sentence, tmp_path, monkeypatch):
+def test_bad_input_has_one_sentence(spoil, arguments, sentence, tmp_path, monkeypatch):
     monkeypatch.setattr(follow, "FRESH", 0.0)  # the files look as if they had been there for long
     folder = copy(tmp_path / "run")
     spoil(folder)
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    run = stickslip_here("watch", folder, *words, "--once", cwd=tmp_path)
+    run = stickslip_here("watch", folder, *arguments, "--once", cwd=tmp_path)
     assert run.returncode == 2
     assert sentence in run.stderr
     assert run.stderr.count("\n") == 1

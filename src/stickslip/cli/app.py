@@ -61,11 +61,11 @@ def _parse_option(word: str | float) -> float:
         raise typer.BadParameter(f"{word!r} is not a number: write it as in 0.5 or 1e-3") from None
 
 
-def numbers_by_name(words: list[str] | None) -> dict[str, float] | None:
-    """Numbers by name, from words such as work=1e-3; None without words."""
-    if words and (odd := [word for word in words if "=" not in word]):
+def numbers_by_name(tokens: list[str] | None) -> dict[str, float] | None:
+    """Numbers by name, from texts such as work=1e-3; None if there are none."""
+    if tokens and (odd := [word for word in tokens if "=" not in word]):
         raise typer.BadParameter(f"{odd[0]!r} was given: write a name and a number, as in work=1e-3")
-    pairs = [word.partition("=") for word in words or ()]
+    pairs = [word.partition("=") for word in tokens or ()]
     return {name.strip(): _parse_option(number.strip()) for name, _, number in pairs} or None
 
 
@@ -73,8 +73,8 @@ def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
     """Shell completion from names and their descriptions, or from a function that returns them."""
 
     def complete(incomplete: str) -> list[tuple[str, str]]:
-        found = names() if callable(names) else names
-        return [pair for pair in found.items() if pair[0].startswith(incomplete)]
+        known = names() if callable(names) else names
+        return [pair for pair in known.items() if pair[0].startswith(incomplete)]
 
     return complete
 
@@ -172,8 +172,8 @@ def _options_of(group: type) -> list[Parameter]:
 
 def examples(*pairs: tuple[str, str]) -> str:
     """Help text for the end of a command's help: commands that work as typed, each with a comment."""
-    lines = [f"  stickslip {words}\n      {said}" for words, said in pairs]
-    if any("examples/" in words for words, _ in pairs):
+    lines = [f"  stickslip {typed}\n      {said}" for typed, said in pairs]
+    if any("examples/" in typed for typed, _ in pairs):
         lines.append("  The files in examples: stickslip example --all copies them.")
     return "\b\nExamples:\n" + "\n".join(lines)
 

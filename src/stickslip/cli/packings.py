@@ -110,7 +110,7 @@ def in_units_of_packing(command):
 
 
 class MethodOptions(NamedTuple):
-    """Options of the eigenvalues that are computed."""
+    """Options that choose the eigenvalues to compute, and how."""
 
     method: Annotated[
         str,
@@ -178,42 +178,42 @@ def stability(
         stability_report.check_modes(shapes, file, asked=modes is not None)
     with terminal.console_output(*output):
         with terminal.progress(transient=True) as tell:
-            (state, its_law, words), said = capture_warnings(read_packing, file, **options.values())
-            words, calm = [*words, *said], None
+            (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
+            notes, calm = [*notes, *said], None
             if settle:
-                state, calm = stability_report.settled(state, its_law)
-                words.append(f"settled: {calm.how}")
-            found = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
+                state, calm = stability_report.let_settle(state, its_law)
+                notes.append(f"settled: {calm.how}")
+            result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
-            if beyond or (file.is_dir() and found.grows and found.balanced and len(found.free) <= DENSE_UP_TO):
+            if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
                 from ..reports.details import compute_details
 
-                more = compute_details(state, its_law, found, report=tell)
+                more = compute_details(state, its_law, result, report=tell)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
-        why, paths = [] if found.balanced else stability_report.likely_causes(found, options.values(), words), []
-        shape = stability_report.geometry(state) if stability_report.missing_parts(words) else None
-        if modes or (not output.as_json and found.balanced and found.modes.shape[1]):
-            paths = [stability_report.write_modes(shapes, found)]
+        why, paths = [] if result.balanced else stability_report.likely_causes(result, options.values(), notes), []
+        shape = stability_report.geometry(state) if stability_report.missing_parts(notes) else None
+        if modes or (not output.as_json and result.balanced and result.modes.shape[1]):
+            paths = [stability_report.write_modes(shapes, result)]
     if output.as_json:
         from ..runs import json_output
 
-        for line in words:
+        for line in notes:
             print(f"stickslip: {line}", file=sys.stderr)
-        verdict = stability_report.verdict(found, calm, words)
-        about = json_output.common_fields("stability", files=paths) | {"notes": words, "verdict": verdict}
+        verdict = stability_report.verdict(result, calm, notes)
+        about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
         print(
             json_output.to_json(
-                about | stability_report.to_dict(found, more, form, calm=calm, why=why, words=words, shape=shape)
+                about | stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape)
             )
         )
     elif output.quiet:
-        print(stability_report.verdict(found, calm, words))
+        print(stability_report.verdict(result, calm, notes))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
-        stability_report.show(found, its_law, words, more, form, calm=calm, why=why, remedy=remedy, shape=shape)
+        stability_report.show(result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape)
         if paths:
             terminal.show_paths(paths)
-    if stability_report.decided(found, words) is None:
+    if stability_report.is_stable(result, notes) is None:
         raise typer.Exit(NO_VERDICT)
 
 
@@ -240,19 +240,19 @@ def convert(
     from ..data.exchange.files import capture_warnings, convert
     from ..reports import terminal
 
-    (paths, words), said = capture_warnings(
+    (paths, notes), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
         **options.values(),
     )  # fmt: skip
-    words = [*words, *said]
+    notes = [*notes, *said]
 
     def show() -> None:
-        for line in words:
+        for line in notes:
             terminal.console.print(line, style="yellow")
 
     def answer() -> dict:
         from ..runs import json_output
 
-        return json_output.common_fields("convert", files=paths) | {"notes": words}
+        return json_output.common_fields("convert", files=paths) | {"notes": notes}
 
     finish(answer, paths, show, output)

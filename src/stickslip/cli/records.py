@@ -83,21 +83,21 @@ def fit(
     if out is not None:
         fit_report.check_folder(out, overwrite)
     with terminal.console_output(*output):
-        found = fit_report.fit_record(
+        result = fit_report.fit_record(
             file, laws=("aging", "slip") if model.law == "both" else (model.law,), fixed=model.fixed_values(),
             free=model.free_names(), before=model.before, normal=model.normal, columns=columns, form=model.form,
             steps=steps if posterior else None,
         )  # fmt: skip
-    paths = fit_report.write(out, found) if out else []
+    paths = fit_report.write(out, result) if out else []
     if output.as_json:
         print(
             json_output.to_json(
-                json_output.common_fields("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found))
+                json_output.common_fields("fit", files=paths, folder=out) | json.loads(fit_report.as_json(result))
             )
         )
     elif output.quiet:
-        print("\n".join(fit_report.conclusions(found)))
+        print("\n".join(fit_report.conclusions(result)))
     else:
-        fit_report.show(found)
+        fit_report.show(result)
         if paths:
             terminal.show_paths(paths)

@@ -45,7 +45,7 @@ RESUME = examples(
 def _papers() -> dict[str, str]:
     from ..experiments.registry import papers
 
-    return {name: one.words for name, one in papers().items()}
+    return {name: experiment.words for name, experiment in papers().items()}
 
 
 @command(epilog=REPRODUCE, short_help="Run a paper's experiment and evaluate its claims.")
@@ -123,12 +123,12 @@ def _reproduce_in(command: str, folder: Path, spread, output: Output, *, experim
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
     with convert_errors(), terminal.progress() as tell:
-        found = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
+        reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_reproduction(folder, chosen, found)
+        paths = write_reproduction(folder, chosen, reproduction)
     finish(
-        lambda: json_output.describe_run(command, folder, found.main, paths, found.claims), paths,
-        lambda: show_claims(found.claims, chosen.paper.shows()), output,
+        lambda: json_output.describe_run(command, folder, reproduction.main, paths, reproduction.claims), paths,
+        lambda: show_claims(reproduction.claims, chosen.paper.shows()), output,
     )  # fmt: skip
 
 
@@ -197,9 +197,9 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
         checkpoint_in(folder, chosen).announce()
-    words = f"Submit job.slurm, or run sh run.sh; then stickslip resume {folder}."
+    message = f"Submit job.slurm, or run sh run.sh; then stickslip resume {folder}."
     finish(
-        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(words), output
+        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(message), output
     )  # fmt: skip
 
 
@@ -214,12 +214,12 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output) -> None:
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
     with convert_errors(), terminal.progress() as tell:
-        found = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
+        result = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_result(folder, experiment, found)
+        paths = write_result(folder, experiment, result)
     with units_in_use(chosen.named_units):
         finish(
-            lambda: json_output.describe_run(command, folder, found, paths), paths, lambda: experiment.show(found),
+            lambda: json_output.describe_run(command, folder, result, paths), paths, lambda: experiment.show(result),
             output,
         )  # fmt: skip
 
@@ -241,19 +241,21 @@ def resume(
         if find_unfinished(folder) is None:
             return _report_finished(folder, output)
         with _working_in(folder, output):
-            found = find_unfinished(folder)  # again, because another process may have finished in between
-            if found is None:
+            unfinished = find_unfinished(folder)  # again, because another process may have finished in between
+            if unfinished is None:
                 return _report_finished(folder, output)
-            tables = found.sweep or found.scenario.model_dump()
+            tables = unfinished.sweep or unfinished.scenario.model_dump()
             if trust:
                 trust_law_files(tables)
             check_law_files(tables)
-            spread = _choose_workers(processes, found.scenario)
-            if found.reproduction:
-                return _reproduce_in("resume", folder, spread, output, **found.reproduction)
-            if found.sweep:
-                return _run_sweep_in("resume", found.sweep, folder, spread, output, yes=True, figures=found.figures)
-            return _run_in("resume", found.scenario, folder, spread, output)
+            spread = _choose_workers(processes, unfinished.scenario)
+            if unfinished.reproduction:
+                return _reproduce_in("resume", folder, spread, output, **unfinished.reproduction)
+            if unfinished.sweep:
+                return _run_sweep_in(
+                    "resume", unfinished.sweep, folder, spread, output, yes=True, figures=unfinished.figures
+                )
+            return _run_in("resume", unfinished.scenario, folder, spread, output)
 
 
 def _report_finished(folder: Path, output: Output) -> None:
@@ -264,10 +266,10 @@ def _report_finished(folder: Path, output: Output) -> None:
     from ..reports import terminal
     from ..runs import json_output
 
-    words, paths = f"{folder} is finished: there is nothing to resume.", list_files(folder)
+    message, paths = f"{folder} is finished: there is nothing to resume.", list_files(folder)
     finish(
         lambda: json_output.describe_finished_run("resume", folder, read_scenario(folder / SCENARIO)), paths,
-        lambda: terminal.console.print(words), output,
+        lambda: terminal.console.print(message), output,
     )  # fmt: skip
 
 
@@ -288,18 +290,18 @@ def _run_sweep_in(
             return True
         return typer.confirm(f"Run {chosen.count} members?")
 
-    found = sweep_report.run_with_progress(
+    swept = sweep_report.run_with_progress(
         chosen, out, workers=spread, overwrite=overwrite, figures=figures, confirm=confirm
     )  # fmt: skip
-    if found is None:
+    if swept is None:
         return print("nothing was run")
     answer, sentence = (
-        json_output.describe_sweep(command, out, found, sweep_report.ranges(found)),
-        sweep_report.failure_summary(found),
+        json_output.describe_sweep(command, out, swept, sweep_report.ranges(swept)),
+        sweep_report.failure_summary(swept),
     )
     if sentence and output.as_json:
         raise FailedError(sentence, json_output.to_jsonable(answer))
-    finish(lambda: answer, answer["files"], lambda: sweep_report.show(found), output)
+    finish(lambda: answer, answer["files"], lambda: sweep_report.show(swept), output)
     if sentence:
         raise RuntimeError(sentence)
     return None

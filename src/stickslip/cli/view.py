@@ -56,21 +56,21 @@ def report(
     path = out or look_out.default_path(place, PAGE)
     look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        found = look.load_content(
+        content = look.load_content(
             place, modes=modes, options=options.values(), settle=settle, dashpots=dashpots, report=tell, search=verdict,
             trust=trust,
         )  # fmt: skip
-        look.write_page(found, path, colour=colour)
-    words = [found.warning] if found.warning else []
+        look.write_page(content, path, colour=colour)
+    notes = [content.warning] if content.warning else []
 
     def show() -> None:
-        if found.verdict:
-            terminal.console.print(found.verdict)
-        for line in words:
+        if content.verdict:
+            terminal.console.print(content.verdict)
+        for line in notes:
             terminal.console.print(line, style="yellow")
 
     def as_object() -> dict:
-        return json_output.common_fields("report", files=[path]) | {"verdict": found.verdict or None, "notes": words}
+        return json_output.common_fields("report", files=[path]) | {"verdict": content.verdict or None, "notes": notes}
 
     finish(as_object, [path], show, output)
 
@@ -129,22 +129,22 @@ def movie(
     look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
     look.film.check_movie(path, film.fps)
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        found = look.load_content(
+        content = look.load_content(
             place, modes=modes, options=options.values(), settle=settle, report=tell,
             search=film.mode is not None or not place.is_dir(), trust=trust,
         )  # fmt: skip
         look.write_movie(
-            found, path, colour=colour, fps=film.fps, count=film.frames, amplitude=film.amplitude, mode=film.mode,
+            content, path, colour=colour, fps=film.fps, count=film.frames, amplitude=film.amplitude, mode=film.mode,
             whole=film.whole, report=tell,
         )  # fmt: skip
-    words = [found.warning] if found.warning else []
+    notes = [content.warning] if content.warning else []
 
     def show() -> None:
-        for line in words:
+        for line in notes:
             terminal.console.print(line, style="yellow")
 
     def fields() -> dict:
-        return json_output.common_fields("movie", files=[path]) | {"notes": words}
+        return json_output.common_fields("movie", files=[path]) | {"notes": notes}
 
     finish(fields, [path], show, output)
 

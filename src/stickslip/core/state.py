@@ -564,8 +564,7 @@ def _describe_modes(contacts: Contacts) -> str:
 
 
 def _count_contacts(contacts: Contacts) -> tuple[int, int]:
-    """Numbers of contacts that touch, and of those at the Coulomb limit, where slip has reached it: see
-    `reset_reached`."""
+    """Numbers of contacts that touch, and of those whose slip has reached the Coulomb limit; see `reset_reached`."""
     mode, slip = contacts.mode[: contacts.count[0]], contacts.slip[: contacts.count[0]]
     return int((mode != OPEN).sum()), int(((mode == SLIDE) & slip.any(axis=1)).sum())
 

@@ -13,7 +13,7 @@ from .law_file import LawFile
 from .schema import NotNegative, Positive, ScenarioTable, split_unit
 
 OWN_PARAMETERS = {p.name for law in BY_NAME.values() for p in law.parameters}
-_ROLL, _TWIST = ({name: f"{words} [{unit}]" for name, (unit, words) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
+_ROLL, _TWIST = ({name: f"{text} [{unit}]" for name, (unit, text) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
 NEEDED = {"rolling": MODELS, "twisting": {"spring": ("k_twist", "mu_twist"), "marshall": ()}}  # coefficients, by model
 TAKEN = {"rolling": {**MODELS, "spring": (*_ROLL,)}, "twisting": {"spring": (*_TWIST,), "marshall": ()}}
 SUBSTRATE = 1  # material of the wall; disks are material 0
@@ -113,10 +113,10 @@ class LawTable(LawFile):
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
         own = [p.name for p in BY_NAME[self.kind].parameters]
         for name in sorted({*own} ^ {*given} & OWN_PARAMETERS):
-            words = (
+            remedy = (
                 "is missing: give it" if name in own else f"was given: it is no parameter of {self.kind}, leave it out"
             )
-            raise ValueError(f"law.{name} {words}")
+            raise ValueError(f"law.{name} {remedy}")
         elastic = [name for name in ("young", "poisson") if name in given]
         plain = [name for name in ("kn", "kt") if name in given]
         if elastic and plain:
@@ -149,7 +149,7 @@ if TYPE_CHECKING:
     Table = TypeVar("Table", bound=type[LawTable])
 
 
-def takes(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
+def allow_laws(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
     """Restrict a law table to some laws, the first of which is the default, and to some keys with their defaults.
 
     Descriptions name the laws, and the units of the default law; in SI units with `si`.
@@ -168,16 +168,16 @@ def takes(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table
         stiffness, dashpot = usual.stiffness_unit, DASHPOTS[DAMPING[defaults.get("damping") or usual.damping]][0]
         units = {"kn": stiffness, "kt": stiffness, "damping_n": dashpot, "damping_t": dashpot}
         for name, field in fields.items():
-            words, unit = split_unit(field.description)
+            text, unit = split_unit(field.description)
             unit = units.get(name, unit)
-            field.description = f"{words} [{in_si(unit) if si else unit}]" if unit else words
+            field.description = f"{text} [{in_si(unit) if si else unit}]" if unit else text
         table.model_rebuild(force=True)
         return table
 
     return restrict
 
 
-@takes(
+@allow_laws(
     "hertz_mindlin", "linear", coulomb="smooth", kn=1.0, kt=2 / 7, mu=10.0, damping="velocity", damping_n=0.0,
     damping_t=0.0, tension=True, wall=Parameters(), file=None, parameters={}, checksum=None,
 )  # fmt: skip

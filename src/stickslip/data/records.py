@@ -85,8 +85,8 @@ def append(folder: Path, name: str, content: bytes, about: dict) -> None:
     path = _OWN.setdefault(own, folder / f"{os.urandom(8).hex()}{SUFFIX}")
     try:
         with path.open("ab") as file:
-            first = b"" if file.tell() else _framed("", json.dumps(about | {"file": os.urandom(8).hex()}).encode())
-            file.write(first + _framed(name, content))
+            first = b"" if file.tell() else _to_frame("", json.dumps(about | {"file": os.urandom(8).hex()}).encode())
+            file.write(first + _to_frame(name, content))
             file.flush()
             if time.monotonic() - _SYNCED.get(path, -SYNC) >= SYNC:
                 os.fsync(file.fileno())
@@ -97,7 +97,7 @@ def append(folder: Path, name: str, content: bytes, about: dict) -> None:
         raise
 
 
-def _framed(name: str, content: bytes) -> bytes:
-    words = name.encode()
-    sizes = _FRAME.pack(0, len(words), len(content))[4:]
-    return b"".join([struct.pack("<I", crc32(content, crc32(words, crc32(sizes)))), sizes, words, content])
+def _to_frame(name: str, content: bytes) -> bytes:
+    label = name.encode()
+    sizes = _FRAME.pack(0, len(label), len(content))[4:]
+    return b"".join([struct.pack("<I", crc32(content, crc32(label, crc32(sizes)))), sizes, label, content])

@@ -43,34 +43,34 @@ class OptionalPart(NamedTuple):
 
 def versions() -> dict[str, str]:
     """Versions of this package, Python, the machine, and the required libraries."""
-    found = {
+    installed = {
         "stickslip": __version__,
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
     }
-    return found | {name: _version(name) or "missing" for name in CORE}
+    return installed | {name: _version(name) or "missing" for name in CORE}
 
 
 def threads() -> dict[str, str]:
     """Number of cores, and the threads that runs and BLAS would use."""
-    found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process"}
-    found["runs"] = _format_threads(available_threads())
+    counts = {"cores": f"{default_workers()} of {os.cpu_count()} for this process"}
+    counts["runs"] = _format_threads(available_threads())
     for pool in threadpool_info():
         if pool["user_api"] == "blas":
             kind = f"{pool['internal_api']} {pool['version'] or ''}".strip()
             layer = pool.get("threading_layer", "")
             where = Path(pool["filepath"]).parent.name.removesuffix(".libs")
-            found[f"blas of {where}"] = f"{kind}, {_format_threads(pool['num_threads'])}{layer and f' ({layer})'}"
+            counts[f"blas of {where}"] = f"{kind}, {_format_threads(pool['num_threads'])}{layer and f' ({layer})'}"
     variables = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    found |= {name: os.environ[name] for name in variables if name in os.environ}
-    return found
+    counts |= {name: os.environ[name] for name in variables if name in os.environ}
+    return counts
 
 
 def compiled_core() -> dict[str, str]:
     """Level of the compiled core that this processor uses, the levels that are built, and their compiler."""
     level = build.best_level()
     stamp = build.stamp(build.library(level))
-    built = [one for one in build.LEVELS if build.library_path(one).exists()]
+    built = [name for name in build.LEVELS if build.library_path(name).exists()]
     return {"level": level, "levels": ", ".join(built), "compiler": stamp["compiler"], "folder": str(build.HERE)}
 
 
@@ -128,8 +128,8 @@ def _check_yade() -> OptionalPart:
         return OptionalPart(
             "YADE", purpose, f"installed, but does not start ({_one_line(problem)})", False, "`apt install yade`"
         )
-    words = (run.stdout + run.stderr).split()
-    return OptionalPart("YADE", purpose, words[-1] if words else "installed", True, "")
+    tokens = (run.stdout + run.stderr).split()
+    return OptionalPart("YADE", purpose, tokens[-1] if tokens else "installed", True, "")
 
 
 def _version(library: str) -> str | None:

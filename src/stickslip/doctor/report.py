@@ -18,13 +18,13 @@ def examine(*, as_json: bool = False) -> tuple[bool, str]:
 
     Return whether every number is right, together with the JSON or the verdict.
     """
-    found = machine.versions(), machine.threads(), machine.compiled_core(), machine.parts()
+    tables = machine.versions(), machine.threads(), machine.compiled_core(), machine.parts()
     if not as_json:
-        show_machine(*found)
+        show_machine(*tables)
     with progress(transient=True) as tell:
-        check = selfcheck(lambda words: tell("self-check", 0.0, words))
+        check = selfcheck(lambda message: tell("self-check", 0.0, message))
     if as_json:
-        return check.ok, to_json(*found, check)
+        return check.ok, to_json(*tables, check)
     show_checks(check)
     return check.ok, _verdict(check)
 
@@ -37,15 +37,15 @@ def show_machine(versions: dict, threads: dict, core: dict, parts: list[Optional
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
-        found = part.found + (f"\n{part.remedy}" if part.remedy else "")
-        table.add_row(part.name, part.purpose, Text(found, color))
+        text = part.found + (f"\n{part.remedy}" if part.remedy else "")
+        table.add_row(part.name, part.purpose, Text(text, color))
     show_table(table)
 
 
-def show_checks(found: Selfcheck) -> None:
+def show_checks(result: Selfcheck) -> None:
     """Print the self-check line by line, then the verdict."""
     table = Table("number", "measured", "deviation", "allowed", "", title="Self-check against stored numbers", **STYLE)
-    for check in found.checks:
+    for check in result.checks:
         color, word = ("green", "ok") if check.ok else ("red", "failed")
         if check.deviation is None:
             table.add_row(check.name, str(check.measured), check.note, "", Text(word, color))
@@ -53,33 +53,33 @@ def show_checks(found: Selfcheck) -> None:
             numbers = f"{check.measured:.9g}", f"{check.deviation:.1e}", f"{check.tolerance:.0e}"
             table.add_row(check.name, *numbers, Text(word, color))
     show_table(table)
-    wrong = [check for check in found.checks if not check.ok]
+    wrong = [check for check in result.checks if not check.ok]
     for check in wrong:
-        words = f"{check.name}: stored {check.stored}, measured {check.measured}; tolerance for {check.note}"
-        console.print(words, style="red")
-    if found.problem:
-        console.print(found.problem, style="red")
-    console.print(_verdict(found), style="red" if wrong else "green")
+        message = f"{check.name}: stored {check.stored}, measured {check.measured}; tolerance for {check.note}"
+        console.print(message, style="red")
+    if result.problem:
+        console.print(result.problem, style="red")
+    console.print(_verdict(result), style="red" if wrong else "green")
 
 
-def _verdict(found: Selfcheck) -> str:
-    wrong = sum(not check.ok for check in found.checks)
-    words = f"{wrong} of {len(found.checks)} numbers are wrong" if wrong else "all is well"
-    return f"{words}, in {found.seconds:.1f} s"
+def _verdict(result: Selfcheck) -> str:
+    wrong = sum(not check.ok for check in result.checks)
+    verdict = f"{wrong} of {len(result.checks)} numbers are wrong" if wrong else "all is well"
+    return f"{verdict}, in {result.seconds:.1f} s"
 
 
-def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart], found: Selfcheck) -> str:
+def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart], result: Selfcheck) -> str:
     """JSON object with the keys of the tables; a number that could not be measured is null."""
-    rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in found.checks]
+    rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in result.checks]
     out = {
-        "ok": found.ok,
+        "ok": result.ok,
         "versions": versions,
         "threads": threads,
         "core": core,
         "parts": [part._asdict() for part in parts],
         "selfcheck": rows,
-        "problem": found.problem,
-        "seconds": round(found.seconds, 2),
+        "problem": result.problem,
+        "seconds": round(result.seconds, 2),
     }
     return json.dumps(out, indent=1, ensure_ascii=False, allow_nan=False)
 

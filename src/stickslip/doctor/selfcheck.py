@@ -134,23 +134,23 @@ def measure_array(law: Law) -> dict[str, float | str]:
     return measure_pair(state, law) | measure_dynamics(state, law)
 
 
-def measure(report: Callable[[str], None] = lambda words: None) -> dict[str, float | str]:
+def measure(report: Callable[[str], None] = lambda message: None) -> dict[str, float | str]:
     """All numbers by name; errors are listed under `PROBLEM`."""
-    law, found = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
+    law, numbers = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
     groups = {
         "contact forces": partial(measure_forces, law),
         "ten disks: equilibria, eigenvalues, dynamics": partial(measure_array, law),
         "rate and state": measure_slider,
         "quasi-rigid": measure_contact_status,
     }
-    for words, group in groups.items():
-        report(words)
+    for stage, group in groups.items():
+        report(stage)
         try:
-            found |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
+            numbers |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
         except Exception as problem:  # a broken compiler or library is what the self-check looks for
-            said = f"{words}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
-            found[PROBLEM] = "; ".join(filter(None, [found.get(PROBLEM), said]))
-    return found
+            said = f"{stage}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
+            numbers[PROBLEM] = "; ".join(filter(None, [numbers.get(PROBLEM), said]))
+    return numbers
 
 
 # relative deviations that are acceptable on any processor and with any BLAS, each with its reason
@@ -163,7 +163,7 @@ TOLERANCES = {
 }
 
 
-def compare(found: dict, stored: dict) -> list[Check]:
+def compare(measured: dict, stored: dict) -> list[Check]:
     """Compare every stored number with the measured one.
 
     Bits are also compared, but they are only guaranteed on the same type of machine and may differ on another
@@ -172,23 +172,23 @@ def compare(found: dict, stored: dict) -> list[Check]:
     rows = []
     for name, right in stored["numbers"].items():
         if name == BITS:
-            got = found.get(name, "none")
+            got = measured.get(name, "none")
             note = "the same bits" if got == right else "other bits: allowed"
             rows.append(Check(name, got, right, None, None, got != "none", note))
             continue
-        got = found.get(name, float("nan"))
+        got = measured.get(name, float("nan"))
         tolerance, why = next(rule for start, rule in TOLERANCES.items() if name.startswith(start))
         deviation = abs(got - right) / abs(right)
         rows.append(Check(name, got, right, deviation, tolerance, bool(deviation <= tolerance), why))
     return rows
 
 
-def selfcheck(report: Callable[[str], None] = lambda words: None) -> Selfcheck:
+def selfcheck(report: Callable[[str], None] = lambda message: None) -> Selfcheck:
     """Measure all numbers and compare them with the stored ones."""
     start = time.perf_counter()
-    found = measure(report)
-    checks = compare(found, json.loads(STORED.read_text(encoding="utf-8")))
-    return Selfcheck(checks, found.get(PROBLEM, ""), time.perf_counter() - start)
+    measured = measure(report)
+    checks = compare(measured, json.loads(STORED.read_text(encoding="utf-8")))
+    return Selfcheck(checks, measured.get(PROBLEM, ""), time.perf_counter() - start)
 
 
 def write() -> None:

@@ -18,7 +18,7 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
 
     `radius` and `mass` are those of the two grains whose collision has the given restitution.
     """
-    law = _built_in(chosen) if chosen.file is None else load_law(chosen)
+    law = _law_by_kind(chosen) if chosen.file is None else load_law(chosen)
     if chosen.restitution is not None:
         law = _with_restitution(law, chosen, radius, mass)
     law = _with_properties(law, chosen)
@@ -27,7 +27,7 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
     return for_pair(law, 0, SUBSTRATE, **{k: v for k, v in chosen.wall.model_dump().items() if v is not None})
 
 
-def _built_in(chosen: LawTable) -> Law:
+def _law_by_kind(chosen: LawTable) -> Law:
     kt = 2 / 7 * chosen.kn if chosen.kt is None and chosen.kn is not None else chosen.kt
     damping_n, damping_t = chosen.damping_n or 0.0, chosen.damping_t
     if damping_t is None:  # that of a restitution is a ratio

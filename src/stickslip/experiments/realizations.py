@@ -37,7 +37,7 @@ class Realizations(NamedTuple):
     @property
     def failures(self) -> tuple[str, ...]:
         """One sentence for each realization that failed."""
-        return tuple(one for one in self.sentences if one)
+        return tuple(sentence for sentence in self.sentences if sentence)
 
     def groups(self, size: int) -> "list[Realizations]":
         """Split into groups of consecutive tasks."""
@@ -59,10 +59,10 @@ class Realizations(NamedTuple):
         RuntimeError
             If there are none.
         """
-        found = [one for one in self.results if one is not None]
-        if not found and self.failures:
+        results = [result for result in self.results if result is not None]
+        if not results and self.failures:
             raise RuntimeError(f"every {what} failed, the first with {self.failures[0]}")
-        return found
+        return results
 
 
 def _describe(member: Member) -> str:
@@ -112,7 +112,7 @@ def run_realizations(
         function,
         [task.arguments for task in tasks],
         workers=workers,
-        live=lambda share, words: report(stage, share, words),
+        live=lambda share, message: report(stage, share, message),
         report=lambda done, total, member: report(stage, done / total, f"{done} of {total}, {describe(member)}"),
         load=load,
         save=save,

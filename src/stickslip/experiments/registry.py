@@ -26,7 +26,7 @@ _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None):
 
 def papers() -> dict[str, Experiment]:
     """Return the experiments that reproduce a paper, by the name for `stickslip reproduce`."""
-    return {one.paper.name or name: one for name, one in EXPERIMENTS.items() if one.paper}
+    return {experiment.paper.name or name: experiment for name, experiment in EXPERIMENTS.items() if experiment.paper}
 
 
 def experiment_of(scenario: ScenarioBase) -> Experiment:
@@ -40,7 +40,7 @@ def simulate(
     *,
     folder: str | Path | None = None,
     workers: Workers = None,
-    report: Callable = lambda stage, share, words: None,
+    report: Callable = lambda stage, share, message: None,
     **more,
 ):
     """Run a scenario of any kind and return the result of its experiment.
@@ -135,8 +135,8 @@ def read_tables(path: str | Path) -> dict:
         raise ScenarioError(str(problem)) from None
     tables = _parse(text, path)
     if not isinstance(tables, dict):
-        found = _JSON_TYPES.get(type(tables), "a number")
-        raise ScenarioError(f"the scenario {path} contains {found}, not an object: give the scenario.json of a run")
+        kind = _JSON_TYPES.get(type(tables), "a number")
+        raise ScenarioError(f"the scenario {path} contains {kind}, not an object: give the scenario.json of a run")
     _check_whole_numbers(tables, path)
     tables = with_laws(tables, renamed_keys) if path.suffix == ".json" else tables
     return _resolve_files(tables, path.parent)
@@ -154,8 +154,8 @@ def _parse(text: str, path: Path):
             f"the scenario {path} is nested too deeply: at most five levels of tables are allowed"
         ) from None
     except ValueError:  # Python limits the number of digits of integers
-        found = max(re.finditer(r"\d[\d_]*", text), key=lambda digits: len(digits[0].replace("_", "")))
-        line, digits = text.count("\n", 0, found.start()) + 1, len(found[0].replace("_", ""))
+        number = max(re.finditer(r"\d[\d_]*", text), key=lambda digits: len(digits[0].replace("_", "")))
+        line, digits = text.count("\n", 0, number.start()) + 1, len(number[0].replace("_", ""))
         raise ScenarioError(
             f"the scenario {path}, line {line}, contains an integer of {digits} digits: {INTEGER_RANGE}"
         ) from None

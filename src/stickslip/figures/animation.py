@@ -135,9 +135,9 @@ def _palette_of(frames: list[Image.Image]) -> Image.Image:
     for frame in frames:
         red, green, blue = (np.asarray(frame) >> 8 - BITS).reshape(-1, 3).T.astype(np.int32)
         count += np.bincount(red << 2 * BITS | green << BITS | blue, minlength=len(count))
-    found = np.flatnonzero(count)
-    colours = np.stack([found >> 2 * BITS, found >> BITS & most, found & most], axis=1)
-    weight = np.ceil(np.sqrt(count[found] / len(frames)) / 4).astype(int)
+    bins = np.flatnonzero(count)
+    colours = np.stack([bins >> 2 * BITS, bins >> BITS & most, bins & most], axis=1)
+    weight = np.ceil(np.sqrt(count[bins] / len(frames)) / 4).astype(int)
     pixels = np.repeat(np.round(255 / most * colours).astype(np.uint8), weight, axis=0)
     image = Image.fromarray(pixels[None]).quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=1)
     palette = np.array(image.getpalette()).reshape(-1, 3)

@@ -125,14 +125,14 @@ def classes(counts: dict[str, dict[str, int]]):
     counts : {label of the law: {class: number of events}}
     """
     figure, axes = column_axes(1, 1.2 + 0.32 * len(counts))
-    for row, found in enumerate(counts.values()):
-        total, left = max(1, sum(found.values())), 0.0
+    for row, count in enumerate(counts.values()):
+        total, left = max(1, sum(count.values())), 0.0
         for kind, (_, color) in CLASSES.items():
-            share = found.get(kind, 0) / total
+            share = count.get(kind, 0) / total
             axes.barh(row, share, left=left, color=color, height=0.7)
             if share > 0.07:
                 axes.text(
-                    left + share / 2, row, str(found[kind]), ha="center", va="center", color="white", fontsize=6.5
+                    left + share / 2, row, str(count[kind]), ha="center", va="center", color="white", fontsize=6.5
                 )
             left += share
     axes.set_yticks(range(len(counts)), counts)
@@ -143,7 +143,7 @@ def classes(counts: dict[str, dict[str, int]]):
     handles = [
         axes.barh(0, 0, color=color, label=label)
         for kind, (label, color) in CLASSES.items()
-        if any(found.get(kind) for found in counts.values())
+        if any(count.get(kind) for count in counts.values())
     ]
     figure.legend(handles=handles, loc="outside upper center", ncol=2)
     return figure
@@ -160,8 +160,8 @@ def drops(tables: dict[str, _Drops]):
     tables : {label of the law: table of events}
     """
     figure, panels = column_axes(2, 4.2)
-    words = {"stress_drop": r"stress drop over pressure $\Delta\sigma_{xy}/p$", "jump": ("jump", "mean diameters")}
-    for axes, (column, quantity) in zip(panels, words.items(), strict=True):
+    labels = {"stress_drop": r"stress drop over pressure $\Delta\sigma_{xy}/p$", "jump": ("jump", "mean diameters")}
+    for axes, (column, quantity) in zip(panels, labels.items(), strict=True):
         for color, (law, events) in zip(COLORS, tables.items(), strict=False):
             values = np.sort(events[column][np.isfinite(events[column]) & (events[column] > 0)])
             share = np.arange(len(values), 0, -1) / max(1, len(events[column]))
@@ -186,11 +186,13 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
     width = min(2, len(panels))
     figure, grid = plt.subplots(rows, width, figsize=(WIDTH * width, 3.9 * rows), squeeze=False)
     for axes, skills, title in zip(grid.flat, panels, titles, strict=False):
-        for one in skills:
-            label, color = PREDICTORS[one.predictor]
-            x = np.linspace(0, 1, one.band.shape[1])
-            axes.fill_between(x, *one.band, color=color, alpha=0.15, lw=0)
-            axes.plot(one.roc.false_alarms, one.roc.hits, color=color, label=f"{label} {_area(one)}", clip_on=False)
+        for skill in skills:
+            label, color = PREDICTORS[skill.predictor]
+            x = np.linspace(0, 1, skill.band.shape[1])
+            axes.fill_between(x, *skill.band, color=color, alpha=0.15, lw=0)
+            axes.plot(
+                skill.roc.false_alarms, skill.roc.hits, color=color, label=f"{label} {_area(skill)}", clip_on=False
+            )
         axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
         axes.set(xlim=(0, 1), ylim=(0, 1))
         label_axes(axes, x="share of false alarms", y="share of announced events")
@@ -201,6 +203,6 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
     return figure
 
 
-def _area(one) -> str:
-    interval = f" ({one.low:.2f}–{one.high:.2f})" if np.isfinite(one.low) else ""
-    return f"{one.roc.area:.2f}{interval}"
+def _area(skill) -> str:
+    interval = f" ({skill.low:.2f}–{skill.high:.2f})" if np.isfinite(skill.low) else ""
+    return f"{skill.roc.area:.2f}{interval}"

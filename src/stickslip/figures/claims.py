@@ -60,8 +60,8 @@ def claims_chart(rows: list[Row], title: str):
     axes.tick_params(axis="y", length=0, labelsize=6.5)
     axes.set_xticks(range(-int(REACH), int(REACH) + 1))
     axes.set_xlabel("(measured − paper) / tolerance", fontsize=7, labelpad=2)
-    for x, words in zip(COLUMNS, ("measured", "paper", "unit", "verdict"), strict=True):
-        axes.text(x, 1.0, words, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
+    for x, heading in zip(COLUMNS, ("measured", "paper", "unit", "verdict"), strict=True):
+        axes.text(x, 1.0, heading, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
     figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
     _draw_legend(figure, rows)
     return figure
@@ -72,8 +72,8 @@ COLUMNS = (1.03, 1.62, 1.98, 2.56)  # left edges of the texts, in widths of the 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
     """Label of a claim; in the first row of a group, the number of the figure in the paper comes first."""
-    words = row.label if len(row.label) <= SHORT else row.label[: SHORT - 1] + "…"
-    return words if k and groups[k] == groups[k - 1] else f"{row.group}:  {words}"
+    text = row.label if len(row.label) <= SHORT else row.label[: SHORT - 1] + "…"
+    return text if k and groups[k] == groups[k - 1] else f"{row.group}:  {text}"
 
 
 def _draw_row(axes, k: int, row: Row) -> None:
@@ -117,10 +117,10 @@ def _draw_legend(figure, rows: list[Row]) -> None:
         Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
         for w in seen
     ]
-    words = [f"{word} ({_count(rows, word)})" for word in seen]
+    labels = [f"{word} ({_count(rows, word)})" for word in seen]
     handles.append(Patch(color="0.9"))
-    words.append("tolerance; arrows: outside the range")
+    labels.append("tolerance; arrows: outside the range")
     if any(row.beside_reference for row in rows):
         handles.append(Line2D([], [], ls=""))
-        words.append("italic: a reference, not the paper's value")
-    figure.legend(handles, words, loc="lower left", ncol=3, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)
+        labels.append("italic: a reference, not the paper's value")
+    figure.legend(handles, labels, loc="lower left", ncol=3, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)

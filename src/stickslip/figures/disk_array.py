@@ -127,12 +127,12 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
     return figure
 
 
-def _plot_front(axes, found, color, label, sign=1):
+def _plot_front(axes, front, color, label, sign=1):
     axes.errorbar(
-        sign * found.delay, found.distance, xerr=found.error, fmt="o", color=color, label=label, capsize=1.5, lw=0.7
+        sign * front.delay, front.distance, xerr=front.error, fmt="o", color=color, label=label, capsize=1.5, lw=0.7
     )
-    reach = np.array([0, found.distance[-1]])
-    axes.plot(sign * reach / found.speed, reach, "--", color=color, lw=0.8)
+    reach = np.array([0, front.distance[-1]])
+    axes.plot(sign * reach / front.speed, reach, "--", color=color, lw=0.8)
 
 
 @styled
@@ -144,14 +144,14 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
     forward : load -> Front; backward : Front or None
     """
     figure, (top, bottom) = column_axes(2, 4.2)
-    for color, (load, found) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
-        if found:
-            words = f"$F_x$ = {load:.3f}: $V_1$ = {power_of_ten(found.speed, found.speed_error)}"
-            _plot_front(top, found, color, words)
+    for color, (load, front) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
+        if front:
+            label = f"$F_x$ = {load:.3f}: $V_1$ = {power_of_ten(front.speed, front.speed_error)}"
+            _plot_front(top, front, color, label)
     label_axes(top, x=(r"mean delay of breaching $\tau_i-\tau_1$", TIME[1]), y=("distance from disk 1", DIAMETER))
     if backward:
-        words = f"$V_2$ = {power_of_ten(backward.speed, backward.speed_error)}"
-        _plot_front(bottom, backward, PURPLE, words)
+        label = f"$V_2$ = {power_of_ten(backward.speed, backward.speed_error)}"
+        _plot_front(bottom, backward, PURPLE, label)
     label_axes(
         bottom, x=(rf"mean delay of sliding by {threshold:g} $\times 2R$", TIME[1]),
         y=("distance from the last disk", DIAMETER),

@@ -22,12 +22,12 @@ def slip_contours(history: FaultHistory, events: int | None = None):
     first = history.events.start[-events - 1] if events and events < len(history.events.start) else -np.inf
     kept = history.profile_time >= first
     depth = history.profile_depth / 1e3
-    for seismic, color, words in ((False, BLUE, "between events"), (True, RED, "in events")):
+    for seismic, color, label in ((False, BLUE, "between events"), (True, RED, "in events")):
         rows = history.profile_slip[kept & (history.profile_seismic == seismic)]
         lines = axes.plot(rows.T, depth, color=color, lw=0.35)
         if lines:
             gap = _interval(history.profile_time[kept & (history.profile_seismic == seismic)], seismic)
-            lines[0].set_label(f"{words}, every {gap}" if gap else words)
+            lines[0].set_label(f"{label}, every {gap}" if gap else label)
     axes.set_ylim(depth[-1], depth[0])
     if kept.any() and np.ptp(history.profile_slip[kept]) > 0:
         axes.set_xlim(history.profile_slip[kept].min(), history.profile_slip[kept].max())
@@ -69,8 +69,8 @@ def station_series(history: FaultHistory):
     number = len(history.station)
     shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
     for k, color in zip(shown, COLORS, strict=False):
-        words = f"{history.station[k] / 1e3:g} km"
-        top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=words)
+        label = f"{history.station[k] / 1e3:g} km"
+        top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=label)
         bottom.plot(history.time / YEAR, history.stress[:, k] / 1e6, color=color, lw=0.6)
     label_axes(top, y=("slip velocity", "m/s"))
     label_axes(bottom, x=("time", "years"), y=("shear stress", "MPa"))

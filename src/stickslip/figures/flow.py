@@ -121,10 +121,10 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     time = series.time
     for axes in panels[:2]:
         axes.set_yscale("log")
-    for energy, color, words in (
+    for energy, color, label in (
         (series.kinetic_energy, BLUE, "kinetic"), (series.elastic_energy, ORANGE, "elastic")
     ):  # fmt: skip
-        plot_fast(panels[0], time, np.maximum(energy, 1e-300), color=color, label=words)
+        plot_fast(panels[0], time, np.maximum(energy, 1e-300), color=color, label=label)
     top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
     least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)

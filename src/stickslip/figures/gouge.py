@@ -45,8 +45,8 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
     diameter : D, the unit of slip and thickness [m]
     """
     figure, (above, below) = column_axes(2, 3.4, sharex=True)
-    for number, one in enumerate(realizations):
-        series, color = one.tests[0].series, COLORS[number % len(COLORS)]
+    for number, realization in enumerate(realizations):
+        series, color = realization.tests[0].series, COLORS[number % len(COLORS)]
         plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realization {number + 1}")
         plot_fast(below, series.slip / diameter, series.thickness / diameter, color=color)
     label_axes(above, y=FRICTION)
@@ -149,8 +149,8 @@ def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: 
     if rows == 3:
         x, y = np.log(ratios), [p.value for p in peaks]
         panels[2].errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLACK, lw=0.7)
-        words = f"slope {slope.value:.3f} ± {slope.half:.3f}"
-        panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=words)
+        label = f"slope {slope.value:.3f} ± {slope.half:.3f}"
+        panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=label)
         label_axes(panels[2], x=r"$\ln V_r/V_i$", y=r"peak of $\mu - \mu_{ss}$")
         legend_above(panels[2])
     return figure
@@ -172,10 +172,10 @@ def healing(times: Series, peaks: list[_Number], slope: _Number, b: float, thick
     x, y = np.asarray(times), np.array([p.value for p in peaks])
     above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE, label="peak")
     middle = np.exp(np.log(x).mean())
-    for rate, words, color, style in (
+    for rate, label, color, style in (
         (slope.value, "fit", BLUE, "-"), (b, "$b$", ORANGE, "--"), (b / 2, "$b/2$", ORANGE, ":")
     ):  # fmt: skip
-        above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=words)
+        above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=label)
     _plot_band(below, thickness, GREEN)
     _name_band(below, "thickness, two standard deviations", GREEN)
     for axes in (above, below):
@@ -218,9 +218,9 @@ def _plot_band(axes, curve, color, *, errors: bool = False):
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)
 
 
-def _name_band(axes, words: str, color=BLACK) -> None:
+def _name_band(axes, label: str, color=BLACK) -> None:
     """Add a band to the legend."""
-    axes.fill_between([], [], color=color, alpha=0.2, lw=0, label=words)
+    axes.fill_between([], [], color=color, alpha=0.2, lw=0, label=label)
 
 
 @styled

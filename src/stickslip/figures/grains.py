@@ -120,13 +120,13 @@ def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | No
         return layout
     values, units = [], ""
     for frame in frames:
-        found = quantities(frame, first=frames[0], mode=mode)
+        fields = quantities(frame, first=frames[0], mode=mode)
         if colour == "displacement" and frame is frames[0] and len(frames) > 1:
             continue
-        if colour not in found:
-            raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(found)}")
-        values.append(found[colour][0])
-        units = found[colour][1]
+        if colour not in fields:
+            raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(fields)}")
+        values.append(fields[colour][0])
+        units = fields[colour][1]
     every = np.concatenate(values)
     limits = (float(every.min()), float(np.quantile(every, 0.995)))
     return layout._replace(
@@ -200,8 +200,8 @@ def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zord
     pieces = np.stack([path[:, :-1], path[:, 1:]], axis=2).reshape(-1, 2, 3)
     slab = _depth_slabs(pieces[..., 2].mean(axis=1), depth)
     for number in np.unique(slab):
-        found = LineCollection(pieces[slab == number, :, :2], zorder=2.6 + number, **style)
-        axes.add_collection(found, autolim=False)
+        collection = LineCollection(pieces[slab == number, :, :2], zorder=2.6 + number, **style)
+        axes.add_collection(collection, autolim=False)
 
 
 def _visible_pieces(frame: Frame, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray):
@@ -289,8 +289,8 @@ def _face_colours(frame: Frame, layout: Layout, mode, first) -> np.ndarray:
     if layout.colour is None:
         loose = _rattlers(frame)
         return np.where(loose[:, None], to_rgba("white"), to_rgba(PALE))
-    found = quantities(frame, first=first, mode=mode)
-    values = found[layout.colour][0] if layout.colour in found else np.zeros(len(frame.state.grains.radius))
+    fields = quantities(frame, first=first, mode=mode)
+    values = fields[layout.colour][0] if layout.colour in fields else np.zeros(len(frame.state.grains.radius))
     return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
 
 

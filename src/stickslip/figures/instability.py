@@ -79,9 +79,9 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
         (strength, "slides by itself", "-"),
     )  # fmt: skip
-    for load, words, style in static:
+    for load, name, style in static:
         if x[0] <= load <= top:
-            axes.axvline(load, color=BLACK, ls=style, lw=0.8, label=words)
+            axes.axvline(load, color=BLACK, ls=style, lw=0.8, label=name)
             below.axvline(load, color=BLACK, ls=style, lw=0.8)
     axes.set_ylim(-0.03, 1.03)
     label_axes(axes, y="share of runs")

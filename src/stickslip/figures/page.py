@@ -42,10 +42,10 @@ def pictures(shown: dict[str, bytes]) -> str:
 
 
 def _picture(caption: str, content: bytes) -> str:
-    words = escape(caption[:1].upper() + caption[1:])
+    text = escape(caption[:1].upper() + caption[1:])
     kind = "gif" if content.startswith(b"GIF8") else "png"
     source = f'src="data:image/{kind};base64,{base64.b64encode(content).decode()}"'
-    return f'<figure><img alt="{words}" {source}><figcaption>{words}</figcaption></figure>'
+    return f'<figure><img alt="{text}" {source}><figcaption>{text}</figcaption></figure>'
 
 
 def listing(text: str) -> str:

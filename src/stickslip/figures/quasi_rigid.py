@@ -21,25 +21,25 @@ COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples, with cont
 def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], test: str):
     """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
     figure, (top, bottom) = column_axes(2, 4.4, sharex=True)
-    for color, one in zip(cycle(COLORS), tested, strict=False):
+    for color, sample in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
-            axes.plot(one.curve.strain, getattr(one.curve, name), color=color, lw=1.2)
-            if not one.path.complete:
-                last = one.curve.strain[-1], getattr(one.curve, name)[-1]
-                axes.plot(*last, "x" if one.path.loses_stability else "o", mfc="none", color=color, ms=5)
-            if one.back is not None:
-                axes.plot(one.back.strain, getattr(one.back, name), ":", color=color, lw=0.9)
-            if one.slow:
-                slow = max(one.slow, key=lambda run: run.time).curve
-                near = slow.load <= one.curve.load[-1]
+            axes.plot(sample.curve.strain, getattr(sample.curve, name), color=color, lw=1.2)
+            if not sample.path.complete:
+                last = sample.curve.strain[-1], getattr(sample.curve, name)[-1]
+                axes.plot(*last, "x" if sample.path.loses_stability else "o", mfc="none", color=color, ms=5)
+            if sample.back is not None:
+                axes.plot(sample.back.strain, getattr(sample.back, name), ":", color=color, lw=0.9)
+            if sample.slow:
+                slow = max(sample.slow, key=lambda run: run.time).curve
+                near = slow.load <= sample.curve.load[-1]
                 axes.plot(slow.strain[near], getattr(slow, name)[near], "--", color=BLACK, lw=0.6)
-        top.plot([], [], color=color, label=f"sample {one.seed}")
-    if any(one.slow for one in tested):
+        top.plot([], [], color=color, label=f"sample {sample.seed}")
+    if any(sample.slow for sample in tested):
         top.plot([], [], "--", color=BLACK, lw=0.6, label="slow dynamics")
-    if any(one.back is not None for one in tested):
+    if any(sample.back is not None for sample in tested):
         top.plot([], [], ":", color=BLACK, lw=0.9, label="unloading")
     for lost, mark in ENDS.items():
-        if lost in {one.path.loses_stability for one in tested if not one.path.complete}:
+        if lost in {sample.path.loses_stability for sample in tested if not sample.path.complete}:
             top.plot([], [], mark, mfc="none", color=BLACK, ms=5, label=ENDS_WORDS[lost])
     label_axes(top, y="stress ratio" if test == "biaxial" else "shear stress / pressure")
     label_axes(bottom, x="axial strain" if test == "biaxial" else "shear strain", y="volumetric strain")
@@ -95,10 +95,10 @@ def stiffness(one: Annotated[Any, Result(_KIND, ("path", "looks", "seed"))]):
 def errors(tested: list[Annotated[Any, Result(_KIND, ("slow", "seed"))]]):
     """Difference between path and dynamics against the duration of loading."""
     figure, axes = column_axes(1, 2.4)
-    for color, one in zip(cycle(COLORS), tested, strict=False):
-        runs = sorted(one.slow, key=lambda run: run.time)
+    for color, sample in zip(cycle(COLORS), tested, strict=False):
+        runs = sorted(sample.slow, key=lambda run: run.time)
         time, error = [r.time for r in runs], [r.error for r in runs]
-        axes.loglog(time, error, "o-", color=color, label=f"sample {one.seed}")
+        axes.loglog(time, error, "o-", color=color, label=f"sample {sample.seed}")
     label_axes(axes, x=("duration of loading", r"$\sqrt{m/K_n}$"), y="difference of strain")
     axes.legend(loc="best", ncol=2)
     return figure

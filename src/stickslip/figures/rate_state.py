@@ -28,7 +28,7 @@ _Fit = Annotated[Any, Result("Fit", ("law", "models", "residuals"))]
 def slid(history: _History, recorded: Series, legs: list[_Leg] | tuple[_Leg, ...]):
     """Friction, velocity and state against load-point displacement, or against time if the load point ever stops."""
     figure, panels = column_axes(3, 4.6, sharex=True)
-    x, words, ends = _abscissa(history.time, history.load_point, legs)
+    x, label, ends = _abscissa(history.time, history.load_point, legs)
     noisy = not np.array_equal(recorded, history.friction)
     if noisy:
         panels[0].plot(x, recorded, ".", color=GREY, ms=1.5, label="recorded")
@@ -47,7 +47,7 @@ def slid(history: _History, recorded: Series, legs: list[_Leg] | tuple[_Leg, ...
             )
     label_axes(panels[1], y=("velocity", "m/s"))
     panels[2].semilogy(x, history.theta, color=GREEN)
-    label_axes(panels[2], x=words, y=(r"state $\theta$", "s"))
+    label_axes(panels[2], x=label, y=(r"state $\theta$", "s"))
     for axes in panels[: 2 if noisy else 1]:
         axes.legend(loc="best")
     panels[1].legend(loc="best")
@@ -68,16 +68,16 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
         place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, run])
     else:
         place = np.r_[0.0, np.cumsum(0.5 * (data.velocity[1:] + data.velocity[:-1]) * np.diff(time))]
-    x, words, _ = _abscissa(time, place, data.legs)
+    x, label, _ = _abscissa(time, place, data.legs)
     top.plot(x, data.friction, ".", color=GREY, ms=1.5, label="record")
-    for k, one in enumerate(fits):
-        color, style = LAW_COLORS[one.law], ("-", "--")[k % 2]
-        top.plot(x, one.models[0], color=color, ls=style, label=f"{one.law} law")
-        bottom.plot(x, one.residuals[0], color=color, lw=0.6, alpha=0.8)
+    for k, fit in enumerate(fits):
+        color, style = LAW_COLORS[fit.law], ("-", "--")[k % 2]
+        top.plot(x, fit.models[0], color=color, ls=style, label=f"{fit.law} law")
+        bottom.plot(x, fit.residuals[0], color=color, lw=0.6, alpha=0.8)
     bottom.axhline(0, color=BLACK, lw=0.5)
     label_axes(top, y="friction")
     top.legend(loc="best")
-    label_axes(bottom, x=words, y="record − fit")
+    label_axes(bottom, x=label, y="record − fit")
     bottom.set_xlim(x[0], x[-1])
     figure.align_ylabels((top, bottom))
     return figure
@@ -95,7 +95,7 @@ def corner(columns: dict, intervals: dict, units: dict):
     """
     names, many = list(columns), len(columns)
     bases = {name: name.partition("[")[0] for name in names}
-    words = {name: (SYMBOLS.get(base, name), units.get(base, "")) for name, base in bases.items()}
+    labels = {name: (SYMBOLS.get(base, name), units.get(base, "")) for name, base in bases.items()}
     figure, panels = plt.subplots(many, many, figsize=(max(WIDTH, 1.05 * many),) * 2, sharex="col", squeeze=False)
     for row, below in enumerate(names):
         for column, across in enumerate(names):
@@ -108,12 +108,12 @@ def corner(columns: dict, intervals: dict, units: dict):
                 axes.set_yticks([])
             else:
                 _contour_pair(axes, columns[across], columns[below])
-                label_axes(axes, y=words[below])
+                label_axes(axes, y=labels[below])
                 axes.tick_params(labelleft=column == 0)
                 axes.yaxis.label.set_visible(column == 0)
             if row == many - 1:
                 axes.tick_params(axis="x", rotation=45)
-                label_axes(axes, x=words[across])
+                label_axes(axes, x=labels[across])
     figure.align_labels()
     return figure
 

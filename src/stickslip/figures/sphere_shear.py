@@ -39,10 +39,10 @@ def pairs_along_strain(paths: Annotated[list[_Path], Requirement(require_filled)
     figure, (top, bottom) = column_axes(2, 4.2)
     path = max(paths, key=lambda p: (p.pairs[p.strain <= fine] > 0).sum())
     near = path.strain <= fine
-    for value, color, words in ((path.largest, GREEN, "largest"), (path.smallest, BLUE, "smallest")):
+    for value, color, label in ((path.largest, GREEN, "largest"), (path.smallest, BLUE, "smallest")):
         alive = near & (path.pairs > 0)
         top.plot(
-            path.strain[near], np.where(alive, value, np.nan)[near], ".-", ms=2.5, color=color, lw=0.7, label=words
+            path.strain[near], np.where(alive, value, np.nan)[near], ".-", ms=2.5, color=color, lw=0.7, label=label
         )
     if path.onset:
         top.axvline(path.onset.strain, color=RED, ls=":", lw=0.8, label=r"first pair, $\gamma_c$")
@@ -92,8 +92,8 @@ def growth(run: Annotated[Any, Result(_KIND, ("time", "msd", "growth", "close_ti
         x, y = run.close_time - run.close_time[0], run.close_msd
         t = np.linspace(run.growth.start, run.growth.stop, 200)
         rise = np.exp(np.log(y).mean() + 2 * run.corrected_rate * (t - run.close_time.mean()))
-        words = rf"predicted $e^{{2\omega_i t}}$, $\omega_i$ = {power_of_ten(run.growth_rate)}"
-        top.semilogy(t, rise, "--", color=RED, lw=0.9, label=words)
+        label = rf"predicted $e^{{2\omega_i t}}$, $\omega_i$ = {power_of_ten(run.growth_rate)}"
+        top.semilogy(t, rise, "--", color=RED, lw=0.9, label=label)
         top.legend(loc="lower right")
         fine = np.linspace(x.min(), x.max(), 600)
         shape, drawn = _oscillation(x, run.growth), _oscillation(fine, run.growth)
@@ -133,10 +133,10 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
         above.plot(*joined[:, k, :dim].T, color=color, lw=0.5, label=f"grain {k}")
     figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
     funnel = figure.add_subplot(2, 1, 2, projection="3d")
-    one = path[:, :, most[0]]
-    axes = np.linalg.svd(one.reshape(-1, 3), full_matrices=False)[2][:2]
-    turned = np.concatenate([one @ axes.T, np.full((len(one), 1, 2), np.nan)], axis=1)
-    step = np.arange(one.shape[1] + 1) * 2 * np.pi / run.frequency / 10 / FINE
+    track = path[:, :, most[0]]
+    axes = np.linalg.svd(track.reshape(-1, 3), full_matrices=False)[2][:2]
+    turned = np.concatenate([track @ axes.T, np.full((len(track), 1, 2), np.nan)], axis=1)
+    step = np.arange(track.shape[1] + 1) * 2 * np.pi / run.frequency / 10 / FINE
     time = (run.turn_time[:, None] + step - run.turn_time[0]) * run.growth_rate
     funnel.plot(*turned.reshape(-1, 2).T, time.ravel(), color=BLUE, lw=0.5)
     unit = r"$2\sigma_1$"
@@ -153,9 +153,9 @@ def _smooth(turns: np.ndarray) -> np.ndarray:
     return CubicSpline(old, turns, axis=1)(new) if len(old) > 2 else turns
 
 
-def _label_space(axes, words, dim: int) -> None:
+def _label_space(axes, labels, dim: int) -> None:
     """Label axes, close to the ticks in three dimensions."""
-    label_axes(axes, **dict(zip("xyz", words, strict=False)))
+    label_axes(axes, **dict(zip("xyz", labels, strict=False)))
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -205,7 +205,7 @@ def births_by_law(laws: list, packings: list):
     """
     figure, axes = column_axes(2, 4.2, sharex=True)
     for panel, kind in zip(axes, ("hertz_mindlin", "linear"), strict=True):
-        for k, law in enumerate(one for one in laws if one.kind == kind):
+        for k, law in enumerate(candidate for candidate in laws if candidate.kind == kind):
             strain = np.sort(
                 [p["strain"] for p in packings if all(p[n] == getattr(law, n) for n in ("kind", "coulomb", "mu"))]
             )

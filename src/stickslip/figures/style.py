@@ -110,10 +110,10 @@ def label_axes(
     large or small, the label takes up a power of ten, as in "strain [10⁻⁵]". Logarithmic axes of little more than a
     decade also show 2 and 5.
     """
-    for name, words in (("x", x), ("y", y), ("z", z)):
-        if words is None:
+    for name, label in (("x", x), ("y", y), ("z", z)):
+        if label is None:
             continue
-        quantity, unit = (words, "") if isinstance(words, str) else (words[0], unit_name(words[1]))
+        quantity, unit = (label, "") if isinstance(label, str) else (label[0], unit_name(label[1]))
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
@@ -192,7 +192,7 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
     bins = max(8, round(axes.get_position().width * axes.figure.get_figwidth() * 72 / BIN))
-    turns = _turns(y)
+    turns = _count_turns(y)
     if turns <= bins or x[-1] <= x[0]:
         axes.plot(x, y, color=color, lw=lw, label=label)
         return
@@ -206,11 +206,11 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
         axes.plot(at, mean, color=color, lw=lw, label=label)
     else:
         for edge in (low, high):
-            if _turns(edge) < bins / 4:
+            if _count_turns(edge) < bins / 4:
                 axes.plot(at, edge, color=color, lw=0.5 * lw)
 
 
-def _turns(y: np.ndarray) -> int:
+def _count_turns(y: np.ndarray) -> int:
     """Number of minima and maxima."""
     slope = np.sign(np.diff(y))
     return np.count_nonzero(np.diff(slope[slope != 0]))

@@ -131,15 +131,15 @@ def _select_frames(frames: list[Frame]) -> list[int]:
     return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
 
 
-def _describe_quantity(name: str, found: list[tuple[np.ndarray, str]]) -> dict:
+def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
     """Name, unit and range of a quantity; for the material, also `kinds`, values with separate colours."""
-    values = np.concatenate([v for v, _ in found]).astype(float)
+    values = np.concatenate([v for v, _ in series]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":
         return {"name": name, "unit": "", "low": low, "high": high, "kinds": sorted({int(v) for v in values})[:KINDS]}
     beyond = float(np.quantile(values, 0.995))
     cut = name not in CONTENT and high > 2 * beyond > 0
-    return {"name": name, "unit": found[0][1], "low": low, "high": beyond if cut else high, "cut": bool(cut)}
+    return {"name": name, "unit": series[0][1], "low": low, "high": beyond if cut else high, "cut": bool(cut)}
 
 
 def _frame_data(frame: Frame, label: str) -> dict:

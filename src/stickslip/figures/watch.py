@@ -11,20 +11,20 @@ Column = Annotated[Any, Array((1,), finite=False)]  # NaN where a quantity is no
 COLOURS = {"stable": GREEN, "unstable": RED}  # of a verdict; others have none
 
 
-def _line(axes, step, values, color, label=None, words=None):
+def _line(axes, step, values, color, label=None, quantity=None):
     known = np.isfinite(values)
     axes.plot(step[known], values[known], "o-", color=color, ms=2, lw=0.8, label=label)
-    if words:
-        label_axes(axes, y=words)
+    if quantity:
+        label_axes(axes, y=quantity)
 
 
 @styled
 def watched_stress(step: Column, pressure: Column, shear: Column):
     """Pressure, and shear stress over pressure, against the time step."""
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
-    _line(above, step, pressure, BLUE, words=("pressure", "stress"))
+    _line(above, step, pressure, BLUE, quantity=("pressure", "stress"))
     ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
-    _line(below, step, ratio, ORANGE, words="shear / pressure")
+    _line(below, step, ratio, ORANGE, quantity="shear / pressure")
     label_axes(below, x="time step")
     return figure
 
@@ -33,8 +33,8 @@ def watched_stress(step: Column, pressure: Column, shear: Column):
 def watched_contacts(step: Column, coordination: Column, sliding: Column):
     """Coordination and the fraction of sliding contacts against the time step."""
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
-    _line(above, step, coordination, BLUE, words="contacts per grain")
-    _line(below, step, sliding, ORANGE, words="sliding fraction")
+    _line(above, step, coordination, BLUE, quantity="contacts per grain")
+    _line(below, step, sliding, ORANGE, quantity="sliding fraction")
     below.set_ylim(0, 1.1 * max(np.nanmax(sliding, initial=0.0), 0.01))
     if not np.isfinite(sliding).any():
         below.text(0.5, 0.5, "unknown without memory", ha="center", va="center", transform=below.transAxes)
@@ -53,7 +53,7 @@ def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: li
     verdicts : for each frame, stable, unstable, or another word
     """
     figure, (above, below) = column_axes(2, 2.8, sharex=True)
-    _line(above, step, softest, BLUE, words=(r"softest $\lambda$", "1/time$^2$"))
+    _line(above, step, softest, BLUE, quantity=(r"softest $\lambda$", "1/time$^2$"))
     if (softest < 0).any():
         above.axhline(0, color="0.6", lw=0.6)
     known = np.isfinite(growth)

@@ -164,8 +164,8 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         )
         recorder.step(before, now)
         if report is not None and steps % REPORTED == 0:
-            words = f"{time / YEAR:.1f} years, fastest slip {now.fastest:.1e} m/s"
-            report(min(1.0, time / until), words)
+            progress = f"{time / YEAR:.1f} years, fastest slip {now.fastest:.1e} m/s"
+            report(min(1.0, time / until), progress)
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
         recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,

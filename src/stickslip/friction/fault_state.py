@@ -6,7 +6,7 @@ import numpy as np
 
 from ..core.arguments import Values, checked, require_positive
 from ..core.readable import readable
-from ..core.units import for_people
+from ..core.units import in_readable_units
 from . import laws
 from .fault import Fault, check_fault
 from .fault_step import Machine
@@ -15,7 +15,7 @@ LARGEST = 300.0  # greatest logarithm of a state
 
 
 def _head(state) -> str:
-    (time,), unit = for_people([state.time], "s")
+    (time,), unit = in_readable_units([state.time], "s")
     return f"{len(state.excess_slip)} cells at {time:.6g} {unit}"
 
 

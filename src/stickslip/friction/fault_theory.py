@@ -119,12 +119,12 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
     require_positive(velocity=velocity)
     slow, effects = _lengths(fault.sliding_at(velocity)), "b" if fault.states == 1 else "b + b2"
     if any(fault.cuts):
-        words = _sentence_with_cuts(fault, velocity, slow, f"a ≥ {effects}")
+        sentence = _sentence_with_cuts(fault, velocity, slow, f"a ≥ {effects}")
     elif slow.longest == 0:
-        words = f"no earthquake can nucleate: the fault is velocity-strengthening (a ≥ {effects}) everywhere"
+        sentence = f"no earthquake can nucleate: the fault is velocity-strengthening (a ≥ {effects}) everywhere"
     else:
-        words = f"{'earthquakes can nucleate' if slow.possible else 'no earthquake is expected'}: {slow.ratio('')}"
-    return Nucleation(slow.possible, slow.longest, slow.cohesive, slow.half, words)
+        sentence = f"{'earthquakes can nucleate' if slow.possible else 'no earthquake is expected'}: {slow.ratio('')}"
+    return Nucleation(slow.possible, slow.longest, slow.cohesive, slow.half, sentence)
 
 
 class _Lengths(NamedTuple):
@@ -164,18 +164,18 @@ def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthe
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"
         return f"no earthquake can nucleate: the fault is velocity-strengthening everywhere at all velocities {ends}"
     if slow.longest == 0:
-        words = f"the fault is velocity-strengthening ({strengthens} with the cut-offs) everywhere{place}"
+        sentence = f"the fault is velocity-strengthening ({strengthens} with the cut-offs) everywhere{place}"
     else:
-        words = slow.ratio(place)
+        sentence = slow.ratio(place)
     if slow.possible:
-        slows = "" if fast.longest else f"; slip above {_turn(fault, max):.3g} m/s strengthens and may stay slow"
-        return f"earthquakes can nucleate: {words}{slows}"
-    words = f"no earthquake is expected from steady slip: {words}"
+        slows = "" if fast.longest else f"; slip above {_transition(fault, max):.3g} m/s strengthens and may stay slow"
+        return f"earthquakes can nucleate: {sentence}{slows}"
+    sentence = f"no earthquake is expected from steady slip: {sentence}"
     if not fast.possible:
-        return words
-    above = "" if slow.longest else f" weakens above {_turn(fault, min):.3g} m/s, and"
+        return sentence
+    above = "" if slow.longest else f" weakens above {_transition(fault, min):.3g} m/s, and"
     zone = f"slip{above} has a zone of {2 * fast.half:.4g} m at {SEISMIC:g} m/s"
-    return f"{words}; {zone}: a disturbance can make it an earthquake"
+    return f"{sentence}; {zone}: a disturbance can make it an earthquake"
 
 
 def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
@@ -184,15 +184,15 @@ def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
     if fault.states > 1:  # at slips shorter than its characteristic one, a state stays as it is
-        one = fault.a, fault.b, fault.dc, fault.normal
-        two = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
-        for rows in (np.stack(one), np.stack(two)):
+        first = fault.a, fault.b, fault.dc, fault.normal
+        second = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
+        for rows in (np.stack(first), np.stack(second)):
             alone = np.unique(rows[:, rows[0] < rows[1]].T, axis=0).tolist()
             half = min([half, *(nucleation_half_length(fault.modulus, *row) for row in alone)])
     return half
 
 
-def _turn(fault: Fault, of) -> float:
+def _transition(fault: Fault, of) -> float:
     """Least or greatest velocity at which a cell turns between weakening and strengthening.
 
     A = B at V = (B0 − a)/(a/V2 − B0/V1), with B0 = b + b2.

@@ -79,8 +79,8 @@ class Fit(NamedTuple):
         """Fitted parameters as a `RateState`, with mu0 of one of the data sets (counted from 1)."""
         both = {**self.fixed, **self.values}
         names = ("a", "b", "dc", "mu0", "v0", "alpha", *(name for name in PLAIN if name in both))
-        one = {name: both.get(name, both.get(f"{name}[{number}]")) for name in names}
-        return RateState(**one, law=self.law, form=self.form)
+        values = {name: both.get(name, both.get(f"{name}[{number}]")) for name in names}
+        return RateState(**values, law=self.law, form=self.form)
 
 
 def fit(
@@ -165,7 +165,7 @@ def solve_fit(
     for name in own:
         if name not in NAMES:
             raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
-    cases = [prepare(one, windows) for one in records]
+    cases = [prepare(record, windows) for record in records]
     fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
     task = _build_task(cases, (law, form), names, fixed, own)
     x, evaluations = find_best(task)
@@ -306,7 +306,7 @@ def build_fit(solution: Solution) -> Fit:
         covariance=estimates.covariance, fixed=_fixed_values(task),
         difference=(gap, gap - estimates.error, gap + estimates.error),
         identifiable=estimates.identifiable, adequate=adequate, sentence=estimates.sentence,
-        residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
+        residuals=tuple(case.friction - model for case, model in zip(task.cases, models, strict=True)), models=models,
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
         noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,

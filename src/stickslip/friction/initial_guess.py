@@ -24,14 +24,14 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[
     fixed = fixed | {name: value for name, value in PLAIN.items() if name in free}
     grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
     grid["b/a"] = RATIOS if "b" in free else (None,)
-    found = []
+    points = []
     for a, length, k, ratio in product(grid["a"], grid["dc"], grid["stiffness"], grid["b/a"]):
         values = {**fixed, "a": a, "dc": length, "stiffness": k, "b": fixed["b"] if ratio is None else a * ratio}
         cost, linear = _cost(cases, law, values, free)
         if np.isfinite(cost):
-            found.append((cost, values, linear))
-    found.sort(key=lambda one: one[0])
-    return [{**values, "linear": linear} for _, values, linear in found[:BEST]]
+            points.append((cost, values, linear))
+    points.sort(key=lambda point: point[0])
+    return [{**values, "linear": linear} for _, values, linear in points[:BEST]]
 
 
 def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
@@ -56,13 +56,13 @@ def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
         basis = [np.ones(use.sum())] if "mu0" in free else []
         basis += [case.place[use]] if "trend" in free else []
         rest = (case.friction[use] - model[use]) * weight
-        found = np.zeros(0)
+        coefficients = np.zeros(0)
         if basis:
             columns = np.stack(basis, axis=1) * weight[:, None]
             size = np.linalg.norm(columns, axis=0)
-            found = np.linalg.lstsq(columns / size, rest, rcond=None)[0] / size
-            rest = rest - columns @ found
-        linear.append(found)
+            coefficients = np.linalg.lstsq(columns / size, rest, rcond=None)[0] / size
+            rest = rest - columns @ coefficients
+        linear.append(coefficients)
         cost += float(rest @ rest)
     return cost, linear
 

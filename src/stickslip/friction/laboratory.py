@@ -72,11 +72,11 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     """
     path = Path(path)
     header, rows = _read(path, columns)
-    found = _match_columns(path, header, si=columns is not None)
-    _check_columns(path, header, found)
-    full = [row for row in rows if all(row[1][k] for k, _ in found.values())]
+    places = _match_columns(path, header, si=columns is not None)
+    _check_columns(path, header, places)
+    full = [row for row in rows if all(row[1][k] for k, _ in places.values())]
     if len(full) < len(rows):
-        first = next(number for number, fields in rows if not all(fields[k] for k, _ in found.values()))
+        first = next(number for number, fields in rows if not all(fields[k] for k, _ in places.values()))
         warnings.warn(
             f"{path}: {len(rows) - len(full)} of {len(rows)} rows have an empty cell and are left out; the first is "
             f"line {first}",
@@ -85,8 +85,8 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     rows = full
     if len(rows) < LEAST:
         raise ValueError(f"{path} has {len(rows)} rows of numbers: give at least {LEAST}")
-    values = {name: np.array([_parse_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
-    for name, (_, factor) in found.items():
+    values = {name: np.array([_parse_number(path, row, k, name) for row in rows]) for name, (k, _) in places.items()}
+    for name, (_, factor) in places.items():
         values[name] *= factor
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():
@@ -159,14 +159,14 @@ def _read(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[t
 
 def _match_columns(path: Path, header: list[str], *, si: bool) -> dict[str, tuple[int, float]]:
     """Positions of known columns, and factors that convert them to metres, seconds and pascals."""
-    found = {}
+    places = {}
     for k, field in enumerate(header):
         word, unit = split_label(field)
         word = word.lower().replace(" ", "_").replace("-", "_")
         name = next((name for name, (_, aliases) in COLUMNS.items() if word in aliases), None)
         if name is None:
             continue
-        if name in found:
+        if name in places:
             raise ValueError(f"{path} has two columns for {name}: keep one")
         units = COLUMNS[name][0]
         if unit is None and si:
@@ -177,24 +177,24 @@ def _match_columns(path: Path, header: list[str], *, si: bool) -> dict[str, tupl
         known = unit.lower() if units is STRESS else unit.replace(" ", "")
         if known not in units:
             raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_common_units(units))}")
-        found[name] = (k, units[known])
-    return found
+        places[name] = (k, units[known])
+    return places
 
 
 def _common_units(units: dict) -> list[str]:
     return [unit for unit in units if unit][:8]
 
 
-def _check_columns(path: Path, header: list[str], found: dict) -> None:
+def _check_columns(path: Path, header: list[str], known: dict) -> None:
     """Raise ValueError if the header lacks columns that a fit needs; with the columns seen and sought."""
     example = "as in 'time [s], load_point [um], friction [-]'"
-    if "time" not in found:
+    if "time" not in known:
         lacks, sought = "time", _names("time")
-    elif "friction" not in found and not {"shear_stress", "normal_stress"} <= set(found):
+    elif "friction" not in known and not {"shear_stress", "normal_stress"} <= set(known):
         lacks = "friction"
         stresses = f"{_names('shear_stress')} with {_names('normal_stress')}, such as 'shear_stress [MPa]'"
         sought = f"{_names('friction')}, or {stresses} and 'normal_stress [MPa]'"
-    elif "load_point" not in found and "velocity" not in found:
+    elif "load_point" not in known and "velocity" not in known:
         lacks, sought = "load_point or velocity", f"{_names('load_point')}, or {_names('velocity')}"
     else:
         return

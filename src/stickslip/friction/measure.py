@@ -95,8 +95,7 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
 
 @checked
 def healing(hold: Series, excess: Series) -> Healing:
-    """Least-squares fit of peak excess against ln(hold time), with a 95 % confidence interval from Student's t
-    distribution.
+    """Least-squares fit of the peak excess against ln(hold time), with the 95 % interval of Student's t distribution.
 
     Parameters
     ----------
@@ -132,7 +131,7 @@ def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, b
     if friction.shape != time.shape:
         raise ValueError(f"friction has shape {friction.shape}, time {time.shape}: give one value per time")
     require_positive(before=before)
-    found = []
+    drops = []
     for k in range(1, len(legs) - 1):
         if legs[k].velocity != 0.0:
             continue
@@ -144,10 +143,10 @@ def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, b
                 f"the record has no samples before, in or after the hold at time {start:g}: use a higher sampling rate"
             )
         level = float(prior.mean())
-        found.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))
-    if not found:
+        drops.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))
+    if not drops:
         raise ValueError("the legs contain no hold (velocity 0) between two others: there is nothing to measure")
-    return HoldResponse(*np.array(found).T)
+    return HoldResponse(*np.array(drops).T)
 
 
 def _check_series(values, least: int) -> np.ndarray:

@@ -37,8 +37,8 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
         if the fits do not use the same samples.
     """
     same = len(first.models) == len(second.models) and first.samples == second.samples
-    for one, other in zip(first.residuals, second.residuals, strict=False):
-        same = same and len(one) == len(other)
+    for own, other in zip(first.residuals, second.residuals, strict=False):
+        same = same and len(own) == len(other)
     data = [[r + m for r, m in zip(f.residuals, f.models, strict=True)] for f in (first, second)] if same else [[], []]
     if not same or not all(np.allclose(p, q, rtol=0, atol=1e-9) for p, q in zip(*data, strict=True)):
         raise ValueError("the two fits are to different data: compare fits to the same records and windows")

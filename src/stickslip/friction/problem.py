@@ -37,8 +37,8 @@ class Task(NamedTuple):
 
 def parameters_of(task: Task, x, number: int) -> dict:
     """Parameters of one record, by name."""
-    found = {name: float(x[k]) for name, k in task.slots[number].items()}
-    return task.fixed | {k: float(np.exp(v)) if k in LOGARITHMIC else v for k, v in found.items()}
+    values = {name: float(x[k]) for name, k in task.slots[number].items()}
+    return task.fixed | {k: float(np.exp(v)) if k in LOGARITHMIC else v for k, v in values.items()}
 
 
 def residual(task: Task, x) -> np.ndarray:
@@ -118,7 +118,7 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
 def find_best(task: Task) -> tuple[np.ndarray, int]:
     """Best minimum reached from the initial guesses."""
     free = {label.split("[")[0] for label in task.names}
-    found, count = [], 0
+    minima, count = [], 0
     guesses = initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed})
     for start in (more for guess in guesses for more in extended_guesses(guess, task.cases, free)):
         begin = _start_vector(task, start, free)
@@ -126,13 +126,13 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
             continue
         solved = solve(task, begin, WHITE, most=25, close=1e-6)
         count += solved.nfev
-        again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in found)
-        found.append((solved.cost, solved.x))
-        if again and solved.cost <= min(cost for cost, _ in found) * (1 + SAME):
+        again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in minima)
+        minima.append((solved.cost, solved.x))
+        if again and solved.cost <= min(cost for cost, _ in minima) * (1 + SAME):
             break  # two guesses led to the best minimum
-    if not found:
+    if not minima:
         raise RuntimeError("the slider runs away for all parameters tried: give the damping, or the stiffness")
-    x = min(found, key=lambda one: one[0])[1]
+    x = min(minima, key=lambda minimum: minimum[0])[1]
     solved = solve(task, _with_states_in_order(task, x), WHITE)
     return solved.x, count + solved.nfev
 
@@ -159,7 +159,7 @@ def _with_states_in_order(task: Task, x) -> np.ndarray:
     pairs = (("b", "b2"), ("dc", "dc2"))
     if not {name for pair in pairs for name in pair} <= set(task.names):
         return x
-    (b, b2), (dc, dc2) = ((task.names.index(one), task.names.index(other)) for one, other in pairs)
+    (b, b2), (dc, dc2) = ((task.names.index(first), task.names.index(second)) for first, second in pairs)
     x = x.copy()
     if x[dc] > x[dc2]:
         x[[b, b2, dc, dc2]] = x[[b2, b, dc2, dc]]

@@ -75,16 +75,16 @@ class StiffnessDoubt(NamedTuple):
     def __str__(self) -> str:
         low, high = self.interval
         between = f" (95 %: {low:.4g} to {high:.4g})" if np.isfinite(low) else ""
-        words = f"a stiffness of {self.given:g} 1/m contradicts the record, which shows {self.shown:.4g} 1/m{between}"
+        doubt = f"a stiffness of {self.given:g} 1/m contradicts the record, which shows {self.shown:.4g} 1/m{between}"
         if not self.unit:
-            return f"{words}: check the value, or fit it with --free-stiffness"
+            return f"{doubt}: check the value, or fit it with --free-stiffness"
         if np.isfinite(self.normal):
             return (
-                f"{words}: is its unit right? {self.given:g} {self.unit} would be {self.shown:.4g} 1/m at a normal "
+                f"{doubt}: is its unit right? {self.given:g} {self.unit} would be {self.shown:.4g} 1/m at a normal "
                 f"stress of {self.normal / 1e6:.2g} MPa: divide it by the normal stress, or use --free-stiffness"
             )
         return (
-            f"{words}: is its unit right? {self.given:g} {self.unit} is {self.value:.6g} 1/m: give --stiffness "
+            f"{doubt}: is its unit right? {self.given:g} {self.unit} is {self.value:.6g} 1/m: give --stiffness "
             f"{self.value:.6g}, or use --free-stiffness"
         )
 
@@ -116,8 +116,8 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     return StiffnessDoubt(given, shown, interval, *_likelier_unit(given, shown, normal))
 
 
-def _is_near(one: float, other: float, ratio: float) -> bool:
-    return abs(np.log(one / other)) < np.log(ratio)
+def _is_near(value: float, other: float, ratio: float) -> bool:
+    return abs(np.log(value / other)) < np.log(ratio)
 
 
 def _steepest_rise(case: Prepared) -> float:
@@ -130,11 +130,11 @@ def _steepest_rise(case: Prepared) -> float:
 def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[str, float, float]:
     """Unit in which the given number is what the record shows, its value [1/m], and the normal stress that it needs."""
     known = dict(BY_LENGTH) | ({} if normal is None else {unit: size / normal for unit, size in BY_STRESS.items()})
-    unit = min(known, key=lambda one: abs(np.log(given * known[one] / shown)))
+    unit = min(known, key=lambda symbol: abs(np.log(given * known[symbol] / shown)))
     if _is_near(given * known[unit], shown, NEAR):
         return unit, given * known[unit], np.nan
     stresses = {unit: given * size / shown for unit, size in BY_STRESS.items()}
-    unit = min(stresses, key=lambda one: abs(np.log(stresses[one] / USUAL)))
+    unit = min(stresses, key=lambda symbol: abs(np.log(stresses[symbol] / USUAL)))
     if normal is None and NORMAL[0] <= stresses[unit] <= NORMAL[1]:
         return unit, shown, stresses[unit]
     return "", np.nan, np.nan

@@ -57,7 +57,7 @@ def posterior(
     walkers: int = 32,
     steps: int = 4000,
     seed: int = 0,
-    report: Callable[[float, str], None] = lambda share, words: None,
+    report: Callable[[float, str], None] = lambda share, message: None,
     **options,
 ) -> Posterior:
     """Sample the posterior distribution of the parameters of a fit.
@@ -103,11 +103,11 @@ def posterior(
     _check_options(walkers, steps, seed, report)
     emcee = require("emcee", "posterior")
     solution = solve_fit(data, **options)
-    found = build_fit(solution)
-    m = len(found.names)
+    fit = build_fit(solution)
+    m = len(fit.names)
     _check(walkers, steps, m)
-    if not (found.identifiable and found.adequate):
-        raise RuntimeError(f"there is no posterior to sample: {found.sentence}")
+    if not (fit.identifiable and fit.adequate):
+        raise RuntimeError(f"there is no posterior to sample: {fit.sentence}")
     density, proposal, draw = _target(solution)
     moves = [(emcee.moves.MHMove(proposal), 0.5), (emcee.moves.StretchMove(), 0.5)]
     sampler = emcee.EnsembleSampler(walkers, m, density, moves=moves)
@@ -118,18 +118,18 @@ def posterior(
         tau = sampler.get_autocorr_time(tol=0)
         length = sampler.iteration - int(np.ceil(BURN * tau.max()))
         ratio, acceptance = length / tau.max(), float(np.mean(sampler.acceptance_fraction))
-        words = f"acceptance {acceptance:.2f}, autocorrelation time τ = {tau.max():.1f} steps"
-        report(min(max(ratio, 0.0) / LONG, 1.0), f"{words}, {sampler.iteration} steps")
+        progress = f"acceptance {acceptance:.2f}, autocorrelation time τ = {tau.max():.1f} steps"
+        report(min(max(ratio, 0.0) / LONG, 1.0), f"{progress}, {sampler.iteration} steps")
         if (ratio >= LONG and length >= LEAST) or sampler.iteration >= steps:
             break
     if not ratio >= LONG:
-        slowest = f"τ = {tau.max():.1f} steps for {found.names[int(tau.argmax())]}"
+        slowest = f"τ = {tau.max():.1f} steps for {fit.names[int(tau.argmax())]}"
         raise RuntimeError(
             f"the posterior did not converge: the chain of {max(length, 0)} steps is {max(ratio, 0.0):.1f} "
             f"autocorrelation times long ({slowest}), and {LONG:g} are needed: allow more steps, or fix a parameter"
         )
     chain = sampler.get_chain(discard=sampler.iteration - length)
-    return _summary(found, solution, chain, tau, acceptance)
+    return _summary(fit, solution, chain, tau, acceptance)
 
 
 @checked
@@ -179,15 +179,13 @@ def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
     return density, proposal, draw
 
 
-def _summary(found: Fit, solution: Solution, chain: np.ndarray, tau: np.ndarray, acceptance: float) -> Posterior:
+def _summary(fit: Fit, solution: Solution, chain: np.ndarray, tau: np.ndarray, acceptance: float) -> Posterior:
     """Thin the chain and compute percentiles from all of it."""
     logs = solution.task.logs
     values = np.where(logs, np.exp(np.where(logs, chain, 0.0)), chain)
     steps, walkers = values.shape[:2]
     every = max(int(tau.max()), int(np.ceil(steps * walkers / MOST_DRAWS)), 1)
-    flat = values.reshape(-1, len(found.names))
-    percentiles = {name: tuple(np.percentile(flat[:, k], PERCENTS).tolist()) for k, name in enumerate(found.names)}
-    times = dict(zip(found.names, tau.tolist(), strict=True))
-    return Posterior(
-        found, found.names, values[::every].reshape(-1, flat.shape[1]), percentiles, times, steps, acceptance
-    )
+    flat = values.reshape(-1, len(fit.names))
+    percentiles = {name: tuple(np.percentile(flat[:, k], PERCENTS).tolist()) for k, name in enumerate(fit.names)}
+    times = dict(zip(fit.names, tau.tolist(), strict=True))
+    return Posterior(fit, fit.names, values[::every].reshape(-1, flat.shape[1]), percentiles, times, steps, acceptance)

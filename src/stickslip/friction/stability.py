@@ -45,13 +45,13 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     500.0
     """
     check(rs)
-    direct, one, two = steady_slopes(rs, velocity or rs.v0)
+    direct, slope, slope2 = steady_slopes(rs, velocity or rs.v0)
     direct += damping * velocity
     if rs.b2 == 0:
-        return (one - direct) / rs.dc
+        return (slope - direct) / rs.dc
     first, second = rs.dc, rs.dc2
     # of the cubic in λ/V: M D D2, D D2 k + p, (D + D2) k + q, k
-    p, q = direct * (first + second) - one * second - two * first, direct - one - two
+    p, q = direct * (first + second) - slope * second - slope2 * first, direct - slope - slope2
     roots = np.roots(
         [first * second * (first + second), first * second * q + (first + second) * p - direct * first * second, p * q]
     )
@@ -93,8 +93,8 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())
     stable = spring.stiffness > critical
     direct, *effects = steady_slopes(rs, velocity)
-    words = _sentence(rs, spring, stable, critical, growth, direct + spring.damping * velocity, sum(effects))
-    return Sliding(stable, critical, values, growth, frequency, words)
+    sentence = _sentence(rs, spring, stable, critical, growth, direct + spring.damping * velocity, sum(effects))
+    return Sliding(stable, critical, values, growth, frequency, sentence)
 
 
 def _sentence(rs, spring, stable: bool, critical: float, growth: float, direct: float, evolution: float) -> str:

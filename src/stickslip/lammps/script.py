@@ -123,7 +123,7 @@ def _warm_up(leg: Leg) -> str:
 
 def _moving_cell(leg: Leg) -> CellCommands:
     """Commands for a cell that deforms otherwise than in simple shear; empty for others."""
-    return cell_commands(leg, _turning(leg)) if needs_forces(leg) else CellCommands([], [], [])
+    return cell_commands(leg, _rotation_drag(leg)) if needs_forces(leg) else CellCommands([], [], [])
 
 
 def format_preparation(leg: Leg) -> str:
@@ -168,7 +168,7 @@ def pair_commands(law: Law, leg: Leg) -> str:
     radius = 0.5 * float(leg.state.grains.radius[0])
     values = _coefficients(law, parameters_of(law, leg.state), radius)
     if is_granular(law):
-        return f"pair_style granular\npair_coeff * * {granular_words(law, values)}"
+        return f"pair_style granular\npair_coeff * * {granular_style(law, values)}"
     style = "hooke" if is_linear(law) else "hertz"
     numbers = digits(*(values[name] for name in ("kn", "kt", "damping_n", "damping_t", "mu")))
     return f"pair_style gran/{style}/history {numbers} 1{_tension_option(law)}\npair_coeff * *"
@@ -188,12 +188,12 @@ def _wall_commands(leg: Leg) -> str:
         moves = " move " + " ".join(f"v_{name}_d{a}" if a in course else "NULL" for a in "xyz") if course else ""
         lines.append(f"region {name} plane {digits(*state.walls.point[k], *state.walls.normal[k])}{moves}")
         q = law.table[state.grains.material[0], state.walls.material[k]]
-        model = granular_words(law, _coefficients(law, q, float(state.grains.radius[0])))
+        model = granular_style(law, _coefficients(law, q, float(state.grains.radius[0])))
         lines.append(f"fix {name} all wall/gran/region granular {model} region {name}")
     return "\n".join(lines)
 
 
-def granular_words(law: Law, values: dict[str, float]) -> str:
+def granular_style(law: Law, values: dict[str, float]) -> str:
     """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n and E that of grains with ν = 0."""
     name = name_with_radius(law)
     (normal, tangential), damping_n, share = MODELS[name], values["damping_n"], values["damping_t"]
@@ -210,11 +210,11 @@ def granular_words(law: Law, values: dict[str, float]) -> str:
     force = FORCE if law.properties & KEEPS_FORCE else ""
     return (
         f"{normal} {digits(*kn)} tangential {tangential}{force} {digits(values['kt'], share, values['mu'])} "
-        f"damping {damping}{_rolling_words(law, values)}{_tension_option(law)}"
+        f"damping {damping}{_rolling_style(law, values)}{_tension_option(law)}"
     )
 
 
-def _rolling_words(law: Law, values: dict[str, float]) -> str:
+def _rolling_style(law: Law, values: dict[str, float]) -> str:
     part, names = SDS["rolling"]
     return f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
 
@@ -224,18 +224,18 @@ def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str
 
     The velocity is the mean over the step.
     """
-    control, found = leg.state.control, {}
+    control, variables = leg.state.control, {}
     for k, axis in enumerate("xyz"[: leg.state.cell.dim]):
         if control.rate[body, k]:
             moved, before = (
                 displacement_formula(leg, control.rate[body, k], int(control.follows[body, k]), step)
                 for step in ("step", "(step-1)")
             )
-            found[axis] = (
+            variables[axis] = (
                 f"variable {name}_d{axis} equal {moved}",
                 f"variable {name}_v{axis} equal ({moved}-({before}))/dt",
             )
-    return found
+    return variables
 
 
 def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step") -> str:
@@ -282,14 +282,14 @@ def motion_commands(leg: Leg) -> str:
     return "\n".join(lines)
 
 
-def _turning(leg: Leg) -> float:
+def _rotation_drag(leg: Leg) -> float:
     """Drag of `fix langevin`, with which rotations have the drag of the leg."""
     return leg.drag * inertia_factor(leg.state) / (ROTATION * SPHERE)
 
 
 def _drag_commands(leg: Leg) -> list[str]:
     """Drag −m ν v by `fix addforce`, and −I ν ω by `fix langevin` without noise, which also acts on translations."""
-    nu, turning = leg.drag, _turning(leg)
+    nu, turning = leg.drag, _rotation_drag(leg)
     lines = [f"fix slow loose langevin 0.0 0.0 {digits(1 / turning)} 1 omega yes"]
     if needs_forces(leg):
         return lines
@@ -402,12 +402,12 @@ def _cell_commands(leg: Leg) -> list[str]:
     The fix deforms the cell at the end of a step, after its forces: it is told the tilt of the next step. Two steps of
     duration zero come first, so that the forces of the first step know the rate of the cell and the tilt at the start.
     """
-    rate, lines, words = leg.state.control.cell_rate, [], []
+    rate, lines, arguments = leg.state.control.cell_rate, [], []
     for a, b in zip(*np.nonzero(rate), strict=True):
         name, speed = f"{'xyz'[a]}{'xyz'[b]}", digits(rate[a, b] * leg.state.cell.vectors[b, b])
         lines += [
             f"variable tilt_{name} equal {speed}*{digits(leg.dt)}*(step-1)",
             f"variable rate_{name} equal {speed}",
         ]
-        words.append(f"{name} variable v_tilt_{name} v_rate_{name}")
-    return [*lines, f"fix cell all deform 1 {' '.join(words)} remap v"] if words else []
+        arguments.append(f"{name} variable v_tilt_{name} v_rate_{name}")
+    return [*lines, f"fix cell all deform 1 {' '.join(arguments)} remap v"] if arguments else []

@@ -156,7 +156,7 @@ class Search:
         first, known = self.point, len(self.events)
         waiting, trial = [goal], first.newton(goal)
         while waiting:
-            if self._follows(trial):
+            if self._continues(trial):
                 self._accept(trial)
                 waiting.pop()
             elif waiting[-1] - self.point.strain > self.resolution:
@@ -183,7 +183,7 @@ class Search:
         both = self.point.response.support.grains & other.response.support.grains
         return distance(other.state, self.point.state, both) / self.point.judge.diameter
 
-    def _follows(self, trial: Point | None) -> bool:
+    def _continues(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
         if trial is None or not continuous(self.point, trial):
             return False
@@ -214,7 +214,7 @@ class Search:
         if not (jumps or lost):
             self._accept(after)
             return True
-        path, upper = self._finer(before, goal) if before.stable else ([before], goal)
+        path, upper = self._refine_break(before, goal) if before.stable else ([before], goal)
         break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
         if path[-1].strain == goal:  # still shorter steps pass
             self._accept(path[-1])
@@ -229,18 +229,18 @@ class Search:
         moved = displacement(a.state, b.state, b.strain - a.strain)
         return jump_size(moved, a.response.support.grains)[0] > self.least
 
-    def _record(self, found: Break) -> None:
+    def _record(self, event: Break) -> None:
         """Add an event. If stability was lost within the last strain step, the instability took a while to grow."""
         loss = self.loss
-        if loss is not None and found.goal - loss.goal <= self.step:
+        if loss is not None and event.goal - loss.goal <= self.step:
             bracket, beyond = (loss.before.strain, loss.goal), loss.after
-            found = found._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
+            event = event._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
         else:
-            bracket = (found.before.strain, found.goal)
-        self.events.append(describe(found, self.step, bracket))
-        self.point, self.history, self.loss = found.after, [found.after], None
+            bracket = (event.before.strain, event.goal)
+        self.events.append(describe(event, self.step, bracket))
+        self.point, self.history, self.loss = event.after, [event.after], None
 
-    def _finer(self, start: Point, goal: float) -> tuple[list[Point], float]:
+    def _refine_break(self, start: Point, goal: float) -> tuple[list[Point], float]:
         """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks.
 
         Where the path is too rough for long steps, what is left to the goal is the bracket.
@@ -272,7 +272,7 @@ def _predictors(point: Point) -> tuple:
     response, (shear, pressure) = point.response, point.stress
     values = point.eigenvalues
     growth = np.abs(np.sqrt(values[values.imag > 0]).imag).max(initial=0.0)
-    switch = min((softest(response.switched(row)) for row in response.sticking(SWITCHED)), default=np.nan)
+    switch = min((softest(response.eigenvalues_if(row)) for row in response.sticking(SWITCHED)), default=np.nan)
     return (
         point.strain, softest(values), response.speed, float(growth), response.modulus, switch, shear, pressure,
     )  # fmt: skip

@@ -284,14 +284,14 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
     scale = scales.force / length * float(state.grains.radius.mean()) ** 2  # [energy]
     latest = [state]  # with its neighbour list, which stays valid for many evaluations
 
-    def placed(q):
+    def state_at(q):
         position = np.zeros((n, 3))
         position[:, :dim] = length * q.reshape(n, dim)
         latest[0] = with_neighbor_list(latest[0]._replace(grains=state.grains._replace(position=position)))
         return latest[0]
 
     def energy(q):
-        here = placed(q)
+        here = state_at(q)
         loads, trial = forces(here, law)
         return elastic_energy(accept(here, trial), law) / scale, -loads.force[:n, :dim].ravel() * length / scale
 
@@ -303,7 +303,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
             method="L-BFGS-B",
             options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 0.0, "gtol": 1e-9, "maxcor": 20},
         )
-    return placed(best.x)
+    return state_at(best.x)
 
 
 def _is_jammed(state: State, law: Law, tolerance: float) -> bool:

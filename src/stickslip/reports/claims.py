@@ -76,7 +76,7 @@ def claim(
         id, source, paper, measured, unit, tolerance, word, note, error, reference, reference_source, quantifier
     )
     notes = [note, f"undecided: {undecided_reason(made)}" if word == UNDECIDED else "", _describe_reference(made)]
-    return made._replace(note="; ".join(words for words in notes if words))
+    return made._replace(note="; ".join(text for text in notes if text))
 
 
 def verdict(paper: Value, measured: Value, tolerance: float, error: float | None, quantifier: str = IS) -> str:
@@ -204,10 +204,10 @@ def note_quick_run(claims: list[Claim]) -> list[Claim]:
 
 
 def standard_error(values) -> float | None:
-    """Standard error of a mean, widened by Student's t for few values: half the half-width of a 95 % confidence
-    interval.
+    """Standard error of a mean, widened by Student's t for few values.
 
-    None with fewer than two values, since a single realization has no known error.
+    It is half of the half-width of a 95 % confidence interval. None with fewer than two values, since a single
+    realization has no known error.
     """
     if len(values) < 2:
         return None
@@ -250,7 +250,7 @@ def format_value(value: Value) -> str:
 
 def format_measured(made: Claim) -> str:
     """Format the measured value and its error for tables."""
-    words, value = format_value(made.measured), made.measured
+    text, value = format_value(made.measured), made.measured
     if isinstance(value, bool | list) or value is None or not made.error or made.error < NEGLIGIBLE * abs(value):
-        return words
-    return f"{words} ± {made.error:.2g}"
+        return text
+    return f"{text} ± {made.error:.2g}"

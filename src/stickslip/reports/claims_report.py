@@ -42,8 +42,8 @@ WIDE = 120  # columns from which on each line includes the content of the figure
 
 def write_claims(folder: Path, claims: list[Claim], shows: Shows, title: str, failures=()) -> None:
     """Write claims.json, claims.md and claims.png; `failures` are sentences, printed and listed in claims.md."""
-    for words in failures:
-        console.print(words, style="yellow")
+    for failure in failures:
+        console.print(failure, style="yellow")
     write_json(folder / CLAIMS, claims)
     (folder / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
     save_figure(claims_chart(chart_rows(claims, shows), title), folder / CHART)
@@ -124,7 +124,7 @@ def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str, str]:
     count = Counter(c.verdict for c in judged)
     kinds = {PARTLY: "in part", NOT_REPRODUCED: "not", REFUTED: "refuted", NOT_REFUTED: "not refuted",
              UNDECIDED: "undecided"}  # fmt: skip
-    others = [f"{count[kind]} {words}" for kind, words in kinds.items() if count[kind]]
+    others = [f"{count[kind]} {label}" for kind, label in kinds.items() if count[kind]]
     lacking = len(own) - len(judged)
     verb = "is" if count[REPRODUCED] == 1 else "are"
     first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"
@@ -140,7 +140,7 @@ def _main_reason(judged: list[Claim], shows: Shows) -> str:
     parts = [_most_missed(missed, shows)] if missed else []
     why = Counter(_undecided_cause(c) for c in judged if c.verdict == UNDECIDED)
     if why:
-        parts.append("undecided because " + ", ".join(f"{words} ({n})" for words, n in why.most_common()))
+        parts.append("undecided because " + ", ".join(f"{reason} ({n})" for reason, n in why.most_common()))
     text = "; ".join(parts) or "every claim agrees within its tolerance"
     return text[0].upper() + text[1:] + "."
 
@@ -178,12 +178,12 @@ def _quote(made: Claim) -> str:
 def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str, str]]:
     """Return a line per figure of the paper: name, content, number of reproduced rows, key number."""
     out = []
-    for name, (words, key) in shows.items():
+    for name, (content, key) in shows.items():
         here = [c for c in claims if place(c) == name]
         variants = dict.fromkeys(map(variant, here))
         counted = [_count_reproduced([c for c in here if variant(c) == v], v) for v in variants]
         quoted = next((_quote(c) for c in here if c.id == key), "")
-        out.append((name, words, ", ".join(filter(None, counted)) or "–", quoted))
+        out.append((name, content, ", ".join(filter(None, counted)) or "–", quoted))
     return out
 
 
@@ -195,8 +195,8 @@ def _count_reproduced(here: list[Claim], name: str) -> str:
 
 def show_claims(claims: list[Claim], shows: Shows) -> None:
     """Print three sentences and a line per figure of the paper; everything else is in claims.md."""
-    for words in summarize(claims, shows):
-        console.print(words)
+    for sentence in summarize(claims, shows):
+        console.print(sentence)
     console.print(_figure_table(figure_lines(claims, shows)))
     console.print(f"All rows, with reasons, are in {NOTES}.")
 
@@ -212,8 +212,8 @@ def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
             table.add_column(name, overflow="fold", ratio=1 if folded else None)
         elif name != "shows" or console.width >= WIDE:
             table.add_column(name, no_wrap=True, min_width=width)
-    for name, words, share, number in lines:
-        cells = (name, words, share, number) if console.width >= WIDE else (name, share, number)
+    for name, content, share, number in lines:
+        cells = (name, content, share, number) if console.width >= WIDE else (name, share, number)
         table.add_row(*cells)
     return table
 
@@ -222,7 +222,7 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
     """Return claims.md: summary, failures, meaning of the verdicts, a table per figure of the paper, and all notes."""
     lines = [f"# {title}", "", " ".join(summarize(claims, shows)), "", f"![claims]({CHART})", ""]
     if failures:
-        lines += ["Missing, because they failed:", "", *(f"- {_escape(words)}" for words in failures), ""]
+        lines += ["Missing, because they failed:", "", *(f"- {_escape(failure)}" for failure in failures), ""]
     for word in VERDICTS:
         own, others = (sum(c.verdict == word and bool(variant(c)) == kind for c in claims) for kind in (False, True))
         lines.append(f"- **{word}** ({own}{f' + {others} of variants' if others else ''}): {MEANING[word]}")
@@ -251,6 +251,6 @@ def _format_tolerance(c: Claim) -> str:
     return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor of {1 + c.tolerance:.2g}"
 
 
-def _escape(words: str) -> str:
+def _escape(text: str) -> str:
     """Escape text for a cell of a Markdown table."""
-    return words.replace("|", "\\|").replace("\n", " ")
+    return text.replace("|", "\\|").replace("\n", " ")

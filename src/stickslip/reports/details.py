@@ -28,15 +28,15 @@ class Details(NamedTuple):
     contacts: ContactSensitivity | str
 
 
-def compute_details(state: State, law: Law, found: Stability, *, report=None) -> Details:
+def compute_details(state: State, law: Law, result: Stability, *, report=None) -> Details:
     """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
-    participation = participation_ratio(found.modes, found.free)
-    if not found.balanced:
+    participation = participation_ratio(result.modes, result.free)
+    if not result.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
     return Details(
         participation,
         _try(elastic_moduli, state, law),
-        _compute_transient(state, law, found, report),
+        _compute_transient(state, law, result, report),
         _try(contact_sensitivity, state, law, report=report),
     )
 
@@ -49,8 +49,8 @@ def _try(function, *arguments, **options):
         return str(problem)
 
 
-def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth | str:
-    if found.grows:
+def _compute_transient(state: State, law: Law, result, report) -> TransientGrowth | str:
+    if result.grows:
         return "since exponential growth exceeds any transient"
     try:
         return transient_growth(state, law, report=report)
@@ -99,7 +99,7 @@ def _contact_dict(s: ContactSensitivity, k: int) -> dict:
     }  # fmt: skip
 
 
-def show(more: Details, found: Stability) -> None:
+def show(more: Details, result: Stability) -> None:
     """Print the details."""
     if len(more.participation):
         ratios = ", ".join(f"{p:.3g}" for p in more.participation[:SHOWN])
@@ -108,7 +108,7 @@ def show(more: Details, found: Stability) -> None:
     for name, part, shown in (
         ("elastic moduli", more.moduli, _show_moduli),
         ("transient growth", more.transient, _show_transient),
-        ("decisive contacts", more.contacts, lambda s: _show_contacts(s, found.n)),
+        ("decisive contacts", more.contacts, lambda s: _show_contacts(s, result.n)),
     ):
         if isinstance(part, str):
             console.print(f"\n{name}: none, {part}")
@@ -150,8 +150,10 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
     names = ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then")
     table = new_table(*names, *["∂/∂ln s"] * bool(slope))
     for k in range(len(s.contact))[:CONTACTS]:
-        after, words = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
+        after, verdict = (
+            (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
+        )
         other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"
-        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, words]
+        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, verdict]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
     show_table(table)

@@ -59,7 +59,7 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthFo
         return str(problem)
 
 
-def settled(state: State, law: Law) -> tuple[State, Settling]:
+def let_settle(state: State, law: Law) -> tuple[State, Settling]:
     """Return the packing in equilibrium under a law, and how much it changed.
 
     Raises
@@ -76,20 +76,20 @@ def settled(state: State, law: Law) -> tuple[State, Settling]:
     moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
     if not len(backbone(end, law)):
         raise RuntimeError("the packing fell apart as it settled: only rattlers are left")
-    old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
+    old, new = (set(packing.contacts.key[touching(packing)].tolist()) for packing in (state, end))
     rms = float(np.sqrt((moved**2).mean()))
     return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
-def verdict(found: Stability, calm: Settling | None = None, words=()) -> str:
+def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     """Return the verdict in one sentence, which says so if the packing was settled.
 
     Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
     """
-    sentence = f"{found.verdict}; {calm}" if calm else found.verdict
-    if not found.balanced:
-        return f"no verdict: {missing}; {sentence}" if (missing := missing_parts(words)) else sentence
-    left_out = [note.removeprefix(UNDECIDED) for note in words if isinstance(note, Obstacle)]
+    sentence = f"{result.verdict}; {calm}" if calm else result.verdict
+    if not result.balanced:
+        return f"no verdict: {missing}; {sentence}" if (missing := missing_parts(notes)) else sentence
+    left_out = [note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle)]
     return (
         f"{UNDECIDED}{'; '.join(left_out)}. Without {'it' if len(left_out) == 1 else 'these'}: {sentence}"
         if left_out
@@ -97,14 +97,14 @@ def verdict(found: Stability, calm: Settling | None = None, words=()) -> str:
     )
 
 
-def decided(found: Stability, words) -> bool | None:
+def is_stable(result: Stability, notes) -> bool | None:
     """Return whether the packing is stable; None if that is undecided."""
-    return None if any(isinstance(note, Obstacle) for note in words) else found.stable
+    return None if any(isinstance(note, Obstacle) for note in notes) else result.stable
 
 
-def missing_parts(words) -> str:
+def missing_parts(notes) -> str:
     """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
-    if NO_CONTACTS in words and any(getattr(note, "of_law", False) for note in words):
+    if NO_CONTACTS in notes and any(getattr(note, "of_law", False) for note in notes):
         return "the file has no contact law and no memory of tangential contacts"
     return ""
 
@@ -149,52 +149,52 @@ def geometry(state: State) -> Geometry:
     )
 
 
-def likely_causes(found: Stability, options: dict, words: list[str]) -> list[str]:
+def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
     law = "another law than that of the packing"
-    acts, lacks = ([n.removeprefix(UNDECIDED) for n in words if isinstance(n, kind)] for kind in (Obstacle, Absent))
-    known = [*acts, *found.causes[:-1], *lacks]  # the last cause says no more than `law`
+    acts, lacks = ([n.removeprefix(UNDECIDED) for n in notes if isinstance(n, kind)] for kind in (Obstacle, Absent))
+    known = [*acts, *result.causes[:-1], *lacks]  # the last cause says no more than `law`
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
-    assumed = any(getattr(note, "of_law", False) for note in words)
+    assumed = any(getattr(note, "of_law", False) for note in notes)
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumed:
         known.append(f"{law}: none was given, so the defaults were used")
-    return known or list(found.causes)
+    return known or list(result.causes)
 
 
 def to_dict(
-    found: Stability, more: stability_more.Details | None = None,
-    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), words=(),
+    result: Stability, more: stability_more.Details | None = None,
+    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), notes=(),
     shape: Geometry | None = None,
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
-    damped = found.undamped is not None
+    damped = result.undamped is not None
     pairs = [
         ({"re_s": g, "im_s": w} if damped else {"re_lambda": p.real, "im_lambda": p.imag})
         | {"omega": w, "growth_rate": g}
-        for p, w, g in zip(*(x.tolist() for x in (found.pairs, found.frequency, found.growth_rate)), strict=True)
+        for p, w, g in zip(*(x.tolist() for x in (result.pairs, result.frequency, result.growth_rate)), strict=True)
     ]
     out = {
-        "n": found.n,
-        "contacts": found.contacts,
-        "rattlers": len(found.rattlers),
-        "residual": found.residual if np.isfinite(found.residual) else None,
+        "n": result.n,
+        "contacts": result.contacts,
+        "rattlers": len(result.rattlers),
+        "residual": result.residual if np.isfinite(result.residual) else None,
         "tolerance": BALANCED_BELOW,
-        "balanced": found.balanced,
+        "balanced": result.balanced,
         "causes": list(why),
         "settled": None if calm is None else _settling_dict(calm),
-        "stable": decided(found, words),
-        "assumed": [note for note in words if isinstance(note, Assumption)],
+        "stable": is_stable(result, notes),
+        "assumed": [note for note in notes if isinstance(note, Assumption)],
         "geometry": shape and shape._asdict(),
-        "at_limit": found.at_limit,
-        "if_stuck": found.if_stuck.motion if found.if_stuck else None,
+        "at_limit": result.at_limit,
+        "if_stuck": result.if_stuck.motion if result.if_stuck else None,
         "pairs": pairs,
-        "growing" if damped else "negative": (np.sqrt(-found.negative) if damped else found.negative).tolist(),
-        "zero_modes": found.zero_modes,
+        "growing" if damped else "negative": (np.sqrt(-result.negative) if damped else result.negative).tolist(),
+        "zero_modes": result.zero_modes,
         "spectrum": "damped" if damped else "undamped",
-        "method": found.method,
-        "scope": found.scope,
+        "method": result.method,
+        "scope": result.scope,
     }
     if more:
         out["more"] = stability_more.to_dict(more)
@@ -221,7 +221,7 @@ def _settling_dict(calm: Settling) -> dict:
 
 
 def show(
-    found: Stability, law: Law, words: list[str], more: stability_more.Details | None = None,
+    result: Stability, law: Law, notes: list[str], more: stability_more.Details | None = None,
     form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
     shape: Geometry | None = None,
 ) -> None:  # fmt: skip
@@ -229,42 +229,42 @@ def show(
 
     Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
     """
-    _show_notes(words)
+    _show_notes(notes)
     console.print(f"law: {describe_law(law)}")
     console.print(
-        f"{found.n} grains, {found.contacts} contacts, {len(found.rattlers)} rattlers, residual "
-        f"{found.residual:.2g} of the mean contact force"
+        f"{result.n} grains, {result.contacts} contacts, {len(result.rattlers)} rattlers, residual "
+        f"{result.residual:.2g} of the mean contact force"
     )
     if calm:
         console.print(str(calm), style="bold yellow")
     if shape:
         console.print(str(shape))
-    color = {True: "green", False: "red", None: "yellow"}[decided(found, words)]
-    console.print(verdict(found, None, words), style=f"bold {color}")
-    if not found.balanced:
-        _show_imbalance(found, why, remedy)
-    if found.undamped:
+    color = {True: "green", False: "red", None: "yellow"}[is_stable(result, notes)]
+    console.print(verdict(result, None, notes), style=f"bold {color}")
+    if not result.balanced:
+        _show_imbalance(result, why, remedy)
+    if result.undamped:
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
-        console.print(f"without the dashpots it would be: {found.undamped.motion}")
-    console.print(f"method: {found.way}")
-    if found.scope:
-        console.print(f"scope: {found.scope}")
-    if len(found.rattlers):
-        some = ", ".join(map(str, found.rattlers[:20])) + (" …" if len(found.rattlers) > 20 else "")
+        console.print(f"without the dashpots it would be: {result.undamped.motion}")
+    console.print(f"method: {result.way}")
+    if result.scope:
+        console.print(f"scope: {result.scope}")
+    if len(result.rattlers):
+        some = ", ".join(map(str, result.rattlers[:20])) + (" …" if len(result.rattlers) > 20 else "")
         console.print(f"rattlers (excluded): {some}")
-    _show_exponents(found) if found.undamped else _show_pairs(found)
+    _show_exponents(result) if result.undamped else _show_pairs(result)
     if more:
-        stability_more.show(more, found)
+        stability_more.show(more, result)
     if form:
         _show_form(form)
 
 
-def _show_notes(words) -> None:
+def _show_notes(notes) -> None:
     """Print what was read, then what was assumed; what is left out stands in the verdict."""
-    for note in words:
+    for note in notes:
         if not isinstance(note, Assumption):
             console.print(note, style="yellow")
-    assumed = [note for note in words if isinstance(note, Assumption) and not isinstance(note, Obstacle)]
+    assumed = [note for note in notes if isinstance(note, Assumption) and not isinstance(note, Obstacle)]
     if assumed:
         console.print("assumed:", style="yellow")
     for note in assumed:
@@ -291,14 +291,14 @@ def _show_form(form: BirthForm | str) -> None:
         show_table(table)
 
 
-def _show_imbalance(found: Stability, why, remedy: str) -> None:
+def _show_imbalance(result: Stability, why, remedy: str) -> None:
     console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
     for cause in why:
         console.print(f"  - {cause}")
     if remedy:
         console.print(remedy)
-    if found.grows:
-        console.print(f"spectrum of the initial motion, no verdict: {found.motion}")
+    if result.grows:
+        console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
 
 
 def describe_law(law: Law) -> str:
@@ -317,30 +317,30 @@ def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     return new_table(*columns, title=title, units=UNITS)
 
 
-def _show_exponents(found: Stability) -> None:
-    if found.grows:
-        table = _make_table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
-        for s in sorted(found.exponents, key=lambda s: -s.real)[:SHOWN]:
+def _show_exponents(result: Stability) -> None:
+    if result.grows:
+        table = _make_table("Growing exponents", len(result.exponents), ("Re s", "Im s", "period", "e-folding time"))
+        for s in sorted(result.exponents, key=lambda s: -s.real)[:SHOWN]:
             frequency = abs(s.imag)
             period = f"{2 * np.pi / frequency:.4g}" if frequency > 0 else "–"
             table.add_row(f"{s.real:.5g}", f"{frequency:.5g}", period, f"{1 / s.real:.4g}")
         show_table(table)
-    elif found.slowest is not None:
-        s = found.slowest
+    elif result.slowest is not None:
+        s = result.slowest
         console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i")
 
 
-def _show_pairs(found: Stability) -> None:
-    if len(found.pairs):
+def _show_pairs(result: Stability) -> None:
+    if len(result.pairs):
         names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
-        table = _make_table("Complex pairs", len(found.pairs), names)
-        rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
+        table = _make_table("Complex pairs", len(result.pairs), names)
+        rows = zip(result.pairs[:SHOWN], result.frequency, result.growth_rate, strict=False)
         for pair, w, g in rows:
             period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
             table.add_row(f"{pair.real:.5g}", f"{pair.imag:.4g}", f"{w:.5g}", f"{g:.4g}", period, f"{1 / g:.4g}")
         show_table(table)
-    if len(found.negative):
-        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]))
+    if len(result.negative):
+        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in result.negative[:SHOWN]))
 
 
 def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
@@ -364,29 +364,29 @@ def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
     raise ValueError(f"modes would replace {path}, which does not contain modes: give --modes, or move it away")
 
 
-def write_modes(path: Path, found: Stability) -> Path:
+def write_modes(path: Path, result: Stability) -> Path:
     """Write the growing modes: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
 
     The motion is Re(mode exp(st)), with s = −i√λ of the damped or the undamped spectrum. A rotation is R·angle; modes
     have unit norm in the mass-weighted metric. Rattlers and constrained coordinates are zero.
     """
-    full = _expand_modes(found)
+    full = _expand_modes(result)
     with replace_atomically(path) as part, part.open("wb") as file:
         np.savez(
-            file, eigenvalue=-(found.exponents**2), exponent=found.exponents, translation=full[..., :3],
-            rotation=full[..., 3:], rattlers=found.rattlers,
+            file, eigenvalue=-(result.exponents**2), exponent=result.exponents, translation=full[..., :3],
+            rotation=full[..., 3:], rattlers=result.rattlers,
         )  # fmt: skip
     return path
 
 
-def growing_modes(found: Stability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+def growing_modes(result: Stability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
     """Return translation, rotation (N, 3) complex and exponent s of each growing mode, fastest first."""
-    full, exponents = _expand_modes(found), found.exponents
+    full, exponents = _expand_modes(result), result.exponents
     order = np.argsort(-exponents.real, kind="stable")
     return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
 
 
-def _expand_modes(found: Stability) -> np.ndarray:
+def _expand_modes(result: Stability) -> np.ndarray:
     """(K, N, 6) growing modes, with zeros for constrained coordinates."""
-    count = found.modes.shape[1]
-    return np.array([found.free.spread(mode)[: found.n] for mode in found.modes.T]).reshape(count, found.n, 6)
+    count = result.modes.shape[1]
+    return np.array([result.free.spread(mode)[: result.n] for mode in result.modes.T]).reshape(count, result.n, 6)

@@ -64,7 +64,7 @@ class _Bars(Progress):
             return
         for task in self.tasks:
             yield self.make_tasks_table([task])
-            yield Text(f"  {task.fields['words']}", style="dim", no_wrap=True, overflow="ellipsis")
+            yield Text(f"  {task.fields['message']}", style="dim", no_wrap=True, overflow="ellipsis")
 
 
 def _columns():
@@ -76,8 +76,8 @@ def _columns():
     yield TimeElapsedColumn()
     yield TextColumn("{task.fields[left]}", table_column=left)
     if console.width >= WIDE:
-        words = Column(no_wrap=True, overflow="ellipsis", ratio=1)
-        yield TextColumn("{task.fields[words]}", table_column=words, markup=False)
+        column = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+        yield TextColumn("{task.fields[message]}", table_column=column, markup=False)
 
 
 @contextmanager
@@ -94,11 +94,11 @@ def progress(*, transient: bool = False):
     console.is_interactive = can_redraw()
     with _Bars(*_columns(), console=console, disable=not can_redraw(), transient=transient, expand=True) as bar:
 
-        def update(stage: str, share: float, words: str, left: float | None = None) -> None:
+        def update(stage: str, share: float, message: str, left: float | None = None) -> None:
             if stage not in stages:
                 for task in stages.values():
                     bar.update(task, total=1.0, completed=1.0, left="")
-                stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
+                stages[stage] = bar.add_task(stage, total=1.0, message=message, left="")
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
             history = past.setdefault(stage, [])
             if len(history) > 1000:
@@ -107,10 +107,10 @@ def progress(*, transient: bool = False):
             left = estimate_left(history) if left is None else left
             shown = f"{share:.0%}" if 0 < share < 1 else ""
             bar.update(
-                task, completed=share, words=words, left=shown if left is None else f"{format_duration(left)} left"
+                task, completed=share, message=message, left=shown if left is None else f"{format_duration(left)} left"
             )
             if plain_line:
-                plain_line(stage, share, words, left)
+                plain_line(stage, share, message, left)
 
         yield update
         for task in stages.values():
@@ -134,7 +134,7 @@ def _plain_progress(transient: bool):
     """Return a function that prints each stage when it starts, and its progress from time to time."""
     known, last = set(), time.monotonic()
 
-    def line(stage: str, share: float, words: str, left: float | None) -> None:
+    def line(stage: str, share: float, message: str, left: float | None) -> None:
         nonlocal last
         if stage not in known:
             known.add(stage)
@@ -144,7 +144,7 @@ def _plain_progress(transient: bool):
         elif time.monotonic() - last >= LINES:
             last = time.monotonic()
             rest = f"; {format_duration(left)} left" if left else ""
-            console.print(f"  {share:.0%}: {words}{rest}", soft_wrap=True)
+            console.print(f"  {share:.0%}: {message}{rest}", soft_wrap=True)
 
     return line
 

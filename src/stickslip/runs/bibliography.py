@@ -48,7 +48,7 @@ def read_scenarios(path: Path) -> list[ScenarioBase]:
     if path.is_dir():
         path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")
     tables = read_tables(path)
-    return [one.scenario for one in members(sweep(**tables))] if "sweep" in tables else [make_scenario(**tables)]
+    return [member.scenario for member in members(sweep(**tables))] if "sweep" in tables else [make_scenario(**tables)]
 
 
 def reference_keys(scenario: ScenarioBase) -> dict[str, tuple[str, ...]]:
@@ -86,10 +86,10 @@ def _read_citation() -> dict:
     bundled = HERE / CFF
     text = (bundled if bundled.exists() else HERE.parents[2] / CFF).read_text(encoding="utf-8")
     about = text.partition("\nreferences:")[0]
-    found = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
+    entries = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
     people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", about, flags=re.M | re.S)
-    found["authors"] = [_format_author(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
-    return found
+    entries["authors"] = [_format_author(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
+    return entries
 
 
 def _format_author(person: dict) -> str:

@@ -13,13 +13,13 @@ from ..data.schema import ScenarioBase
 from ..experiments.registry import read_scenario
 
 
-def _bundled(name: str) -> Path:
+def _bundled_folder(name: str) -> Path:
     """Folder of a wheel, or else of a clone."""
     installed = Path(__file__).parents[1] / f"_{name}"
     return installed if installed.is_dir() else Path(__file__).parents[3] / name
 
 
-FOLDER, PAGES = _bundled("examples"), _bundled("docs")
+FOLDER, PAGES = _bundled_folder("examples"), _bundled_folder("docs")
 _WITHOUT_TEXT = {
     "sheared": "What LAMMPS wrote for shear.lammps: 27 grains, three frames, for `stickslip watch`",
     "sheared_spheres.npz": "Fifty spheres, sheared until a complex pair exists, with the slip of every contact",
@@ -34,19 +34,19 @@ def names() -> dict[str, str]:
     >>> names()["column_collapse.toml"]
     'Collapse of a column of disks when a gate is removed'
     """
-    found = sorted(one.name for one in FOLDER.iterdir() if not one.name.startswith(("_", ".")))
-    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in found}
+    known = sorted(entry.name for entry in FOLDER.iterdir() if not entry.name.startswith(("_", ".")))
+    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in known}
 
 
 def _first_sentence(file: Path) -> str:
     """First sentence of the comment or docstring with which a file begins."""
-    words = []
+    comment = []
     for line in file.read_text(encoding="utf-8").splitlines():
         line = line.strip('#" ')
         if not line:
             break
-        words.append(line)
-    return " ".join(words).split("  ")[0].split(". ")[0].rstrip(".:")
+        comment.append(line)
+    return " ".join(comment).split("  ")[0].split(". ")[0].rstrip(".:")
 
 
 @checked
@@ -59,10 +59,10 @@ def path(name: str) -> Path:
         If there is no such example; the message lists them.
     """
     known = names()
-    found = [one for one in known if name in (one, one.partition(".")[0])]
-    if name in known or len(found) == 1:
-        return FOLDER / (name if name in known else found[0])
-    raise ValueError(f"there is no example {name!r}: use {', '.join(found or known)}")
+    matches = [example for example in known if name in (example, example.partition(".")[0])]
+    if name in known or len(matches) == 1:
+        return FOLDER / (name if name in known else matches[0])
+    raise ValueError(f"there is no example {name!r}: use {', '.join(matches or known)}")
 
 
 @checked
@@ -101,8 +101,8 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
         If there is no such example, or a file of its name exists there and `overwrite` is False; nothing is copied.
     """
     sources = [path(name) for name in chosen or names()]
-    files = [one for source in sources for one in (sorted(source.iterdir()) if source.is_dir() else [source])]
-    targets = [Path(to) / one.relative_to(FOLDER) for one in files]
+    files = [file for source in sources for file in (sorted(source.iterdir()) if source.is_dir() else [source])]
+    targets = [Path(to) / file.relative_to(FOLDER) for file in files]
     check_free(targets, overwrite=overwrite, made_from=files)
     for source, target in zip(files, targets, strict=True):
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -112,8 +112,8 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
 
 def pages() -> dict[str, str]:
     """Return the names of all pages of documentation that are here, each with its title."""
-    found = [one.relative_to(PAGES) for one in sorted(PAGES.rglob("*.md")) if one.name != "README.md"]
-    names = [one.with_suffix("").as_posix() for one in found if not one.parts[0].startswith("_")]
+    files = [file.relative_to(PAGES) for file in sorted(PAGES.rglob("*.md")) if file.name != "README.md"]
+    names = [file.with_suffix("").as_posix() for file in files if not file.parts[0].startswith("_")]
     return {name: (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].strip("# ") for name in names}
 
 
@@ -128,6 +128,8 @@ def page(name: str) -> str:
     """
     known = pages()
     if name not in known:
-        near = [one for one in known if name.rpartition("/")[2] in one] or get_close_matches(name, known, 3) or known
+        near = (
+            [other for other in known if name.rpartition("/")[2] in other] or get_close_matches(name, known, 3) or known
+        )
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
     return (PAGES / f"{name}.md").read_text(encoding="utf-8")

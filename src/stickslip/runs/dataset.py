@@ -135,8 +135,8 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
             nodes[group.strip("/") or "numbers"] = node
     for path in nodes:
         nodes[path] = _rename_clashing(path, nodes)
-    words = {"units_of_scenario": tree["units"]} if isinstance(tree.get("units"), str) else {}
-    root = xr.Dataset(coords=_AXES, attrs=about | words)
+    attributes = {"units_of_scenario": tree["units"]} if isinstance(tree.get("units"), str) else {}
+    root = xr.Dataset(coords=_AXES, attrs=about | attributes)
     return xr.DataTree.from_dict({"/": root} | {f"/{path}": node for path, node in nodes.items()})
 
 
@@ -194,8 +194,7 @@ def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> N
 
 
 def _is_table(tree) -> bool:
-    """Return True if the groups form the rows of a table: two or more with the same scalar and string fields, such as
-    stages."""
+    """Return True if groups, such as stages, form the rows of a table: two or more with the same plain fields."""
     rows = list(tree.values()) if isinstance(tree, dict) else []
     return (
         len(rows) > 1
@@ -221,8 +220,8 @@ def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: d
     first, many = next(iter(states)), list(states.values())
 
     def unit(noun, name):
-        found = units.get(f"{first}/{noun}/{name}" if noun else f"{first}/{name}")
-        return {"units": found} if found else {}
+        symbol = units.get(f"{first}/{noun}/{name}" if noun else f"{first}/{name}")
+        return {"units": symbol} if symbol else {}
 
     out = {"time": ("frame", np.array([state.time for state in many]), unit("", "time"))}
     for name in _GRAINS:
@@ -292,11 +291,11 @@ def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
             dims[-1] = "axis"
         if across and values.ndim and values.shape[-1] == len(entries[across]) and (values.ndim > 1 or name == across):
             dims[-1] = across
-        found = units.get(f"{group}{name}")
+        unit = units.get(f"{group}{name}")
         # a multidimensional variable must not share its name with one of its dimensions
         own = dims == [name] and name in (along, across)
         key = f"{name}_values" if name in dims and not own else name
-        variables[key] = (dims, values, {"units": found} if found else {})
+        variables[key] = (dims, values, {"units": unit} if unit else {})
     return xr.Dataset(variables)
 
 
@@ -306,7 +305,7 @@ def _row_dataset(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
     columns = {name: np.array([row[name] for row in rows.values()]) for name in rows[first]}
     labels = columns.pop("name", np.array(list(rows)))
     variables = {
-        name: (dim, values, {"units": found} if (found := units.get(f"{group}{first}/{name}")) else {})
+        name: (dim, values, {"units": unit} if (unit := units.get(f"{group}{first}/{name}")) else {})
         for name, values in columns.items()
         if name != dim
     }

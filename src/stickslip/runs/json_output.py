@@ -49,8 +49,8 @@ def common_fields(
 def describe_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
     """Describe a run with its measures, and the claims if it reproduces a paper."""
     scenario = result.scenario
-    found = named_measures(experiment_of(scenario), result)
-    measures = {name: {"value": value, "unit": unit} for name, (value, unit) in found.items()}
+    pairs = named_measures(experiment_of(scenario), result)
+    measures = {name: {"value": value, "unit": unit} for name, (value, unit) in pairs.items()}
     # the checkpoint remains if results were written although some realizations failed
     status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
     out = common_fields(command, files=paths, folder=folder, status=status)
@@ -72,7 +72,7 @@ def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dic
     from .sweep.cycles import FIGURE
     from .sweep.dataset import DATASET
 
-    failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
+    failures = {name: message for name, message in zip(swept.names, swept.failures, strict=True) if message}
     total = len(swept.names)
     members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
     status = "failed" if failures else "finished"

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.units import for_people, unit_name, with_unit
+from ..core.units import in_readable_units, unit_name, with_unit
 from ..data import archive
 from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
@@ -29,7 +29,7 @@ from ..figures.quantities import DISPLACEMENT
 from ..figures.style import png
 from ..reports import claims as claims_table
 from ..reports.output_file import staged_file
-from ..reports.packing import Settling, describe_law, find_birth_form, growing_modes, likely_causes, settled, verdict
+from ..reports.packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import DENSE_UP_TO, stability
 from .sweep.cycles import FIGURE as CYCLES
@@ -171,19 +171,19 @@ def _experiment_name(text: str) -> str:
 def _read_states(path: Path, frame: str | None) -> list:
     """Read the states of one group: the largest one, or the one that contains the requested frame."""
     try:
-        found = [(one.name, one.state, one.law, one.words) for one in read_archive(path, "all")]
+        frames = [(entry.name, entry.state, entry.law, entry.notes) for entry in read_archive(path, "all")]
     except PackingError:
         return []
-    groups = Counter(name.rpartition("/")[0] for name, *_ in found)
+    groups = Counter(name.rpartition("/")[0] for name, *_ in frames)
     if frame is not None:
-        full = [name for name, *_ in found if frame in (name, name.rpartition("/")[2])]
+        full = [name for name, *_ in frames if frame in (name, name.rpartition("/")[2])]
         if not full:
-            some = ", ".join(name for name, *_ in found[:4]) + (" …" if len(found) > 4 else "")
+            some = ", ".join(name for name, *_ in frames[:4]) + (" …" if len(frames) > 4 else "")
             raise ValueError(f"there is no frame {frame!r} in {path}: use {some}")
         group = full[0].rpartition("/")[0]
     else:
         group = max(groups, key=lambda name: groups[name])
-    mine = [item for item in found if item[0].rpartition("/")[0] == group]
+    mine = [item for item in frames if item[0].rpartition("/")[0] == group]
     size = Counter(len(item[1].grains.radius) for item in mine).most_common(1)[0][0]
     mine = [item for item in mine if len(item[1].grains.radius) == size]
     return mine if np.ptp([item[1].time for item in mine]) == 0 else sorted(mine, key=lambda item: item[1].time)
@@ -197,12 +197,12 @@ def _labels(states: list, tree: dict) -> list[str]:
 
 
 def _stages(tree: dict) -> list[dict]:
-    return [one for one in tree.get("stages", {}).values() if isinstance(one, dict) and "start" in one]
+    return [stage for stage in tree.get("stages", {}).values() if isinstance(stage, dict) and "start" in stage]
 
 
 def _stage_of(time: float, stages: list[dict]) -> str:
     """Name of the stage at a time; of two stages, the earlier one."""
-    return next((one["name"] for one in stages if one["start"] <= time <= one["end"]), "")
+    return next((stage["name"] for stage in stages if stage["start"] <= time <= stage["end"]), "")
 
 
 def _label(name: str, time: float, stages: list[dict], advances: bool) -> str:
@@ -239,14 +239,14 @@ def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, 
 
 def _claims_table(path: Path) -> str:
     try:
-        found = [claims_table.Claim(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
+        claims = [claims_table.Claim(**row) for row in json.loads(path.read_text(encoding="utf-8"))]
     except (ValueError, TypeError):
         raise ValueError(f"{path} is damaged: run again with --overwrite") from None
     shown = claims_table.format_value
     rows = [
         [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.format_measured(c), c.unit,
          c.verdict, c.note]
-        for c in found
+        for c in claims
     ]  # fmt: skip
     kinds = {"paper": "number", "reference": "number", "measured": "number", "verdict": "verdict", "note": "note"}
     return page.table(["claim", "source", *list(kinds)[:3], "unit", "verdict", "note"], rows, classes=kinds)
@@ -256,8 +256,8 @@ def _list_measures(tree: dict, units: dict[str, str]) -> list[list[str]]:
     """List the measures of a run with their units; for archives from earlier versions, all scalars outside states."""
     if not isinstance(saved := tree.get("measures"), dict):
         return _list_scalars(tree, units)
-    known = {name: one for name, one in saved.items() if np.isfinite(one["value"])}
-    shown = {name: for_people([one["value"]], one["unit"]) for name, one in known.items()}
+    known = {name: measure for name, measure in saved.items() if np.isfinite(measure["value"])}
+    shown = {name: in_readable_units([measure["value"]], measure["unit"]) for name, measure in known.items()}
     return [[_readable(name), f"{value:.5g}", unit] for name, ((value,), unit) in shown.items()]
 
 
@@ -277,7 +277,7 @@ def _scenario_table(text: str) -> str:
 
 def _flat(tree, above: str = ""):
     """Yield dotted keys and values as JSON; lists of tables are numbered from 1."""
-    tables = isinstance(tree, dict) or (isinstance(tree, list) and any(isinstance(one, dict) for one in tree))
+    tables = isinstance(tree, dict) or (isinstance(tree, list) and any(isinstance(item, dict) for item in tree))
     if not tables or not tree:
         yield above, json.dumps(tree, ensure_ascii=False)
         return
@@ -303,7 +303,7 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
     for name, values in series.items() if isinstance(series, dict) else ():
         known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
         if len(known) and name != "time":
-            numbers, unit = for_people((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
+            numbers, unit = in_readable_units((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
             rows.append([_readable(name), *(f"{v:.5g}" for v in numbers), unit])
     return rows
 
@@ -321,7 +321,7 @@ def _sweep_content(folder: Path) -> PageContent:
     for name in kept.columns:
         unit = data[name].attrs.get("units", "1")
         if unit == "s":
-            kept[name], unit = for_people(kept[name], unit)
+            kept[name], unit = in_readable_units(kept[name], unit)
         columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
     text = page.table(columns, rows[:ROWS])
@@ -352,39 +352,39 @@ def packing_content(
     dashpots : if False, dashpots of the law are left out
     search : if False and no file of modes is given, no verdict and no modes are computed; None: if that takes minutes
     """
-    (state, law, words), warnings = capture_warnings(read_packing, file, **options)
-    words, calm = [*words, *warnings], None
+    (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
+    notes, calm = [*notes, *warnings], None
     if settle:
-        state, calm = settled(state, law)
-        words.append(f"settled: {calm.how}")
+        state, calm = let_settle(state, law)
+        notes.append(f"settled: {calm.how}")
     n, facts = len(state.grains.radius), []
     why, warning, sentence = "", str(calm) if calm else "", ""
     large = search is None and n * (3 if state.cell.dim == 2 else 6) > SEARCHED
     if modes is None and search is not False and not large:
         try:
-            found = stability(state, law, method=method, dashpots=dashpots, report=report)
+            result = stability(state, law, method=method, dashpots=dashpots, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing that is not in equilibrium are no instabilities, so none is shown
-        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm, words)
-        if found.balanced:
-            sentence = verdict(found, calm, words)
-            if mine and len(found.free) <= DENSE_UP_TO:
+        mine, facts = growing_modes(result)[:MODES] if result.balanced else [], _verdict_rows(result, calm, notes)
+        if result.balanced:
+            sentence = verdict(result, calm, notes)
+            if mine and len(result.free) <= DENSE_UP_TO:
                 form = find_birth_form(state, law, dashpots=dashpots)
                 facts.append(["after the instability", form if isinstance(form, str) else form.verdict])
         else:
-            why = verdict(found, None, words)
-            warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
+            why = verdict(result, None, notes)
+            warning = f"{why}. Likely causes: {'; '.join(likely_causes(result, options, notes))}. {REMEDY}."
     else:
         mine = _read_modes(modes, n) if modes else []
-        words += [] if modes else ["the spectrum was not computed, so there is no verdict"]
+        notes += [] if modes else ["the spectrum was not computed, so there is no verdict"]
         if large and not modes:
             warning = f"no verdict was sought, which takes minutes for {n} grains: add --verdict. {warning}".strip()
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = no_equilibrium_message(rest)
     frame = frame_of(state, law)
     facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", describe_law(law)]]
-    facts += [["note", line] for line in words]
+    facts += [["note", line] for line in notes]
     sections = [("Packing", page.table(["", "value"], facts))]
     if mine:
         sections.append(("Modes out of equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
@@ -404,14 +404,14 @@ def _read_modes(path: Path, n: int) -> list:
     return [first, *(read_mode(path, k, n) for k in range(1, min(MODES, count)))]
 
 
-def _verdict_rows(found, calm: Settling | None, words: list[str]) -> list[list[str]]:
-    out = [["verdict", verdict(found, calm, words)], ["method", found.way], ["rattlers", str(len(found.rattlers))]]
-    out += [["without the dashpots", found.undamped.motion]] if found.undamped else []
+def _verdict_rows(result, calm: Settling | None, notes: list[str]) -> list[list[str]]:
+    out = [["verdict", verdict(result, calm, notes)], ["method", result.way], ["rattlers", str(len(result.rattlers))]]
+    out += [["without the dashpots", result.undamped.motion]] if result.undamped else []
     limit = f"at most {BALANCED_BELOW:g} in equilibrium"
-    out.append(["residual", f"{found.residual:.2g} of the mean contact force; {limit}"])
-    if found.grows and not found.balanced:
-        out.append(["spectrum of the initial motion, no verdict", found.motion])
-    return out + ([["scope", found.scope]] if found.scope else [])
+    out.append(["residual", f"{result.residual:.2g} of the mean contact force; {limit}"])
+    if result.grows and not result.balanced:
+        out.append(["spectrum of the initial motion, no verdict", result.motion])
+    return out + ([["scope", result.scope]] if result.scope else [])
 
 
 def _mode_table(modes: list) -> str:
@@ -448,16 +448,16 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
 def _what_one_sees(shown: PageContent) -> str:
     """Sentences that describe the view."""
     several = len(shown.frames) > 1
-    words = []
+    sentences = []
     if shown.modes:
         which = f" of the state at {shown.labels[shown.at]}" if several else ""
-        words.append(f"The view shows the fastest-growing mode{which}, enlarged so that it can be seen.")
+        sentences.append(f"The view shows the fastest-growing mode{which}, enlarged so that it can be seen.")
     elif several:
-        words.append("The view shows the run from its beginning: press play, or move the slider.")
+        sentences.append("The view shows the run from its beginning: press play, or move the slider.")
     else:
-        words.append("The view shows the packing.")
-    words.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
-    return " ".join(words)
+        sentences.append("The view shows the packing.")
+    sentences.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
+    return " ".join(sentences)
 
 
 HELP = (

@@ -61,22 +61,22 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
 
 def _read_arguments(path: Path) -> dict:
     """Read the arguments of `reproduce` that `mark_reproduction` saved; ValueError if they are others."""
-    found = read_json(path)
-    kinds = {"experiment": str, "quick": bool, "seed": int} | ({"full": bool} if "full" in found else {})
-    if {name: type(value) for name, value in found.items()} != kinds or found["experiment"] not in papers():
-        raise ValueError(_damaged(path))
-    return found
+    arguments = read_json(path)
+    kinds = {"experiment": str, "quick": bool, "seed": int} | ({"full": bool} if "full" in arguments else {})
+    if {name: type(value) for name, value in arguments.items()} != kinds or arguments["experiment"] not in papers():
+        raise ValueError(_damage_message(path))
+    return arguments
 
 
-def _damaged(path: Path) -> str:
+def _damage_message(path: Path) -> str:
     return f"{path} is damaged: start again with --overwrite"
 
 
 def read_json(path: Path) -> dict:
     """Read an object from a JSON file; raise ValueError with a one-sentence message if the file is damaged."""
     try:
-        if isinstance(found := json.loads(path.read_text(encoding="utf-8")), dict):
-            return found
+        if isinstance(content := json.loads(path.read_text(encoding="utf-8")), dict):
+            return content
     except (ValueError, RecursionError):
         pass
-    raise ValueError(_damaged(path))
+    raise ValueError(_damage_message(path))

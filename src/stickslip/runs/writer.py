@@ -29,13 +29,13 @@ def write_numbers(folder: Path, experiment: Experiment, result) -> None:
 
 def _contents(experiment: Experiment, result, numbers: dict) -> dict:
     """Contents of the archive: the numbers of a result, and its measures with their units."""
-    found = named_measures(experiment, result)
-    if measures := {name: {"value": value, "unit": unit} for name, (value, unit) in found.items()}:
+    pairs = named_measures(experiment, result)
+    if measures := {name: {"value": value, "unit": unit} for name, (value, unit) in pairs.items()}:
         numbers["measures"] = measures
     return numbers
 
 
-def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path]:
+def write_reproduction(folder: Path, experiment: Experiment, reproduction) -> list[Path]:
     """Write all files of the reproduction of a paper, with its claims, and return the paths."""
     paper = experiment.paper
     if paper is None:
@@ -43,13 +43,13 @@ def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path
 
     def of(name: str):
         own = getattr(paper, name)
-        return own(found) if own else getattr(experiment, name)(found.main)
+        return own(reproduction) if own else getattr(experiment, name)(reproduction.main)
 
     failures = of("failures")
-    with units_in_use(found.main.scenario.named_units), staged_results(folder, failures=failures) as staging:
-        save(staging, found.main.scenario, _contents(experiment, found.main, of("numbers")))
+    with units_in_use(reproduction.main.scenario.named_units), staged_results(folder, failures=failures) as staging:
+        save(staging, reproduction.main.scenario, _contents(experiment, reproduction.main, of("numbers")))
         _write_files(staging, of("files"), of("figures"))
-        write_claims(staging, found.claims, paper.shows(), paper.title, failures)
+        write_claims(staging, reproduction.claims, paper.shows(), paper.title, failures)
     return list_files(folder)
 
 

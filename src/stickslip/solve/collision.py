@@ -106,10 +106,10 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
             raise ValueError("damping_n of this law is so large that the collision cannot be integrated: reduce it")
         return [y[1], -force(y[0] * depth, y[1] * speed) * span / (m_eff * speed)]
 
-    def gone(_, y):
+    def overlap(_, y):
         return y[0] if y[1] < 0 else 1.0
 
-    gone.terminal = True
+    overlap.terminal = True
     run = solve_ivp(
         motion,
         (0, LONGEST),
@@ -117,7 +117,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
         method="DOP853",
         rtol=1e-10,
         atol=1e-13,
-        events=gone,
+        events=overlap,
         max_step=0.1,
         dense_output=True,
     )
@@ -160,18 +160,18 @@ def with_restitution(
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION):
         raise ValueError("the law's damping_n is a coefficient of restitution already: give it when you create the law")
 
-    def damped(gamma):
+    def with_damping(gamma):
         table = law.table.copy()
         table[..., DAMPING_N], table[..., DAMPING_T] = gamma, ratio * gamma
         return law._replace(table=table)
 
     if restitution == 1:
-        return damped(0.0)
+        return with_damping(0.0)
 
     def excess(gamma):
-        return collision(damped(gamma), radius=radius, mass=mass, speed=speed).restitution - restitution
+        return collision(with_damping(gamma), radius=radius, mass=mass, speed=speed).restitution - restitution
 
-    elastic = collision(damped(0.0), radius=radius, mass=mass, speed=speed)
+    elastic = collision(with_damping(0.0), radius=radius, mass=mass, speed=speed)
     unit = evaluate(law, "damping", overlap=elastic.peak_overlap, r_eff=radius / 2, m_eff=mass / 2)
     low, high = 0.0, (1 - restitution) * mass / elastic.duration / unit
     for _ in range(DOUBLINGS):
@@ -183,7 +183,7 @@ def with_restitution(
     size = 2 * radius
     force, factor = evaluate(law, "force", "damping", overlap=size, r_eff=size, m_eff=mass)
     natural = np.sqrt(force / size * mass) / factor
-    return damped(brentq(excess, low, high, rtol=1e-9, xtol=ROUND_OFF * natural))
+    return with_damping(brentq(excess, low, high, rtol=1e-9, xtol=ROUND_OFF * natural))
 
 
 @checked

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from ..core.arguments import checked, require_shape
-from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
+from ..core.contacts.forces import ContactLoads, moving_masses, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, inverse_radii, linearise, triplets
 from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
@@ -99,7 +99,7 @@ def freedom(state: State) -> Freedom:
     if state.cell.dim == 2:
         free[:, 2:5] = False
     mass = np.ones((state.n_bodies, 6))
-    mass[:, :3] = moved_masses(state)[:, None]
+    mass[:, :3] = moving_masses(state)[:, None]
     mass[:n, 3:] = (grains.inertia / grains.radius**2)[:, None]
     leads = free.copy()
     together = groups(state.control)

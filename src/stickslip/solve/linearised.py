@@ -27,7 +27,7 @@ class LinearisedState(NamedTuple):
 
     @property
     def supported(self) -> np.ndarray:
-        """(C,) bool, pairs in the list without those of rattlers."""
+        """(C,) mask of the pairs in the list, without those of rattlers."""
         contacts, count, loose = self.state.contacts, len(self.line.closed), self._loose_bodies
         return ~loose[contacts.i[:count]] & ~loose[contacts.j[:count]]
 

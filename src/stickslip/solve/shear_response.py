@@ -86,7 +86,7 @@ class Response:
         self.line = linearise(state, law)
         self.blocks = blocks_of(state, law, self.line)[0]
         self.branch = branch_vectors(state)
-        self._switched: dict[tuple[int, int], np.ndarray] = {}
+        self._known: dict[tuple[int, int], np.ndarray] = {}
 
     @cached_property
     def free(self) -> Freedom:
@@ -177,13 +177,13 @@ class Response:
         rows = np.flatnonzero(self.support.contacts & sticks & np.isfinite(self.mobilisation))
         return rows[np.argsort(-self.mobilisation[rows], kind="stable")][:most]
 
-    def switched(self, row: int, mode: int = SLIDE) -> np.ndarray:
+    def eigenvalues_if(self, row: int, mode: int = SLIDE) -> np.ndarray:
         """Eigenvalues if one contact slides, or is open, while all others stay as they are [1/time²]."""
-        if (int(row), mode) not in self._switched:
-            self._switched[int(row), mode] = self._if_switched(row, mode)
-        return self._switched[int(row), mode]
+        if (int(row), mode) not in self._known:
+            self._known[int(row), mode] = self._compute_eigenvalues(row, mode)
+        return self._known[int(row), mode]
 
-    def _if_switched(self, row: int, mode: int) -> np.ndarray:
+    def _compute_eigenvalues(self, row: int, mode: int) -> np.ndarray:
         blocks = self._supported_blocks()
         if mode == OPEN:
             blocks[row] = 0.0

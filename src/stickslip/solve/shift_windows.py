@@ -35,7 +35,7 @@ class ShiftWindows:
         self.narrow: list[tuple[complex, float]] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
 
-    def covered(self, value: complex) -> bool:
+    def covers(self, value: complex) -> bool:
         """Return True if a window would have contained an eigenvalue at this value, or was made for it in vain."""
         discs = [(w.shift, 0.9 * w.radius) for w in self.done] + self.narrow
         return any(abs(value - centre) < radius for centre, radius in discs)
@@ -44,7 +44,7 @@ class ShiftWindows:
         """Compute and return the eigenvalues nearest to a shift, within `reach` if the subspaces suffice."""
         n = self.matrix.shape[0]
         if 2 * subspaces[0] >= n:
-            return self._keep(shift, expected, *self._all())
+            return self._keep(shift, expected, *self._all_eigenvalues())
         identity = sparse.eye_array(n, format="csr")
         try:
             solve = FrontalFactor(self.matrix - shift * identity, self.order).solve
@@ -75,7 +75,7 @@ class ShiftWindows:
         """Converged eigenvalues, the factors of their eigenvectors, and the radius within which all have converged."""
         n = self.matrix.shape[0]
         if 2 * size >= n:  # a subspace of most of the space: all eigenvalues at once
-            return self._all()
+            return self._all_eigenvalues()
         basis, H, last = subspace.extended(size)
         mu, y = eig(H)
         error = np.linalg.norm(last @ y[-BLOCK:], axis=0) / np.abs(mu) ** 2
@@ -85,7 +85,7 @@ class ShiftWindows:
         inside = distance < radius
         return values[inside], (basis, y[:, inside]), radius
 
-    def _all(self):
+    def _all_eigenvalues(self):
         """All eigenvalues, the factors of their eigenvectors, and an infinite radius."""
         with suitable_threads(self.matrix.shape[0]):
             values, vectors = eig(self.matrix.toarray(order="F"), overwrite_a=True)

@@ -60,7 +60,7 @@ _LOADS = {
 }  # fmt: skip
 
 
-def moved_masses(state: State) -> np.ndarray:
+def moving_masses(state: State) -> np.ndarray:
     """Mass that moves with each body, (B,): its own, or that of its rigid group."""
     own = np.concatenate([state.grains.mass, state.walls.mass])
     for members in groups(state.control):
@@ -79,7 +79,7 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.spin, still]),
         body_radii(state),
         join_bodies(grains.material, walls.material),
-        state.control.free[:, : state.cell.dim].any(axis=1) / moved_masses(state),
+        state.control.free[:, : state.cell.dim].any(axis=1) / moving_masses(state),
         walls.normal,
         state.cell.rate.copy(),
     )

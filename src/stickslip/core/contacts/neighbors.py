@@ -37,14 +37,14 @@ def grid_of(cell: Cell) -> Grid:
     return Grid(np.ascontiguousarray(vectors), np.ascontiguousarray(inverse), height, cell.periodic)
 
 
-def moved_too_far(x, contacts) -> bool:
+def needs_rebuild(x, contacts) -> bool:
     """Return True if the list is stale, or if some body has moved by half the skin since it was built."""
     return contacts.stale or not core.largest_displacement(x, contacts.origin, len(x)) <= 0.5 * contacts.skin
 
 
 def check_list(state: State, gap: float = 0.0) -> None:
     """Raise ValueError if the list of contacts is not valid at the positions of a state, or across a gap."""
-    if moved_too_far(body_positions(state), state.contacts) or gap > state.contacts.gap:
+    if needs_rebuild(body_positions(state), state.contacts) or gap > state.contacts.gap:
         raise ValueError(
             "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
         )
@@ -94,7 +94,7 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
     if law is not None:
         state = state._replace(contacts=with_own_memory(with_range(state, law), law))
     x = body_positions(state)
-    if not moved_too_far(x, state.contacts):
+    if not needs_rebuild(x, state.contacts):
         return state
     if len(x) > MAX_BODIES:
         raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")

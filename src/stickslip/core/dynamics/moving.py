@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..contacts.forces import Bodies, moved_masses
+from ..contacts.forces import Bodies, moving_masses
 from ..contacts.neighbors import grid_of
 from ..library import core
 from ..state import State
@@ -75,7 +75,7 @@ def split_layers(x, rows, parts):
     """
     if parts == 1 or not len(rows):
         return [rows] * parts
-    sides = np.array([np.ptp(one[rows]) for one in x])
+    sides = np.array([np.ptp(coordinate[rows]) for coordinate in x])
     wide, along = sides[sides > 0], x[np.argmax(sides)]
     edge = (wide.prod() / parts) ** (1 / len(wide)) if len(wide) else 0.0
     layers = min(parts, max(2, round(sides.max() / edge))) if edge else parts
@@ -134,7 +134,7 @@ def make_moving_bodies(
     """Working copy of all bodies in memory order."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
     order, tile = _memory_order(state, 0 if by_rows else threads)
-    mass, inertia = moved_masses(state), np.append(state.grains.inertia, np.ones(b - n))
+    mass, inertia = moving_masses(state), np.append(state.grains.inertia, np.ones(b - n))
     free = movable(state)
     used = [0, 1, 5] if dim == 2 else range(6)
     external, torque = np.zeros((b if plan.external[0].any() else 1, 8)), np.zeros((1, 3))

@@ -155,8 +155,8 @@ def block_function(kind: Kind, name: str):
             return cfunc(void(CPointer(float64), int64, *6 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
         files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
-        place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
-        raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {words}; {HELP}") from None
+        place, reason = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
+        raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {reason}; {HELP}") from None
 
 
 @cache
@@ -203,7 +203,7 @@ def _block_text(own: UserLaw, name: str) -> str:
     """Text of a function that evaluates n contacts."""
     numbers, values = (", ".join(form.format(k) for k in range(len(own.names))) for form in ("q{}", "q[{}]"))
     lines = "\n        ".join(_LINES[name](partial(_call, own)))
-    former = "".join(f"    {name} = memory[{k}]\n" for k, name in enumerate(_former(own)))
+    former = "".join(f"    {name} = memory[{k}]\n" for k, name in enumerate(_memory_names(own)))
     return f"""def block(q, n, r_eff, overlap, fn, memory, one, two):
     {numbers} = {values}
 {former}    for k in range(n):
@@ -211,7 +211,7 @@ def _block_text(own: UserLaw, name: str) -> str:
 """
 
 
-def _former(own: UserLaw) -> list[str]:
+def _memory_names(own: UserLaw) -> list[str]:
     """Names of the variables that hold the memory of a contact before its update."""
     return [f"m{k}" for k in range(len(own.memory))]
 
@@ -222,7 +222,7 @@ def _call(own: UserLaw, name: str, overlap="overlap[k]", normal_force="fn[k]", d
         return default
     at = {"overlap": overlap, "r_eff": "r_eff[k]", "normal_force": normal_force}
     if name == "update":
-        at |= zip(own.memory, _former(own), strict=True)
+        at |= zip(own.memory, _memory_names(own), strict=True)
     else:
         many, whole = len(own.memory) > 1, _call(own, "update", seen or overlap)
         at |= {key: f"{whole}[{k}]" if many else whole for k, key in enumerate(own.memory)}

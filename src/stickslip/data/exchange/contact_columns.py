@@ -52,7 +52,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     branch = pair_branches(packing, i, j)
     length = np.linalg.norm(branch, axis=1)
     for k in range(values.shape[1]):
-        if not names[k] and _small(values[:, k] - length, length):
+        if not names[k] and _is_small(values[:, k] - length, length):
             names[k] = "dist"
             break
     normal, at = branch / length[:, None], 0
@@ -65,7 +65,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     return _with_total_force(names, values, packing, (i, j), normal)
 
 
-def _small(rest: np.ndarray, whole: np.ndarray) -> bool:
+def _is_small(rest: np.ndarray, whole: np.ndarray) -> bool:
     """Return True if what remains is a small share of the whole."""
     return bool(np.abs(rest).sum() <= SLACK * np.abs(whole).sum())
 
@@ -84,12 +84,12 @@ def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, 
     """Kind of three columns: "d" branch vector, "f" normal force, "t" tangential force, or "" for something else."""
     along = np.einsum("ck,ck->c", vector, normal)
     across = vector - along[:, None] * normal
-    if "dx" not in names and _small(vector - branch, branch):
+    if "dx" not in names and _is_small(vector - branch, branch):
         return "d"
-    if "fx" not in names and along.any() and _small(across, along) and along.sum() > 0:
+    if "fx" not in names and along.any() and _is_small(across, along) and along.sum() > 0:
         return "f"
     known = across.any() or "fx" in names  # without friction, tangential forces are zero
-    return "t" if "tx" not in names and known and _small(along, across) else ""
+    return "t" if "tx" not in names and known and _is_small(along, across) else ""
 
 
 def _with_total_force(names: list[str], values: np.ndarray, packing: Packing, ends, normal: np.ndarray) -> list[str]:
@@ -99,7 +99,7 @@ def _with_total_force(names: list[str], values: np.ndarray, packing: Packing, en
     for at in range(values.shape[1] - 3, -1, -1):
         vector = values[:, at : at + 3]
         known = any(names[at : at + 3]) or flags[at : at + 3].all()
-        if known or any(_small(vector - place[end], place[end]) for end in ends):
+        if known or any(_is_small(vector - place[end], place[end]) for end in ends):
             continue
         along = np.einsum("ck,ck->c", vector, normal)
         if along.sum() > 0.5 * np.linalg.norm(vector, axis=1).sum():

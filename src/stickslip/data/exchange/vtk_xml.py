@@ -29,7 +29,7 @@ class _Source(NamedTuple):
     packed: bool  # by zlib
     most: int  # bytes that the numbers of all further arrays may have
 
-    def take(self, at: int, count: int) -> tuple[bytes, int]:
+    def decode(self, at: int, count: int) -> tuple[bytes, int]:
         """Decode `count` bytes, and return them with the place after them."""
         end = at + (4 * -(-count // 3) if self.base64 else count)
         if not 0 <= at <= end <= len(self.content):
@@ -39,7 +39,7 @@ class _Source(NamedTuple):
 
     def sizes(self, at: int, count: int) -> np.ndarray:
         """Whole numbers at the beginning of an array."""
-        return np.frombuffer(self.take(at, count * self.header.itemsize)[0], self.header).astype(np.int64)
+        return np.frombuffer(self.decode(at, count * self.header.itemsize)[0], self.header).astype(np.int64)
 
     def array(self, at: int) -> bytes:
         """Bytes of the array that begins at a place."""
@@ -47,11 +47,11 @@ class _Source(NamedTuple):
         if not self.packed:
             alone = at + 4 * -(-width // 3)  # some programs encode the number of bytes by itself
             if self.base64 and self.content[alone - 1 : alone] == b"=":
-                return self.take(alone, first)[0]
-            return self.take(at, width + first)[0][width:]
-        _, begin = self.take(at, (3 + first) * width)
+                return self.decode(alone, first)[0]
+            return self.decode(at, width + first)[0][width:]
+        _, begin = self.decode(at, (3 + first) * width)
         compressed = self.sizes(at, 3 + first)[3:]
-        data = self.take(begin, int(compressed.sum()))[0]
+        data = self.decode(begin, int(compressed.sum()))[0]
         ends = np.cumsum(compressed)
         return b"".join(self._expand(data[end - size : end]) for size, end in zip(compressed, ends, strict=True))
 

@@ -17,7 +17,7 @@ def class_counts(events: Table) -> dict[str, int]:
 
 def strain_searched(result: CatalogueResult) -> float:
     """Total strain over which events were searched for."""
-    steps = [one.found.steps.strain for one in result.samples]
+    steps = [sample.found.steps.strain for sample in result.samples]
     return float(sum(strain[-1] + result.scenario.shear.step for strain in steps if len(strain)))
 
 
@@ -39,7 +39,7 @@ def measures(result: CatalogueResult) -> dict[str, tuple[float, str]]:
         "stress_drop_over_pressure": (_median(events["stress_drop"]), "1"),
         "jump_over_diameter": (_median(events["jump"]), "1"),
     }
-    areas = {one.predictor: one.roc.area for one in predictor_skills(result, resamples=0)}
+    areas = {skill.predictor: skill.roc.area for skill in predictor_skills(result, resamples=0)}
     return out | {f"auc_{name}": (areas.get(name, np.nan), "1") for name in PREDICTORS}
 
 

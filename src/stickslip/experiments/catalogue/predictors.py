@@ -107,8 +107,8 @@ def resampled_skill(
     rng = np.random.default_rng(seed)
     for k in range(resamples if len(blocks) > 1 else 0):
         drawn = rng.multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)))
-        one = _curve(order, last, followed, drawn[block].astype(float))
-        areas[k], hits[k] = one.area, np.interp(GRID, one.false_alarms, one.hits)
+        curve = _curve(order, last, followed, drawn[block].astype(float))
+        areas[k], hits[k] = curve.area, np.interp(GRID, curve.false_alarms, curve.hits)
     good = np.isfinite(areas)
     ends = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
     low, high = np.quantile(areas[good], ends) if good.any() else (np.nan, np.nan)
@@ -122,7 +122,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
     A step counts if an event follows within the window, or if the path of its packing continues beyond the window.
     Steps at which a predictor has no value (NaN) do not count for this predictor.
     """
-    followed, known = follow(steps, events, window)
+    followed, known = label_steps(steps, events, window)
     out = []
     for name, sign in PREDICTORS.items():
         rows = known & ~np.isnan(steps[name])
@@ -132,7 +132,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
     return out
 
 
-def follow(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
+def label_steps(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
     """Return whether an event follows each step within a window of strain, and whether that is known."""
     followed, known = np.zeros(len(steps["strain"]), bool), np.zeros(len(steps["strain"]), bool)
     reach = window * (1 + 1e-9)
@@ -147,5 +147,5 @@ def follow(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.n
 
 def _by_sample(steps: Table, events: Table) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the rows of the steps of each packing, and the sorted strains of its events."""
-    for one in np.unique(steps["sample"]):
-        yield np.flatnonzero(steps["sample"] == one), np.sort(events["strain"][events["sample"] == one])
+    for packing in np.unique(steps["sample"]):
+        yield np.flatnonzero(steps["sample"] == packing), np.sort(events["strain"][events["sample"] == packing])

@@ -41,7 +41,7 @@ def figures(result: CatalogueResult):
         yield "fig1_eigenvalue.png", figures_of.eigenvalue_before_events(events)
         yield "fig2_classes.png", figures_of.classes({label: class_counts(events)})
         yield "fig3_drops.png", figures_of.drops({label: events})
-    skills = [one for one in predictor_skills(result) if np.isfinite(one.roc.area)]
+    skills = [skill for skill in predictor_skills(result) if np.isfinite(skill.roc.area)]
     if skills:
         yield "fig4_roc.png", figures_of.roc_curves(skills, (label,))
 
@@ -60,18 +60,18 @@ def numbers(result: CatalogueResult) -> dict:
         "units": "those of the scenario: force, length, mass",
         "events": event_table(result.samples),
         "steps": step_table(result.samples),
-        "packings": {f"{one.seed:04d}": archive_fields(one.packed) for one in result.samples},
-        "ends": {f"{one.seed:04d}": one.found.state for one in result.samples},
+        "packings": {f"{sample.seed:04d}": archive_fields(sample.packed) for sample in result.samples},
+        "ends": {f"{sample.seed:04d}": sample.found.state for sample in result.samples},
         "failures": "\n".join(result.failures),
     }
 
 
 def show(result: CatalogueResult) -> None:
     """Print the classes of the events and the skill of the predictors."""
-    found = measures(result)
+    values = measures(result)
     console.print(
         f"{pluralize(result.number, 'event')} in {pluralize(len(result.samples), 'packing')}, "
-        f"{found['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
+        f"{values['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
         f"highest frequency."
     )
     table = new_table("class", "number", title="Events", left=("class",))
@@ -79,15 +79,15 @@ def show(result: CatalogueResult) -> None:
         table.add_row(EventKind[kind.upper()].value, str(number))
     show_table(table)
     _show_skills(result)
-    for words in result.failures:
-        console.print(words, style="yellow")
+    for failure in result.failures:
+        console.print(failure, style="yellow")
 
 
 def _show_skills(result: CatalogueResult) -> None:
     title = f"Announcements of an event within a strain of {result.scenario.shear.window:g}"
     table = new_table("predictor", "area under ROC", "95 % interval", "steps", title=title, left=("predictor",))
-    for one in predictor_skills(result):
-        interval = f"{one.low:.3f} to {one.high:.3f}" if np.isfinite(one.low) else "–"
-        area = f"{one.roc.area:.3f}" if np.isfinite(one.roc.area) else "–"
-        table.add_row(WORDS[one.predictor], area, interval, str(one.steps))
+    for skill in predictor_skills(result):
+        interval = f"{skill.low:.3f} to {skill.high:.3f}" if np.isfinite(skill.low) else "–"
+        area = f"{skill.roc.area:.3f}" if np.isfinite(skill.roc.area) else "–"
+        table.add_row(WORDS[skill.predictor], area, interval, str(skill.steps))
     show_table(table)

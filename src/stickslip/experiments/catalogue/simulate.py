@@ -40,7 +40,7 @@ class CatalogueResult(NamedTuple):
     @property
     def number(self) -> int:
         """Number of events."""
-        return sum(len(one.found.events) for one in self.samples)
+        return sum(len(sample.found.events) for sample in self.samples)
 
 
 def simulate_catalogue(
@@ -66,8 +66,8 @@ def simulate_catalogue(
     slots = max(1, reach(workers).slots)
     results: list[Sample | None] = []
     sentences: list[str | None] = []
-    while len(results) < scenario.packings and (found := _count(results)) < scenario.events:
-        size = _batch_size(scenario, len(results), found, slots)
+    while len(results) < scenario.packings and (count := _count(results)) < scenario.events:
+        size = _batch_size(scenario, len(results), count, slots)
         seeds = [scenario.seed + k for k in range(len(results), len(results) + size)]
         tasks = [Task(f"packing {seed}", (scenario, seed), f"packing-{seed}", kept) for seed in seeds]
         batch = run_realizations(
@@ -76,13 +76,13 @@ def simulate_catalogue(
             stage=f"packings {seeds[0]} to {seeds[-1]}" if size > 1 else f"packing {seeds[0]}",
             workers=workers,
             report=report,
-            describe=lambda member, before=found: _describe(member, before, scenario.events),
+            describe=lambda member, before=count: _describe(member, before, scenario.events),
         )
         results += batch.results
         sentences += batch.sentences
     used = _sufficient(results, scenario.events)
-    samples = tuple(one for one in results[:used] if one is not None)
-    failures = tuple(words for words in sentences[:used] if words)
+    samples = tuple(sample for sample in results[:used] if sample is not None)
+    failures = tuple(failure for failure in sentences[:used] if failure)
     if not samples:
         raise RuntimeError(f"every packing failed, the first with {failures[0]}")
     return CatalogueResult(scenario, make_law(scenario.law), samples, failures)
@@ -93,7 +93,7 @@ def shear_sample(scenario: CatalogueScenario, seed: int, tell) -> Sample:
     law, shear = make_law(scenario.law), scenario.shear
     tell(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
     state, packed = make_packing(scenario.packing, law, seed)
-    found = find_events(
+    events = find_events(
         state,
         law,
         to=shear.strain,
@@ -101,28 +101,28 @@ def shear_sample(scenario: CatalogueScenario, seed: int, tell) -> Sample:
         step=shear.step,
         resolution=shear.resolution,
         most=scenario.events,
-        report=lambda share, words: tell(share, f"packing {seed}: {words}"),
+        report=lambda share, message: tell(share, f"packing {seed}: {message}"),
     )
-    return Sample(seed, packed, found)
+    return Sample(seed, packed, events)
 
 
 def _count(results) -> int:
-    return sum(len(one.found.events) for one in results if one is not None)
+    return sum(len(sample.found.events) for sample in results if sample is not None)
 
 
-def _batch_size(scenario: CatalogueScenario, done: int, found: int, slots: int) -> int:
+def _batch_size(scenario: CatalogueScenario, done: int, events: int, slots: int) -> int:
     """Return the number of packings to run next: the slots, or a multiple of them up to half of what is expected."""
     if slots == 1:
         return 1
-    needed = ceil((scenario.events - found) * done / found) if found else done
+    needed = ceil((scenario.events - events) * done / events) if events else done
     return min(max(slots, needed // 2 // slots * slots), scenario.packings - done)
 
 
 def _sufficient(results, wanted: int) -> int:
     """Return the number of packings, from the first, that contain the wanted number of events."""
     total = 0
-    for k, one in enumerate(results):
-        total += len(one.found.events) if one is not None else 0
+    for k, sample in enumerate(results):
+        total += len(sample.found.events) if sample is not None else 0
         if total >= wanted:
             return k + 1
     return len(results)
@@ -132,8 +132,8 @@ def _describe(member: Member, before: int, wanted: int) -> str:
     """Describe the outcome of one packing in a few words."""
     if member.failure:
         return member.failure
-    found = member.result.found
+    record = member.result.found
     return (
-        f"packing {member.result.seed}: {pluralize(len(found.events), 'event')}, {found.end} "
+        f"packing {member.result.seed}: {pluralize(len(record.events), 'event')}, {record.end} "
         f"({before} of {wanted} events before this batch)"
     )

@@ -23,9 +23,9 @@ _SPREAD = re.compile(r"(\w+)_(\d+)")
 
 def event_table(samples) -> Table:
     """Return one row for each event of several samples: sample, kind, and the other fields of `Event`."""
-    rows = [(one.seed, event) for one in samples for event in one.found.events]
+    rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
-    places = [_places(event.distances, one.found.step) for one in samples for event in one.found.events]
+    places = [_places(event.distances, sample.found.step) for sample in samples for event in sample.found.events]
     out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
     for name in Event._fields:
         values = [getattr(event, name) for event in events]
@@ -45,9 +45,10 @@ def event_table(samples) -> Table:
 
 def step_table(samples) -> Table:
     """Return one row for each strain step of several samples: sample, and the fields of `StrainStep`."""
-    out: Table = {"sample": np.repeat([one.seed for one in samples], [len(one.found.steps.strain) for one in samples])}
+    counts = [len(sample.found.steps.strain) for sample in samples]
+    out: Table = {"sample": np.repeat([sample.seed for sample in samples], counts)}
     for name in StrainStep._fields:
-        out[name] = np.concatenate([getattr(one.found.steps, name) for one in samples])
+        out[name] = np.concatenate([getattr(sample.found.steps, name) for sample in samples])
     return Fields(out, StrainStep)
 
 
@@ -101,7 +102,7 @@ def read_table(path: str | Path) -> Table:
     return {name: parts[0] if len(parts) == 1 else np.stack(parts, axis=1) for name, parts in out.items()}
 
 
-def joined_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
+def stack_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
     """Stack tables with the same columns, with a first column that names the table each row comes from."""
     tables = list(tables)
     width = {

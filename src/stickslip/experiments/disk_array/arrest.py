@@ -79,7 +79,7 @@ def kick_array(
         result.path, make_protocol(scenario, result.law), loads=FEWER_LOADS if quick else KICKED_LOADS, kicks=KICK,
         realizations=REALIZATIONS[quick], duration=scenario.sliding.duration,
         dt=2 * scenario.dynamics.dt, seed=scenario.seed, workers=workers, kept=kept and kept.of("threshold"),
-        report=lambda share, words: report("kicked runs", share, words),
+        report=lambda share, message: report("kicked runs", share, message),
     )  # fmt: skip
 
 

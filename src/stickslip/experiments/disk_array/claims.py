@@ -59,10 +59,10 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, tell) ->
     protocol, paths = make_protocol(result.scenario, result.law), {}
     for k, step in enumerate(COARSER):
 
-        def heard(_, share: float, words: str, k=k, step=step) -> None:
-            tell((k + share) / len(COARSER), f"load step {step:g}{suffix}: {words}")
+        def pass_on(_, share: float, message: str, k=k, step=step) -> None:
+            tell((k + share) / len(COARSER), f"load step {step:g}{suffix}: {message}")
 
-        paths[step] = push_disk_array(result.scenario, step=step, report=heard)[2]
+        paths[step] = push_disk_array(result.scenario, step=step, report=pass_on)[2]
     step = result.scenario.load.step
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}
@@ -90,10 +90,10 @@ def _sensitivity(fine, coarse) -> float | None:
 
 
 def _format_by_step(values: dict) -> str:
-    def words(value):
+    def text(value):
         return "none" if value is None else "–".join(f"{v:.6f}" for v in np.ravel(value))
 
-    return ", ".join(f"{step:g}: {words(value)}" for step, value in values.items())
+    return ", ".join(f"{step:g}: {text(value)}" for step, value in values.items())
 
 
 def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
@@ -206,18 +206,18 @@ def _arrest_claims(arrest: Arrest) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _threshold_claims(found: KineticThreshold) -> list[Claim]:
+def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
     """Claims about the kinetic threshold, and that it separates the paper's loads of arrest and of sliding."""
-    at, (low, high), top = float(found.lasting_threshold[0]), found.lasting_interval[0], min(FRONT_LOADS)
-    outcomes = zip(found.loads, found.probability[:, 0], found.lasting_probability[:, 0], strict=True)
+    at, (low, high), top = float(threshold.lasting_threshold[0]), threshold.lasting_interval[0], min(FRONT_LOADS)
+    outcomes = zip(threshold.loads, threshold.probability[:, 0], threshold.lasting_probability[:, 0], strict=True)
     shares = ", ".join(f"{slid:.2g} and {lasting:.2g} at {load:g}" for load, slid, lasting in outcomes)
     note = (
-        f"load at which half of the kicked runs slide on; shares of {found.runs[0, 0]} runs from velocities of "
-        f"{found.kicks[0]:g} that slide by {found.distance:g}, and that slide on: {shares}"
+        f"load at which half of the kicked runs slide on; shares of {threshold.runs[0, 0]} runs from velocities of "
+        f"{threshold.kicks[0]:g} that slide by {threshold.distance:g}, and that slide on: {shares}"
     )
-    stops, (last, first) = "no sliding array came to rest at a lower load", found.arrest_range
+    stops, (last, first) = "no sliding array came to rest at a lower load", threshold.arrest_range
     if np.isfinite(last):
-        stops = f"{pluralize(len(found.arrest), 'sliding array')} stopped between {last:g} and {first:g}"
+        stops = f"{pluralize(len(threshold.arrest), 'sliding array')} stopped between {last:g} and {first:g}"
     known = bool(np.isfinite([at, low, high]).all())
     return [
         claim(

@@ -21,35 +21,35 @@ def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _count_realizations(found: Front, result: DiskArrayResult, loads) -> str:
+def _count_realizations(front: Front, result: DiskArrayResult, loads) -> str:
     failed = sum(len(result.sliding[load].failures) for load in loads)
-    words = f"{found.counted} realizations, {found.complete} of them complete"
-    return words + (f", {failed} failed" if failed else "")
+    counted = f"{front.counted} realizations, {front.complete} of them complete"
+    return counted + (f", {failed} failed" if failed else "")
 
 
-def _speed_claims(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
+def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Front | None, note: str) -> list[Claim]:
     """Claims about a front speed by both estimators: through the front's start (Eq 9), and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
-    if not found:
+    if not front:
         note = "no front: too few realizations in which the event happens at every disk before the run ends"
         return [claim(f"{name}{end}{suffix}", source, paper, None, unit, tolerance, note) for end in ("", "-free")]
-    other = f"through the start {format_value(found.speed)}, with a free intercept {format_value(found.free_intercept)}"
+    other = f"through the start {format_value(front.speed)}, with a free intercept {format_value(front.free_intercept)}"
     return [
-        claim(f"{name}{suffix}", source, paper, found.speed, unit, tolerance,
-              f"fitted through the start of the front, as in Eq 9; {other}; {note}", error=found.speed_error),
-        claim(f"{name}-free{suffix}", source, paper, found.free_intercept, unit, tolerance,
+        claim(f"{name}{suffix}", source, paper, front.speed, unit, tolerance,
+              f"fitted through the start of the front, as in Eq 9; {other}; {note}", error=front.speed_error),
+        claim(f"{name}-free{suffix}", source, paper, front.free_intercept, unit, tolerance,
               f"fitted with a free intercept; {other}; the paper does not say which one it used; {note}",
-              error=found.free_error),
+              error=front.free_error),
     ]  # fmt: skip
 
 
 def _front_claims(main: DiskArrayResult) -> list[Claim]:
     out = []
     for load, paper in V1.items():
-        found = forward_front(main, main.sliding[load])
+        front = forward_front(main, main.sliding[load])
         said = 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
-        note = _count_realizations(found, main, [load]) if found else ""
-        out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, found, note)
+        note = _count_realizations(front, main, [load]) if front else ""
+        out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, front, note)
     return [*out, *backward_claims(main, "")]
 
 
@@ -64,11 +64,11 @@ def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
         wide = speed_proportion(main, strongest, free=free)
         ratio = three.mean_ratio if len(three.load) == len(FRONT_LOADS) else (None, None)
         power = wide.exponent or (None, None)
-        words = ", ".join(f"{r:.2f} at {load:g}" for load, r in zip(wide.load, wide.ratio, strict=True)) or "no front"
+        listed = ", ".join(f"{r:.2f} at {load:g}" for load, r in zip(wide.load, wide.ratio, strict=True)) or "no front"
         how = "with a free intercept" if free else "through the start of the front"
         out += [
             claim(f"v1-over-im-lambda{end}", f"Fig 5: {said}", 4.3, ratio[0], "length·time",
-                  TOLERANCE["ratio"], f"fit {how}, mean over the paper's three loads; {words}", error=ratio[1]),
+                  TOLERANCE["ratio"], f"fit {how}, mean over the paper's three loads; {listed}", error=ratio[1]),
             claim(f"v1-power-of-im-lambda{end}", f"Fig 5: {said}: V_1 ∝ Im λ", 1.0, power[0], "1",
                   TOLERANCE["exponent"], f"p in V_1 ∝ (Im λ)^p, fit {how}, over {len(wide.load)} loads from "
                   f"{min(strongest):g} to {max(strongest):g}", error=power[1], reference=printed,
@@ -80,12 +80,12 @@ def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
 def backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
     """Claims about the speed of the backward front by both estimators."""
     thresholds = result.scenario.sliding.thresholds
-    found = {t: backward_front(result, t, FRONT_LOADS) for t in thresholds}
-    middle, note = found[V2_THRESHOLD], ""
+    fronts = {t: backward_front(result, t, FRONT_LOADS) for t in thresholds}
+    middle, note = fronts[V2_THRESHOLD], ""
     if middle:
         note = (
             f"{_count_realizations(middle, result, FRONT_LOADS)}; for each threshold: "
-            f"{', '.join(f'{t:g}: {f.speed:.3f}' for t, f in found.items() if f)}; a value near 0.075 does not "
+            f"{', '.join(f'{t:g}: {f.speed:.3f}' for t, f in fronts.items() if f)}; a value near 0.075 does not "
             f"confirm the explanation by a wave: see backward-front-by-drift and y-mode-wave-number"
         )
     said = 'Fig 5: "V_2 ≈ 0.235/π ≈ 0.075 in excellent agreement with the measured value"'
@@ -157,7 +157,7 @@ def _dependences(main: DiskArrayResult) -> list[Claim]:
     """Claims that V_1 depends on F_x and V_2 does not, by p in V ∝ F_x^p, and that V_2 is much faster."""
     forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
     backward = {load: backward_front(main, V2_THRESHOLD, [load]) for load in main.sliding}
-    (p1, e1), (p2, e2) = (_power_of_push(found) for found in (forward, backward))
+    (p1, e1), (p2, e2) = (_power_of_push(fronts) for fronts in (forward, backward))
     ratios = {load: backward[load].speed / forward[load].speed for load in FRONT_LOADS
               if backward[load] and forward[load]}  # fmt: skip
     errors = [backward[load].speed_error / forward[load].speed for load in ratios]
@@ -178,8 +178,8 @@ def _dependences(main: DiskArrayResult) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _power_of_push(found: dict[float, Front | None]) -> tuple[float | None, float | None]:
-    there = {load: front for load, front in found.items() if front}
+def _power_of_push(fronts: dict[float, Front | None]) -> tuple[float | None, float | None]:
+    there = {load: front for load, front in fronts.items() if front}
     speeds, errors = (np.array([getattr(f, name) for f in there.values()]) for name in ("speed", "speed_error"))
     return power_law(np.array(list(there)), speeds, errors) or (None, None)
 

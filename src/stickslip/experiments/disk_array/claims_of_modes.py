@@ -110,13 +110,13 @@ def birth_exponents(family: Family, main: DiskArrayResult) -> tuple[float, float
 def _coalescence(main: DiskArrayResult) -> Claim:
     room = [f for f in main.families if f.birth and _distance_before(f, main) > BEFORE[1]]
     exponents = np.array([birth_exponents(f, main) for f in room]).reshape(-1, 2)
-    words = ", ".join(f"{gap:.3f} and {height:.3f}" for gap, height in exponents)
+    listed = ", ".join(f"{gap:.3f} and {height:.3f}" for gap, height in exponents)
     return claim(
         "real-pair-coalesces",
         'Fig 2: "A pair of real eigenvalues coalesces when the pair of imaginary eigenvalues bifurcates"', True,
         bool((np.abs(exponents - 0.5) < SQUARE_ROOT).all()) if len(room) else None, "", 0.0,
         f"exponents of the gap between two real eigenvalues below the birth, and of Im λ above it, against the "
-        f"distance in F_x, at {pluralize(len(room), 'birth')}: {words}; both are 1/2 where two real eigenvalues meet",
+        f"distance in F_x, at {pluralize(len(room), 'birth')}: {listed}; both are 1/2 where two real eigenvalues meet",
     )  # fmt: skip
 
 

@@ -128,17 +128,17 @@ def _center(main: DiskArrayResult) -> list[Claim]:
          f"velocity when the center has moved by {V2_THRESHOLD:g} over that in the last third of the runs: one if "
          f"the velocity jumps"),
     )  # fmt: skip
-    return [_ratio(name, f"Fig 7: {said}", values, TOLERANCE[kind], words) for name, said, values, kind, words in rows]
+    return [_ratio(name, f"Fig 7: {said}", values, TOLERANCE[kind], note) for name, said, values, kind, note in rows]
 
 
-def _ratio(name: str, source: str, values: np.ndarray, tolerance: float, words: str) -> Claim:
+def _ratio(name: str, source: str, values: np.ndarray, tolerance: float, note: str) -> Claim:
     """Claim that the mean of the second column equals that of the first one; its error is a jackknife's."""
     before, after = values[np.isfinite(values).all(axis=1)].T
     n = len(before)
     left_out = (after.sum() - after) / (before.sum() - before) if n > 1 else np.zeros(0)
     error = float(np.sqrt((n - 1) * left_out.var())) if n > 1 else None
     measured = float(after.mean() / before.mean()) if n else None
-    return claim(name, source, 1.0, measured, "1", tolerance, f"{words}, ratio of means over {n} runs", error=error)
+    return claim(name, source, 1.0, measured, "1", tolerance, f"{note}, ratio of means over {n} runs", error=error)
 
 
 def sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:

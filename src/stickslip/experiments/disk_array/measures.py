@@ -18,10 +18,10 @@ HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # halves of the window of M in which gr
 
 def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083) -> float | None:
     """Return F_x at the birth of the pair that dominates (largest Im λ) at `load`, on a rising path."""
-    found = dominant_family([point for point in path if point.load <= load], protocol)
-    if found is None:
+    family = dominant_family([point for point in path if point.load <= load], protocol)
+    if family is None:
         return None
-    return found.birth.load if found.birth else float(found.loads[0])
+    return family.birth.load if family.birth else float(family.loads[0])
 
 
 def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
@@ -63,8 +63,7 @@ class Line(NamedTuple):
 
 
 def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
-    """Fit Eq 10 by weighted least squares to the mean sliding velocities for pushes up to `top`; None with fewer than
-    three pushes."""
+    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None with fewer than three."""
     rows = []
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
@@ -175,8 +174,8 @@ class Proportion(NamedTuple):
 
 def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:
     """Pair the front speeds, fitted through the start or with a free intercept, with Im λ given as {load: value}."""
-    found = {load: forward_front(result, result.sliding[load]) for load in im_lambda}
-    there = [load for load, front in found.items() if front and im_lambda[load] > 0]
-    speeds = [(f.free_intercept, f.free_error) if free else (f.speed, f.speed_error) for f in map(found.get, there)]
+    by_load = {load: forward_front(result, result.sliding[load]) for load in im_lambda}
+    there = [load for load, front in by_load.items() if front and im_lambda[load] > 0]
+    speeds = [(f.free_intercept, f.free_error) if free else (f.speed, f.speed_error) for f in map(by_load.get, there)]
     speed, error = np.array(speeds).reshape(-1, 2).T
     return Proportion(np.array(there), np.array([im_lambda[load] for load in there]), speed, error)

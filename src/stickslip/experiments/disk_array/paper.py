@@ -85,12 +85,12 @@ def reproduce(
     ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)
     folders = folder, folder and folder / UNFINISHED / "quarter"
     kept = [open_checkpoint(*here) for here in zip(folders, ones, strict=True)]
-    tasks = [Task(name, (name, *one), name, None) for name, *one in zip(MODELS, ones, kept, strict=True)]
+    tasks = [Task(name, (name, *case), name, None) for name, *case in zip(MODELS, ones, kept, strict=True)]
     report(PUSHED, 0.0, f"models: {', '.join(MODELS)}")
     main, quarter = run_realizations(_before_sliding, tasks, stage=PUSHED, workers=workers, report=report).complete
     main = add_sliding(main, kept[0], workers, report)
     quarter = add_sliding(
-        quarter, kept[1], workers, lambda stage, share, words: report(f"{stage} (quarter)", share, words)
+        quarter, kept[1], workers, lambda stage, share, message: report(f"{stage} (quarter)", share, message)
     )
     threshold = kick_array(main, quick=quick, folder=folder, workers=workers, report=report)
     arrests = find_arrests(main, folder)
@@ -100,8 +100,8 @@ def reproduce(
 
 
 def _before_sliding(name: str, scenario: DiskArrayScenario, kept: Checkpoint | None, tell) -> DiskArrayResult:
-    def report(stage: str, share: float, words: str) -> None:
+    def report(stage: str, share: float, message: str) -> None:
         begin, end = SHARES[stage]
-        tell(begin + (end - begin) * share, f"{name}: {stage}, {words}")
+        tell(begin + (end - begin) * share, f"{name}: {stage}, {message}")
 
     return simulate_before_sliding(scenario, kept, report=report)

@@ -46,31 +46,31 @@ def files(result: DiskArrayResult):
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:
     """One sentence for each failed realization."""
-    return tuple(words for ensemble in result.sliding.values() for words in ensemble.failures)
+    return tuple(sentence for ensemble in result.sliding.values() for sentence in ensemble.failures)
 
 
-def paper_figures(found: Reproduction):
+def paper_figures(reproduction: Reproduction):
     """Yield (file name, Figure) for each figure of the paper's reproduction."""
-    main = found.main
-    both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": found.quarter}
+    main, quarter = reproduction.main, reproduction.quarter
+    both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": quarter}
     yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
     point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
-    yield FIGURES[6], static_and_kinetic(found.threshold, label="$F_x$")
+    yield FIGURES[6], static_and_kinetic(reproduction.threshold, label="$F_x$")
 
 
-def paper_numbers(found: Reproduction) -> dict:
+def paper_numbers(reproduction: Reproduction) -> dict:
     """Return the contents of the archive of the paper's reproduction."""
     return {
-        "main": _numbers(found.main), "quarter": _numbers(found.quarter),
-        "arrests": {f"{one.load:.6f}": archive_fields(one) for one in found.arrests},
-        "threshold": archive_fields(found.threshold),
+        "main": _numbers(reproduction.main), "quarter": _numbers(reproduction.quarter),
+        "arrests": {f"{arrest.load:.6f}": archive_fields(arrest) for arrest in reproduction.arrests},
+        "threshold": archive_fields(reproduction.threshold),
     }  # fmt: skip
 
 
-def paper_failures(found: Reproduction) -> tuple[str, ...]:
+def paper_failures(reproduction: Reproduction) -> tuple[str, ...]:
     """One sentence for each failed realization of either model."""
-    return failures(found.main) + failures(found.quarter)
+    return failures(reproduction.main) + failures(reproduction.quarter)
 
 
 def _loads_to_show(result: DiskArrayResult) -> list[float]:
@@ -164,18 +164,18 @@ def show(result: DiskArrayResult) -> None:
         runs = new_table("push", *units, "verdict", title="Free runs", units=units)
         for load, f in result.free_runs.items():
             fitted = f"{f.growth.growth_rate:.4e}" if f.growth else "–"
-            words = "slides" if f.slid else "unstable, arrested" if f.predicted_growth > 0 else "stable"
-            runs.add_row(f"{load:g}", f"{f.predicted_growth:.4e}", fitted, f"{f.msd[-1]:.2e}", words)
+            outcome = "slides" if f.slid else "unstable, arrested" if f.predicted_growth > 0 else "stable"
+            runs.add_row(f"{load:g}", f"{f.predicted_growth:.4e}", fitted, f"{f.msd[-1]:.2e}", outcome)
         console.print(runs)
     if result.sliding:
         units = {"velocity": "length/time", "forward front": "length/time"}
         slides = new_table("push", "realizations", "slid in time", *units, title="Sliding", units=units)
         for load, e in result.sliding.items():
             good = e.velocity[np.isfinite(e.velocity)]
-            found = forward_front(result, e)
+            fit = forward_front(result, e)
             error = good.std(ddof=1) / np.sqrt(len(good)) if len(good) > 1 else np.nan
             speed = f"{good.mean():.2e} ± {error:.0e}" if len(good) else "–"
-            front = f"{found.speed:.2e} ± {found.speed_error:.0e}" if found else "–"
+            front = f"{fit.speed:.2e} ± {fit.speed_error:.0e}" if fit else "–"
             slides.add_row(f"{load:g}", str(len(e.velocity)), str(len(good)), speed, front)
             for failure in e.failures:
                 console.print(f"push {load:g}, {failure}", style="yellow")

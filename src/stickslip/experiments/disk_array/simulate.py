@@ -113,8 +113,8 @@ def push_disk_array(
     def tell(point: Equilibrium):
         seen.append(point)
         fastest = point.spectrum.growth_rate.max()
-        words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
-        report(RAMP, len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
+        progress = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
+        report(RAMP, len(seen) / len(loads), f"{progress}, unbalanced {point.outcome.residual:.0e}")
 
     return state, law, ramp(state, loads, make_protocol(scenario, law), tell, kept=kept)
 
@@ -122,11 +122,11 @@ def push_disk_array(
 def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
     """Track the pairs on the path with twice the load step."""
 
-    def heard(_, share: float, words: str) -> None:
-        report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {words}")
+    def pass_on(_, share: float, message: str) -> None:
+        report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {message}")
 
-    path = push_disk_array(scenario, step=2 * scenario.load.step, report=heard)[2]
-    last = lambda share, words: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {words}")  # noqa: E731
+    path = push_disk_array(scenario, step=2 * scenario.load.step, report=pass_on)[2]
+    last = lambda share, message: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {message}")  # noqa: E731
     return track_pairs(path, make_protocol(scenario, law), last)
 
 
@@ -167,12 +167,12 @@ def run_sliding(
         for p in points
         for seed in seeds
     ]
-    found = run_realizations(
+    runs = run_realizations(
         _transition_task, tasks, stage="realizations of sliding", workers=workers, report=report,
         describe=_describe_member,
     )  # fmt: skip
     out = {}
-    for point, group in zip(points, found.groups(len(seeds)), strict=True):
+    for point, group in zip(points, runs.groups(len(seeds)), strict=True):
         good = group.successful(f"realization at push = {point.load:g}")
         out[point.load] = Ensemble(
             point.load,
@@ -252,8 +252,8 @@ def simulate_before_sliding(
     kept = kept and kept.if_visible()
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
-    heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
-    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), heard))
+    pass_on = lambda share, message: report(BIRTHS, 0.5 * share, message)  # noqa: E731
+    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), pass_on))
     coarse = []
     if sensitivity:
         coarse = load_or_compute(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))

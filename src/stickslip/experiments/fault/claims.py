@@ -61,7 +61,7 @@ def _recurrence_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> l
 
     intervals = main.late_events.recurrence / YEAR
     runs = (main, *coarser)
-    cells = ", ".join(f"{recurrence(one):.3f} with {one.history.fault.cell:g} m" for one in runs)
+    cells = ", ".join(f"{recurrence(run):.3f} with {run.history.fault.cell:g} m" for run in runs)
     error = _error(recurrence, main, coarser)
     return [
         claim(
@@ -80,7 +80,7 @@ def _recurrence_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> l
         claim(
             "periodic", 'Abstract: "earthquakes with periodic occurrences (BP1)"', True,
             bool(np.ptp(intervals[1:]) < PERIODIC * intervals.mean()) if len(intervals) > 2 else None, "", 0.0,
-            f"intervals from the fourth event on: {', '.join(f'{one:.3f}' for one in intervals)} years",
+            f"intervals from the fourth event on: {', '.join(f'{interval:.3f}' for interval in intervals)} years",
         ),
     ]  # fmt: skip
 

@@ -37,8 +37,8 @@ def reproduce(
     coarser = []
     for cell in (100.0,) if quick else (50.0, 100.0):
 
-        def tell(stage, share, words, cell=cell):
-            report(f"cells of {cell:g} m", share, words)
+        def tell(stage, share, message, cell=cell):
+            report(f"cells of {cell:g} m", share, message)
 
         scenario = paper_scenario(quick=quick, seed=seed, cell=cell)
         coarser.append(simulate_cycles(scenario, folder=folder, report=tell))

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ...core.units import Fields, for_people
+from ...core.units import Fields, in_readable_units
 from ...figures import fault as figures_of
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
@@ -57,7 +57,7 @@ def numbers(result: FaultResult) -> dict:
 def show(result: FaultResult) -> None:
     """Print the events and their average."""
     events = result.history.events
-    lasted, unit = for_people(events.end - events.start, "s")
+    lasted, unit = in_readable_units(events.end - events.start, "s")
     table = new_table(
         "year", f"duration [{unit}]", "nucleates at [km]", "rupture [km]", "max V [m/s]", "slip [m]", "surface [m]",
         title="Events",

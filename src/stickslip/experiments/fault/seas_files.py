@@ -32,7 +32,7 @@ def write_station(history: FaultHistory, number: int, path: Path) -> None:
     lines = (
         f"minimum_time_step={steps.min(initial=np.inf):g}", f"maximum_time_step={steps.max(initial=0.0):g}",
         f"num_time_steps={len(history.time)}", f"location=on fault, {history.station[number] / 1e3:g} km depth",
-        *(f"Column #{k} = {words}" for k, words in enumerate(SERIES_COLUMNS, start=1)),
+        *(f"Column #{k} = {column}" for k, column in enumerate(SERIES_COLUMNS, start=1)),
         "The line below lists the names of the data fields",
     )  # fmt: skip
     columns = (

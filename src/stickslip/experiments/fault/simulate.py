@@ -68,8 +68,8 @@ def simulate_cycles(
         state = initial_state(fault, velocity=loading.velocity, stress=loading.stress)
     except ValueError as problem:
         raise ScenarioError(f"loading: {problem}") from problem
-    found = nucleation(fault)
-    report("fault", 0.0, found.sentence)
+    estimate = nucleation(fault)
+    report("fault", 0.0, estimate.sentence)
     kept = checkpoint_in(folder, scenario, FaultHistory, FaultEvents, Energy, FaultState, Fault)
     if kept:
         kept = kept.of(f"cells-of-{fault.cell:g}-m")  # a reproduction runs several lengths in one folder
@@ -81,7 +81,7 @@ def simulate_cycles(
         if kept is None or not kept.has(name):
             part = simulate_fault(
                 fault, until, start=state, recording=_recording(scenario), tolerance=scenario.run.tolerance,
-                report=lambda share, words, until=until: report("fault", share * until / scenario.run.years, words),
+                report=lambda share, message, until=until: report("fault", share * until / scenario.run.years, message),
             )  # fmt: skip
             if kept:
                 kept.save(name, part)
@@ -91,7 +91,7 @@ def simulate_cycles(
         state = part.state
     history = join_histories(parts)
     report("fault", 1.0, f"{len(history.events.start)} events in {history.state.time / YEAR:.1f} years")
-    return FaultResult(scenario, history, found)
+    return FaultResult(scenario, history, estimate)
 
 
 def _recording(scenario: FaultScenario) -> Recording:

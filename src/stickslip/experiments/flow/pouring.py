@@ -170,7 +170,7 @@ def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
 def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
     """Return lattice sites, from the bottom up, that are at least `reach` away from walls and the grains of plates."""
     walls, most = _make_walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
-    found, total = [np.zeros((0, 3))], 0
+    free, total = [np.zeros((0, 3))], 0
     for start in range(0, len(lines[1]), rows):
         part = np.meshgrid(lines[1][start : start + rows], *lines[2:], lines[0], indexing="ij")
         y, *z, x = (p.ravel() for p in part)
@@ -178,11 +178,11 @@ def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: 
         good = (heights(sites, walls) >= reach * (1 - 1e-9)).all(axis=1)
         for plate in scenario.plates:
             good &= np.abs(y - plate.height) >= reach + (plate.radius or most)
-        found.append(sites[good])
+        free.append(sites[good])
         total += good.sum()
         if total >= wanted:
             break
-    return np.concatenate(found)
+    return np.concatenate(free)
 
 
 def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, float]:
@@ -255,8 +255,8 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
             f"{LIMIT * unit:.3g}: give a smaller value, or leave dt out to use {SAFETY * unit:.3g}"
         )
     dt = scenario.dt or SAFETY * unit
-    words = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"
-    require_sizes([Size(words[0], scenario.duration / dt, "time steps", words[1])], ScenarioError)
+    texts = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"
+    require_sizes([Size(texts[0], scenario.duration / dt, "time steps", texts[1])], ScenarioError)
     return dt
 
 

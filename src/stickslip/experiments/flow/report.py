@@ -34,9 +34,9 @@ def files(result: FlowResult):
 
 def numbers(result: FlowResult) -> dict:
     """Return the contents of the archive other than scenario and version."""
-    found, shear = {}, plane_shear(result)
+    extra, shear = {}, plane_shear(result)
     if shear:
-        found["plane_shear"] = archive_fields(shear)
+        extra["plane_shear"] = archive_fields(shear)
     tree = {
         "scenario": result.scenario.text,
         "law": result.law,
@@ -56,7 +56,7 @@ def numbers(result: FlowResult) -> dict:
         "frame_walls": {f"{k:04d}": "\n".join(names) for k, names in enumerate(result.frame_walls)},
         "frames": {f"{k:04d}": state for k, state in enumerate(result.frames)},
         "units": "those of the scenario",
-        **found,
+        **extra,
     }
     return Fields(tree, Poured)
 
@@ -98,11 +98,11 @@ def show(result: FlowResult) -> None:
     show_table(table)
     for stage in result.stages:
         if stage.rested is False:
-            words = (
+            warning = (
                 f"stage {stage.name!r} reached its duration before the grains came to rest: "
                 "use a longer duration or more drag"
             )
-            console.print(words, style="yellow")
+            console.print(warning, style="yellow")
     if shear := plane_shear(result):
         console.print(
             f"Plane shear: friction {shear.friction:.3f} ± {shear.friction_deviation:.3f} (standard deviation in time) "

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from ...builtin_laws import NAMES
 from ...core.sizes import MOST, STATE, Size
-from ...data.law_schema import LawTable, takes
+from ...data.law_schema import LawTable, allow_laws
 from ...data.schema import (
     Finite,
     Listed,
@@ -116,7 +116,7 @@ class Pour(ScenarioTable):
         return self
 
 
-@takes(
+@allow_laws(
     "linear", *NAMES, coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5, damping=None, damping_n=None,
     damping_t=None, damping_ratio=None, restitution=None, speed=None, work=None, k_unload=None, surface_tension=None,
     volume=None, lever=None, memory=None, rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None,
@@ -223,7 +223,7 @@ class FlowScenario(ScenarioBase):
         yield Size("saved states take", STATE * self.grains.number * frames, "bytes", "use fewer frames")
         motions = [(body.name, body.velocity) for body in (*self.walls, *self.plates)]
         motions += [item for stage in self.stages for item in stage.velocity.items()]
-        for name, way in ((name, way) for name, one in motions for way in one.prescribed.values()):
+        for name, way in ((name, way) for name, motion in motions for way in motion.prescribed.values()):
             if isinstance(way, Shaking):
                 periods = way.frequency * self.duration
                 yield Size(f"{name} shakes", periods, "times", "use a lower frequency or shorter stages")

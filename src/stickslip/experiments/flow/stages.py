@@ -131,7 +131,7 @@ def stage_leg(
 
 def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
     """Return the courses that are sines, which LAMMPS evaluates as such, by their column in the control."""
-    found, n = {}, len(state.grains.radius)
+    waves, n = {}, len(state.grains.radius)
     for name, axes in conditions.motion.items():
         if name not in (*conditions.walls, *start.plates):
             continue
@@ -140,5 +140,5 @@ def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int
             if way[0] == "velocity" and isinstance(way[1], Shaking):
                 shaking = way[1]
                 column = int(state.control.follows[row, AXES.index(axis)])
-                found[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
-    return found
+                waves[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
+    return waves

@@ -95,7 +95,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
     before = measures.holds(main)[-1]
     curve = measures.hold_curve(main, before)
     last = float(curve.x[-1])
-    rate, end = measures.per_efold(curve), curve.at(last)
+    rate, end = measures.slope_per_efold(curve), curve.at(last)
     expected = predict_per_efold(main, before, curve.x, "slip")
     laws = {law: float(change[-1]) for law, (_, change) in predict_hold(main, before, curve.x).items()}
     points = ", ".join(f"{_interval(curve.at(t))} after {t:g} s" for t in (1e-2, 1e-1, 1.0) if t <= last * 1.01)
@@ -122,7 +122,7 @@ def _compaction(main: GougeResult) -> Claim:
     before, size = measures.holds(main)[-1], main.scenario.grains.mean
     curve = measures.hold_curve(main, before, "thickness")
     curve = curve._replace(rows=-curve.rows / size)
-    rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
+    rate, end = measures.slope_per_efold(curve), curve.at(curve.x[-1])
     return _statement(
         "compaction-in-holds", "Text: not in the supplement", _is_positive(rate),
         f"thickness lost per e-fold of hold time: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
@@ -139,7 +139,7 @@ def _healing(main: GougeResult) -> Claim:
     before = measures.holds(main)[-1]
     times, peaks, rate = healing_peaks(main, before)
     curves = [measures.reslide_curve(main, before, t, before) for t in times]
-    words = "; ".join(
+    listed = "; ".join(
         f"{_interval(p)} after {t:g} s, at a slip of {measures.peak_slip(c):.2g} D, overestimated by at most "
         f"{measures.peak_bias(c):.4f}, as noise affects the maximum"
         for t, p, c in zip(times, peaks, curves, strict=True)
@@ -147,7 +147,7 @@ def _healing(main: GougeResult) -> Claim:
     return claim(
         "healing-rate", where, None, rate.value, "1", TOLERANCE["healing"],
         f"peak after elastic reloading minus steady friction, per e-fold of hold: {_interval(rate)}; reference "
-        f"{B / 2:.4f} to {B}; peaks {words}; {_scale_note(main)}", error=rate.half / 2, **reference,
+        f"{B / 2:.4f} to {B}; peaks {listed}; {_scale_note(main)}", error=rate.half / 2, **reference,
     )  # fmt: skip
 
 
@@ -159,10 +159,10 @@ def _reslide_peaks(result: GougeResult | None) -> Claim:
     _, after, peaks, hold = reslides_after_longest(result, before)
     ratios = after / before
     rate = slope(np.log(ratios), peaks)
-    words = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
+    listed = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
     return claim(
         "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
-        f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {words}; "
+        f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {listed}; "
         f"after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}", error=rate.half / 2,
     )  # fmt: skip
 
@@ -183,15 +183,15 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
     known = {"stiffness": stiffness(result.scenario) / result.scenario.load.normal_stress, "damping": eta}
     slip, aging = (fit(records, law=law, fixed=known) for law in ("slip", "aging"))
     value, low, high = slip.difference
-    found = {n: (slip.values[n], slip.errors[n]) for n in ("a", "b", "dc")}
-    found["a-minus-b"] = value, (high - low) / (2 * 1.96)
+    parameters = {n: (slip.values[n], slip.errors[n]) for n in ("a", "b", "dc")}
+    parameters["a-minus-b"] = value, (high - low) / (2 * 1.96)
     note = (
         f"slip law fitted to steps averaged over branches, with known k and radiation damping η = {eta:.3f} s/m from "
         f"the peaks; from the peaks alone a = {_interval(seen.a)}, η = {_interval(seen.impedance)} s/m; "
         f"{slip.sentence or 'all parameters are known'}; {compare_laws(slip, aging).sentence}; {_scale_note(result)}"
     )
     return [
-        claim(n, where(n), printed[n], found[n][0], units.get(n, "1"), tolerance, note, error=found[n][1])
+        claim(n, where(n), printed[n], parameters[n][0], units.get(n, "1"), tolerance, note, error=parameters[n][1])
         for n in printed
     ]
 
@@ -203,9 +203,9 @@ def _symmetry(result: GougeResult | None) -> Claim:
         return _statement("velocity-step-symmetry", where, None, note, study=STUDY)
     seen = measures.response(result)
     (v, w), *_ = [pair for pair in seen.peaks if (pair[1], pair[0]) in seen.peaks]
-    one, other = ((seen.peaks[pair], pair) for pair in ((v, w), (w, v)))
-    sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (one, other)]
-    halves = float(np.hypot(one[0].half, other[0].half))
+    forward, back = ((seen.peaks[pair], pair) for pair in ((v, w), (w, v)))
+    sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (forward, back)]
+    halves = float(np.hypot(forward[0].half, back[0].half))
     difference = sizes[0] - sizes[1]
     same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # else it is not known
     alike = False if abs(difference) > halves else True if same else None
@@ -216,16 +216,16 @@ def _symmetry(result: GougeResult | None) -> Claim:
     )  # fmt: skip
 
 
-def _compare_dampings(one: GougeResult, other: GougeResult) -> dict[str, tuple[Number, Number]]:
+def _compare_dampings(first: GougeResult, second: GougeResult) -> dict[str, tuple[Number, Number]]:
     """Relaxation (at the end of the shorter hold, and per e-fold) and steady friction for two damping values."""
-    before = measures.holds(one)[0]
-    curves = [measures.hold_curve(result, before) for result in (one, other)]
+    before = measures.holds(first)[0]
+    curves = [measures.hold_curve(result, before) for result in (first, second)]
     last = min(float(curve.x[-1]) for curve in curves)
     cut = [c._replace(x=c.x[c.x <= last * 1.01], rows=c.rows[:, c.x <= last * 1.01]) for c in curves]
     return {
         f"change in friction over {last:.2g} s": tuple(c.at(last) for c in cut),
-        "per e-fold": tuple(measures.per_efold(c) for c in cut),
-        "steady friction": tuple(measures.mean_friction(result, before) for result in (one, other)),
+        "per e-fold": tuple(measures.slope_per_efold(c) for c in cut),
+        "steady friction": tuple(measures.mean_friction(result, before) for result in (first, second)),
     }
 
 
@@ -239,12 +239,12 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
     differences = {name: difference(*pair) for name, pair in pairs.items()}
     telling = all(half <= TELLING for name, (_, half) in differences.items() if name != "steady friction")
     alike = all(abs(value) <= half for value, half in differences.values())
-    words = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
+    listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
     gammas = " and ".join(f"{damping(r.scenario):.2g}" for r in by_eq8[:2])
     return _statement(
         id, source, alike if telling or not alike else None,
         f"ε = 0.98 and 0.3 by Eq 8, γ_n = {gammas} 1/(m s); alike if all differences lie within their 95 % intervals: "
-        f"{words}; {_scale_note(by_eq8[1])}",
+        f"{listed}; {_scale_note(by_eq8[1])}",
     )  # fmt: skip
 
 
@@ -258,10 +258,10 @@ def _restitution_of_collisions(holds: dict[str, GougeResult]) -> Claim:
     pairs = _compare_dampings(next(iter(holds.values())), other)
     apart = {name: difference(*pair) for name, pair in pairs.items()}
     differ = [name for name, (value, half) in apart.items() if abs(value) > half]
-    words = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
+    listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
     return _statement(
         id, source, False if differ else None,
-        f"if ε is the restitution of a collision under Eq 1, at 1.00 and 0.98: {words}; outside their 95 % intervals: "
+        f"if ε is the restitution of a collision under Eq 1, at 1.00 and 0.98: {listed}; outside their 95 % intervals: "
         f"{', '.join(differ) or 'none'}; {_scale_note(other)}",
     )  # fmt: skip
 
@@ -274,7 +274,7 @@ def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
         return claim("calibrated-damping", source, None, None, "1", 0.5, "not run")
     main = next(iter(holds.values()))
     pairs = _compare_dampings(main, other)
-    (plain, strong), words = (
+    (plain, strong), listed = (
         next(iter(pairs.values())),
         "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items()),
     )
@@ -282,20 +282,20 @@ def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
     return claim(
         "calibrated-damping", source, None, strong.value / plain.value, "1", 0.5,
         f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), which gives collisions a restitution of 0.98, "
-        f"over that with {damping(main.scenario):.2g}: {words}; {_scale_note(other)}", error=float(error),
+        f"over that with {damping(main.scenario):.2g}: {listed}; {_scale_note(other)}", error=float(error),
     )  # fmt: skip
 
 
 def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
     runs = [main, *(r for name, r in more.items() if name in ("velocities", "steps"))]
-    found = {v: measures.mean_friction(r, v) for r in runs for v in measures.velocities(r)}
-    words = ", ".join(f"{_interval(n)} at {v:g} m/s" for v, n in sorted(found.items()))
+    levels = {v: measures.mean_friction(r, v) for r in runs for v in measures.velocities(r)}
+    listed = ", ".join(f"{_interval(n)} at {v:g} m/s" for v, n in sorted(levels.items()))
     before = measures.holds(main)[-1]
     return claim(
-        "steady-friction", "Text: no steady friction is printed", None, found[before].value, "1", TOLERANCE["steady"],
-        f"{words}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
+        "steady-friction", "Text: no steady friction is printed", None, levels[before].value, "1", TOLERANCE["steady"],
+        f"{listed}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
         f"{_scale_note(main)}",
-        error=found[before].half / 2, reference=sum(STEADY) / 2,
+        error=levels[before].half / 2, reference=sum(STEADY) / 2,
         reference_source=f"midpoint of {STEADY[0]} to {STEADY[1]}, known for gouge made of such grains",
     )  # fmt: skip
 
@@ -304,18 +304,18 @@ def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
     """Claim about the granular temperature over the normal stress, with the direct effect in the note."""
     result = steps or main
     chosen, before = result.scenario, measures.velocities(main)[0]
-    found = measures.mean_of(result, before, "temperature")
-    normalised = found.value * chosen.grains.density / chosen.load.normal_stress
+    mean = measures.mean_of(result, before, "temperature")
+    normalised = mean.value * chosen.grains.density / chosen.load.normal_stress
     seen = measures.response(steps) if steps else None
-    words = f"a = {_interval(seen.a)}" if seen else f"a was not measured; the paper's value is {A}"
+    direct = f"a = {_interval(seen.a)}" if seen else f"a was not measured; the paper's value is {A}"
     ratio = measures.sliding_energy_ratio(main, before)
     return claim(
         "granular-temperature", "Text: not in the supplement", None, normalised, "1", 0.5,
-        f"ρ T/σ at {before:g} m/s, where T = {found.value:.2g} ± {found.half:.1g} m²/s² is the mean of v_y² and v_z²; "
+        f"ρ T/σ at {before:g} m/s, where T = {mean.value:.2g} ± {mean.half:.1g} m²/s² is the mean of v_y² and v_z²; "
         f"its square root {normalised**0.5:.1e}, kinetic over elastic energy {ratio.value:.1e} ± {ratio.half:.0e}; "
-        f"{words}; {EARLIER}, states that a suitable normalisation by the confining pressure gives an estimate of a, "
+        f"{direct}; {EARLIER}, states that a suitable normalisation by the confining pressure gives an estimate of a, "
         f"but its formula was not available; {_scale_note(result)}",
-        error=found.half / 2 / found.value * normalised,
+        error=mean.half / 2 / mean.value * normalised,
     )  # fmt: skip
 
 
@@ -340,7 +340,7 @@ def _quasi_static(main: GougeResult) -> Claim:
 
 def _energies(main: GougeResult) -> Claim:
     """Claim about the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
-    books = [one.ledger for one in main.realizations if one.ledger]
+    books = [sample.ledger for sample in main.realizations if sample.ledger]
     source, study = "Text: not in the paper; a check of this package", "conservation of energy"
     if not books:
         return _statement("energy-balance", source, None, "no ledger was recorded", study=study)

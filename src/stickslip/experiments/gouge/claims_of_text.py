@@ -161,17 +161,17 @@ def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spr
 
 def _law_of_holds(main: GougeResult) -> Claim:
     before = measures.holds(main)[-1]
-    curve, rate = measures.hold_curve(main, before), measures.per_efold(measures.hold_curve(main, before))
+    curve, rate = measures.hold_curve(main, before), measures.slope_per_efold(measures.hold_curve(main, before))
     made = compare_hold_laws(curve.x, curve.mean, before, stiffness(main.scenario) / main.scenario.load.normal_stress)
     expected = {law: predict_per_efold(main, before, curve.x, law) for law in ("slip", "aging")}
     inside = {law: abs(rate.value - value) <= rate.half for law, value in expected.items()}
     measured = None if made.preferred is None else made.preferred == "slip" and inside["slip"]
-    words = ", ".join(f"{law} law {value:.4f}" for law, value in expected.items())
+    slopes = ", ".join(f"{law} law {value:.4f}" for law, value in expected.items())
     return claim(
         "slip-law-in-holds", "Fig S1: curves of both laws; no statement in the supplement", None,
         measured if measured is None or inside["slip"] != inside["aging"] else None, "", 0.0,
         f"{made.sentence}, from {min(measures.EARLIEST, curve.x[-1] / 10):g} s on with a free level; slope per e-fold "
-        f"{rate.value:.4f} ± {rate.half:.4f}: {words}. Both laws predict a larger decrease before that time",
+        f"{rate.value:.4f} ± {rate.half:.4f}: {slopes}. Both laws predict a larger decrease before that time",
         reference=True, reference_source=STUDY,
     )  # fmt: skip
 

@@ -26,7 +26,7 @@ def predict_hold(result: GougeResult, before: float, times) -> dict:
 
 
 def predict_per_efold(result: GougeResult, before: float, times, law: str) -> float:
-    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.per_efold`."""
+    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.slope_per_efold`."""
     time, change = predict_hold(result, before, times)[law]
     late = time >= min(measures.EARLIEST, time[-1] / 10)
     return float(np.polyfit(np.log(time[late]), change[late], 1)[0])
@@ -45,14 +45,13 @@ def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list
 
     The velocity is the one before the hold if there are such slides, otherwise the slowest.
     """
-    found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
-    chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
-    return sorted(h for h, w in found if w == chosen), chosen
+    holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
+    chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
+    return sorted(h for h, w in holds if w == chosen), chosen
 
 
 def healing_peaks(result: GougeResult, before: float):
-    """Return hold times, the peaks after these holds at one velocity, and their slope against the logarithm of the hold
-    time."""
+    """Return hold times, the peaks after them at one velocity, and the slope of these per e-fold of hold time."""
     times, after = holds_with_common_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
     return times, peaks, slope(np.log(times), peaks)

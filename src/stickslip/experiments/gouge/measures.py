@@ -18,20 +18,20 @@ BEFORE = 0.02  # slip over which the value before a hold is averaged [D]
 SMOOTH = 0.02  # slip over which curves are averaged before the peak is determined [D]
 
 
-def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
+def steady_friction(sample: Realization, velocity: float, window: float) -> Mean | None:
     """Mean steady friction of a realization at a velocity; None if it was never steady there.
 
     The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
     halves of slides and steps that changed to it. The error accounts for the correlation of friction along the
     slip; see `friction.measure.steady_mean`.
     """
-    pieces = _steady_pieces(found, velocity, window, "friction")
+    pieces = _steady_pieces(sample, velocity, window, "friction")
     return steady_mean(np.concatenate(pieces)) if pieces else None
 
 
-def _steady_pieces(found: Realization, velocity: float, window: float, column: str) -> list[np.ndarray]:
+def _steady_pieces(sample: Realization, velocity: float, window: float, column: str) -> list[np.ndarray]:
     pieces = []
-    for test in found.of("steady", "slide", "step"):
+    for test in sample.of("steady", "slide", "step"):
         series = test.series
         if test.velocity != velocity:
             continue
@@ -44,8 +44,8 @@ def _steady_pieces(found: Realization, velocity: float, window: float, column: s
 
 def velocities(result: GougeResult) -> list[float]:
     """Velocities with steady friction in some realization, slowest first."""
-    found = {t.velocity for one in result.realizations for t in one.of("steady", "slide", "step")}
-    return sorted(v for v in found if v > 0)
+    values = {t.velocity for sample in result.realizations for t in sample.of("steady", "slide", "step")}
+    return sorted(v for v in values if v > 0)
 
 
 def mean_friction(result: GougeResult, velocity: float) -> Number:
@@ -54,26 +54,26 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
     The error is based on the scatter between samples. With only one sample, it is the error of that sample's mean.
     """
     means = _steady_levels(result, velocity)
-    found = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
-    return found._replace(error=means[0].error) if len(means) == 1 else found
+    friction = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
+    return friction._replace(error=means[0].error) if len(means) == 1 else friction
 
 
 def mean_of(result: GougeResult, velocity: float, column: str) -> Number:
     """Mean over samples of a series column in steady sliding at a velocity."""
     window = _window(result)
-    rows = [[np.concatenate(_steady_pieces(one, velocity, window, column)).mean()] for one in result.realizations]
+    rows = [[np.concatenate(_steady_pieces(sample, velocity, window, column)).mean()] for sample in result.realizations]
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
 
 
 def correlation_slip(result: GougeResult, velocity: float) -> float:
     """Correlation length of friction along the slip in steady sliding, 2τ of its autocorrelation [D]."""
-    found = []
-    for one in result.realizations:
-        pieces = _steady_pieces(one, velocity, _window(result), "friction")
+    lengths = []
+    for sample in result.realizations:
+        pieces = _steady_pieces(sample, velocity, _window(result), "friction")
         whole = np.concatenate(pieces)
         slid = velocity * result.scenario.interval * len(whole) / result.scenario.grains.mean
-        found.append(slid / steady_mean(whole).effective)
-    return float(np.mean(found))
+        lengths.append(slid / steady_mean(whole).effective)
+    return float(np.mean(lengths))
 
 
 def _window(result: GougeResult) -> float:
@@ -81,12 +81,12 @@ def _window(result: GougeResult) -> float:
 
 
 def _seeds(result: GougeResult) -> np.ndarray:
-    return np.array([one.seed for one in result.realizations])
+    return np.array([sample.seed for sample in result.realizations])
 
 
 def _steady_levels(result: GougeResult, velocity: float) -> list[Mean]:
     """Steady friction of every realization at a velocity."""
-    return [steady_friction(one, velocity, _window(result)) for one in result.realizations]
+    return [steady_friction(sample, velocity, _window(result)) for sample in result.realizations]
 
 
 def steps(result: GougeResult) -> list[tuple[float, float]]:
@@ -103,21 +103,21 @@ def step_curve(
     mean of the sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
     """
     pairs = []
-    for one in result.realizations:
-        for test in one.of("step"):
+    for sample in result.realizations:
+        for test in sample.of("step"):
             if (test.before, test.velocity) == (before, after):
-                pairs.append((one, test, _find_twin(one, test) if twin else None))
+                pairs.append((sample, test, _find_twin(sample, test) if twin else None))
     if not pairs or (twin and any(copy is None for _, _, copy in pairs)):
         return None
     grid = _grid(_load_point_slip(result, test)[-1] for _, *both in pairs for test in both if test is not None)
     rows = []
-    for one, test, copy in pairs:
+    for sample, test, copy in pairs:
         row = np.interp(grid, _load_point_slip(result, test), getattr(test.series, column))
         if copy is not None:
             rows.append(row - np.interp(grid, _load_point_slip(result, copy), getattr(copy.series, column)))
         else:
-            rows.append(row - np.concatenate(_steady_pieces(one, before, _window(result), column)).mean())
-    return Curve(grid, np.array(rows), np.array([one.seed for one, *_ in pairs]), f"{before:g} → {after:g} m/s")
+            rows.append(row - np.concatenate(_steady_pieces(sample, before, _window(result), column)).mean())
+    return Curve(grid, np.array(rows), np.array([sample.seed for sample, *_ in pairs]), f"{before:g} → {after:g} m/s")
 
 
 def _grid(ends) -> np.ndarray:
@@ -126,9 +126,9 @@ def _grid(ends) -> np.ndarray:
     return np.linspace(0, end, max(POINTS, int(20 * end / EARLY)))
 
 
-def _find_twin(one: Realization, test: Test) -> Test | None:
+def _find_twin(sample: Realization, test: Test) -> Test | None:
     """Find the copy that continued from the start of a step, or of the hold before a slide; None if there is none."""
-    for other in reversed(one.tests[: next(k for k, t in enumerate(one.tests) if t is test)]):
+    for other in reversed(sample.tests[: next(k for k, t in enumerate(sample.tests) if t is test)]):
         if (other.part, other.branch) != (test.part, test.branch):
             return None
         if other.kind == "twin" and other.before == test.before:
@@ -151,11 +151,11 @@ def direct_effect(curve: Curve, before: float, after: float) -> Number:
 
     See `Response.impedance`.
     """
-    found, size = just_after(curve), np.log(after / before)
-    return found._replace(value=found.value / size, error=found.error / abs(size), draws=found.draws / size)
+    jump, size = early_mean(curve), np.log(after / before)
+    return jump._replace(value=jump.value / size, error=jump.error / abs(size), draws=jump.draws / size)
 
 
-def just_after(curve: Curve) -> Number:
+def early_mean(curve: Curve) -> Number:
     """Mean over slips up to `EARLY`; the window is fixed, as the maximum of a fluctuating curve is biased upward."""
     near = curve.x <= EARLY
     return curve.read(lambda mean: mean[near].mean())
@@ -199,19 +199,19 @@ def hold_curve(result: GougeResult, before: float, column: str = "friction") -> 
     Only the longest holds after this velocity are used. The value before a hold is the mean over the last `BEFORE`
     diameters of the preceding slide.
     """
-    found = []
-    for one in result.realizations:
-        tests = [t for t in one.of("hold") if t.before == before]
+    pairs = []
+    for sample in result.realizations:
+        tests = [t for t in sample.of("hold") if t.before == before]
         longest = max(_hold_time(result, t)[-1] for t in tests)
-        found += [(one, t) for t in tests if _hold_time(result, t)[-1] > longest * (1 - 1e-6)]
-    times = [_hold_time(result, test) for _, test in found]
+        pairs += [(sample, t) for t in tests if _hold_time(result, t)[-1] > longest * (1 - 1e-6)]
+    times = [_hold_time(result, test) for _, test in pairs]
     grid = np.geomspace(max(t[0] for t in times), min(t[-1] for t in times), POINTS)
     rows = [
         np.interp(np.log(grid), np.log(time), getattr(test.series, column))
-        - _mean_before_hold(result, one, test, column)
-        for (one, test), time in zip(found, times, strict=True)
+        - _mean_before_hold(result, sample, test, column)
+        for (sample, test), time in zip(pairs, times, strict=True)
     ]
-    return Curve(grid, np.array(rows), np.array([one.seed for one, _ in found]), f"$V_i$ = {before:g} m/s")
+    return Curve(grid, np.array(rows), np.array([sample.seed for sample, _ in pairs]), f"$V_i$ = {before:g} m/s")
 
 
 def _hold_time(result: GougeResult, test: Test) -> np.ndarray:
@@ -219,8 +219,8 @@ def _hold_time(result: GougeResult, test: Test) -> np.ndarray:
     return test.series.time - test.series.time[0] + result.scenario.interval
 
 
-def _mean_before_hold(result: GougeResult, one: Realization, hold: Test, column: str) -> float:
-    series = one.slide_to(hold).series
+def _mean_before_hold(result: GougeResult, sample: Realization, hold: Test, column: str) -> float:
+    series = sample.slide_to(hold).series
     near = series.load_point > series.load_point[-1] - BEFORE * result.scenario.grains.mean
     return float(getattr(series, column)[near].mean())
 
@@ -240,24 +240,24 @@ def energy_ratio(result: GougeResult, before: float) -> Curve:
     The elastic energy is that at the end of the hold, as it hardly changes under a constant stress.
     """
     curve = hold_curve(result, before, "kinetic_energy")
-    tests = [(one, t) for one in result.realizations for t in one.of("hold") if t.before == before]
+    tests = [(sample, t) for sample in result.realizations for t in sample.of("hold") if t.before == before]
     rows = [
         np.interp(np.log(curve.x), np.log(_hold_time(result, t)), t.series.kinetic_energy) / t.elastic for _, t in tests
     ]
-    return curve._replace(rows=np.array(rows), seeds=np.array([one.seed for one, _ in tests]))
+    return curve._replace(rows=np.array(rows), seeds=np.array([sample.seed for sample, _ in tests]))
 
 
 def sliding_energy_ratio(result: GougeResult, velocity: float) -> Number:
     """Kinetic over elastic energy in steady sliding at a velocity."""
     rows = []
-    for one in result.realizations:
-        stored = [t.elastic for t in one.of("steady", "slide") if t.velocity == velocity]
-        kinetic = np.concatenate(_steady_pieces(one, velocity, _window(result), "kinetic_energy")).mean()
+    for sample in result.realizations:
+        stored = [t.elastic for t in sample.of("steady", "slide") if t.velocity == velocity]
+        kinetic = np.concatenate(_steady_pieces(sample, velocity, _window(result), "kinetic_energy")).mean()
         rows.append([kinetic / np.mean(stored)])
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
 
 
-def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
+def slope_per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
     """Slope of a curve against the logarithm of the hold time, from `earliest` [s] on."""
     late = curve.x >= min(earliest, curve.x[-1] / 10)
     x = np.log(curve.x[late])
@@ -276,19 +276,19 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
     The change is relative to the steady friction of each sample before the hold or, with `twin`, to the copy that
     continued without a hold. Returns None if there is no such slide or copy.
     """
-    found = []
-    for one, level in zip(result.realizations, (m.mean for m in _steady_levels(result, before)), strict=True):
-        for test in one.of("reslide"):
+    slides = []
+    for sample, level in zip(result.realizations, (m.mean for m in _steady_levels(result, before)), strict=True):
+        for test in sample.of("reslide"):
             if (test.before, test.hold, test.velocity) == (before, hold, after):
-                found.append((one, level, test, _find_twin(one, test) if twin else None))
-    if not found or (twin and any(copy is None for *_, copy in found)):
+                slides.append((sample, level, test, _find_twin(sample, test) if twin else None))
+    if not slides or (twin and any(copy is None for *_, copy in slides)):
         return None
-    grid = _grid(_load_point_slip(result, test)[-1] for _, _, *both in found for test in both if test is not None)
+    grid = _grid(_load_point_slip(result, test)[-1] for _, _, *both in slides for test in both if test is not None)
     rows = []
-    for _, level, test, copy in found:
+    for _, level, test, copy in slides:
         less = level if copy is None else np.interp(grid, _load_point_slip(result, copy), copy.series.friction)
         rows.append(np.interp(grid, _load_point_slip(result, test), test.series.friction) - less)
-    seeds = np.array([one.seed for one, *_ in found])
+    seeds = np.array([sample.seed for sample, *_ in slides])
     return Curve(grid, np.array(rows), seeds, f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s")
 
 
@@ -347,12 +347,12 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     ----------
     samples : maximum number of samples in each record, shared equally among its legs; each is a mean over neighbours
     """
-    found = []
-    for one in result.realizations:
-        for part, branch in dict.fromkeys((t.part, t.branch) for t in one.of("step")):
-            tests = [t for t in one.of("step") if (t.part, t.branch) == (part, branch)]
-            found.append(Steps(one.seed, part, branch, _make_record([one.slide_to(tests[0]), *tests], samples)))
-    return found
+    records = []
+    for sample in result.realizations:
+        for part, branch in dict.fromkeys((t.part, t.branch) for t in sample.of("step")):
+            tests = [t for t in sample.of("step") if (t.part, t.branch) == (part, branch)]
+            records.append(Steps(sample.seed, part, branch, _make_record([sample.slide_to(tests[0]), *tests], samples)))
+    return records
 
 
 def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
@@ -360,14 +360,14 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
     Return one record for each part of the protocol that has such steps.
     """
-    found, records = [], step_records(result, samples=samples)
-    for part in dict.fromkeys(one.part for one in records):
-        mine = [one.data for one in records if one.part == part and one.branch > 0] or [
-            one.data for one in records if one.part == part
+    means, records = [], step_records(result, samples=samples)
+    for part in dict.fromkeys(record.part for record in records):
+        mine = [record.data for record in records if record.part == part and record.branch > 0] or [
+            record.data for record in records if record.part == part
         ]
         friction = np.mean([data.friction for data in mine], axis=0)
-        found.append(Steps(-1, part, -1, mine[0]._replace(friction=friction)))
-    return found
+        means.append(Steps(-1, part, -1, mine[0]._replace(friction=friction)))
+    return means
 
 
 def _make_record(chain: list[Test], samples: int) -> Data:

@@ -104,7 +104,7 @@ def reproduce(
     seed: int = 0,
     folder: Path | None = None,
     workers: Workers = None,
-    report: Report = lambda stage, share, words: None,
+    report: Report = lambda stage, share, message: None,
 ) -> Reproduction:
     """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
 
@@ -118,12 +118,12 @@ def reproduce(
     more = full_scenarios(seed) if full else {}
     announce(*chosen.values(), *more.values())
 
-    def run(name, one):
+    def run(name, scenario):
         return simulate_gouge(
-            one, folder=folder, workers=workers, report=lambda stage, *rest: report(f"{name}: {stage}", *rest)
+            scenario, folder=folder, workers=workers, report=lambda stage, *rest: report(f"{name}: {stage}", *rest)
         )
 
-    holds = {name: run(name, one) for name, one in chosen.items()}
-    rest = {name: run(name, one) for name, one in more.items()}
+    holds = {name: run(name, scenario) for name, scenario in chosen.items()}
+    rest = {name: run(name, scenario) for name, scenario in more.items()}
     claims = evaluate_claims(holds, rest)
     return Reproduction(holds, rest, note_quick_run(claims) if quick else claims)

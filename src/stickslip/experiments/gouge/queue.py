@@ -51,10 +51,10 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     written = _Legs(folder, scenario.ranks)
     engine = Engine(written.pieces)
     for seed in range(scenario.seed, scenario.seed + scenario.realizations):
-        one = scenario.model_copy(update={"realizations": 1, "seed": seed})
-        kept = checkpoint_in(folder, scenario, Gouge).of(one.digest).of(TRUNK)
-        gouge = settled_sample(one, seed, silent, kept)
-        bare = one.model_copy(update={"ledger_steps": 0})
+        single = scenario.model_copy(update={"realizations": 1, "seed": seed})
+        kept = checkpoint_in(folder, scenario, Gouge).of(single.digest).of(TRUNK)
+        gouge = settled_sample(single, seed, silent, kept)
+        bare = single.model_copy(update={"ledger_steps": 0})
         trunk = slide_trunk(bare, gouge, engine, silent)
         for start in trunk.branches:
             run_branch(bare, start, engine, silent)

@@ -58,9 +58,9 @@ def figures(result: GougeResult):
         yield "fig4_rest.png", _rest_figure({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
         yield from _reslide_figures(result, result)
     yield "fig7_sample.png", figures_of.sample(result.realizations[0], result.scenario)
-    found = _slips(result)
-    if len(found.time):
-        yield "fig8_slips.png", figures_of.stick_slip(result.realizations[0], found, result.scenario.grains.mean)
+    slips = _slips(result)
+    if len(slips.time):
+        yield "fig8_slips.png", figures_of.stick_slip(result.realizations[0], slips, result.scenario.grains.mean)
 
 
 def _slips(result: GougeResult) -> Slips:
@@ -70,33 +70,34 @@ def _slips(result: GougeResult) -> Slips:
 def files(result: GougeResult):
     """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
     yield SERIES, partial(_write_series, result)
-    if len((found := _slips(result)).time):
-        yield SLIPS, partial(_write_slips, found)
+    if len((slips := _slips(result)).time):
+        yield SLIPS, partial(_write_slips, slips)
     yield from _step_files(result)
 
 
-def paper_files(found):
+def paper_files(reproduction):
     """Yield (file name, function that writes it) for the paper's experiments."""
-    yield SERIES, partial(_write_series, found.main)
-    yield from _step_files(found.more.get("steps", found.main))
-    yield CURVES, partial(_write_curves, found)
+    yield SERIES, partial(_write_series, reproduction.main)
+    yield from _step_files(reproduction.more.get("steps", reproduction.main))
+    yield CURVES, partial(_write_curves, reproduction)
 
 
-def paper_failures(found) -> tuple[str, ...]:
+def paper_failures(reproduction) -> tuple[str, ...]:
     """One sentence for each failed realization of any run."""
-    return tuple(f"{name}: {words}" for name, result in found.results.items() for words in result.failures)
+    return tuple(f"{name}: {failure}" for name, result in reproduction.results.items() for failure in result.failures)
 
 
-def paper_figures(found):
+def paper_figures(reproduction):
     """Yield (file name, Figure) for the paper's experiments: holds with every damping value, and all other runs."""
-    main, before = found.main, measured.holds(found.main)[-1]
+    main, before = reproduction.main, measured.holds(reproduction.main)[-1]
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
-    if "steps" in found.more:
-        yield from _step_figures(found.more["steps"])
-    curves = [measured.hold_curve(r, before)._replace(label=_damping_label(r, name)) for name, r in found.holds.items()]
+    if "steps" in reproduction.more:
+        yield from _step_figures(reproduction.more["steps"])
+    labelled = [(_damping_label(r, name), r) for name, r in reproduction.holds.items()]
+    curves = [measured.hold_curve(r, before)._replace(label=label) for label, r in labelled]
     yield "fig3_holds.png", figures_of.holds([(curves, predict_hold(main, before, curves[0].x))])
-    yield "fig4_rest.png", _rest_figure({_damping_label(r, name): (r, before) for name, r in found.holds.items()})
-    yield from _reslide_figures(found.more.get("reslides", main), main)
+    yield "fig4_rest.png", _rest_figure({label: (r, before) for label, r in labelled})
+    yield from _reslide_figures(reproduction.more.get("reslides", main), main)
     yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
 
 
@@ -161,7 +162,7 @@ def numbers(result: GougeResult) -> dict:
         "inertial_number": {
             f"{velocity:g}": inertial_numbers(scenario, velocity, thickness) for velocity in measured.velocities(result)
         },
-        "realizations": {f"{one.seed:04d}": one for one in result.realizations},
+        "realizations": {f"{sample.seed:04d}": sample for sample in result.realizations},
         "failures": "\n".join(result.failures),
         "slips": archive_fields(_slips(result)),
         "steady_friction": {f"{v:g}": measured.mean_friction(result, v)._asdict() for v in measured.velocities(result)},
@@ -173,9 +174,9 @@ def _write_series(result: GougeResult, path: Path) -> None:
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
     labels = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
     rows = (
-        (one.seed, k, test.part, test.branch, test.kind, test.before, test.velocity, test.hold, *row)
-        for one in result.realizations
-        for k, test in enumerate(one.tests)
+        (sample.seed, k, test.part, test.branch, test.kind, test.before, test.velocity, test.hold, *row)
+        for sample in result.realizations
+        for k, test in enumerate(sample.tests)
         for row in zip(*(getattr(test.series, name) for name in names), strict=True)
     )
     write_table(path, [*labels, "hold [s]", *_labels(names, units_of(Series))], rows, digits=7)
@@ -185,17 +186,17 @@ def _labels(names, units: dict[str, str]) -> list[str]:
     return [heading_of(name, units.get(name, "1").replace("^", "")) for name in names]
 
 
-def _write_slips(found: Slips, path: Path) -> None:
+def _write_slips(slips: Slips, path: Path) -> None:
     """Write one row for each slip."""
-    write_table(path, _labels(found._fields, units_of(Slips)), zip(*found, strict=True), digits=7)
+    write_table(path, _labels(slips._fields, units_of(Slips)), zip(*slips, strict=True), digits=7)
 
 
-def _write_curves(found, path: Path) -> None:
+def _write_curves(reproduction, path: Path) -> None:
     """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
     names = "run", "kind", "before [m/s]", "hold [s]", "after [m/s]", "x", "unit of x", "mean", "error", "deviation"
     rows = (
         (run.replace(",", ";"), kind, *where, x, unit, *numbers)
-        for run, result in found.results.items()
+        for run, result in reproduction.results.items()
         for kind, where, unit, curve in _mean_curves(result)
         for x, *numbers in zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
     )
@@ -230,12 +231,12 @@ def _step_files(result: GougeResult):
         ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
         place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
         before = data.before or data.legs[0].velocity
-        words = (
+        comment = (
             f"velocity steps of fault gouge, realization {seed}; the spring's stiffness over the normal stress is "
             f"{k:.6g} 1/m, the velocity before {before:g} m/s",
             f"stickslip fit {file} --stiffness {k:.6g} --before {before:g}",
         )
-        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, place), comments=words)
+        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, place), comments=comment)
 
 
 def show(result: GougeResult) -> None:
@@ -244,8 +245,8 @@ def show(result: GougeResult) -> None:
     console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
     table = new_table("velocity [m/s]", "steady friction", "±")
     for velocity in measured.velocities(result):
-        found = measured.mean_friction(result, velocity)
-        table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.half:.4f}")
+        friction = measured.mean_friction(result, velocity)
+        table.add_row(f"{velocity:g}", f"{friction.value:.4f}", f"{friction.half:.4f}")
     show_table(table)
     if measured.reslides(result):
         _show_holds(result)
@@ -257,10 +258,10 @@ def show(result: GougeResult) -> None:
         f"{first.range.inertial_number:.1e}. Layer: {first.range.thickness:.1f} D. dt: {first.range.time_step:.2f} of "
         f"the largest stable time step."
     )
-    for words in dict.fromkeys(words for one in result.realizations for words in one.range.warnings):
-        console.print(f"warning: {words}", style="yellow")
-    for words in result.failures:
-        console.print(words, style="yellow")
+    for warning in dict.fromkeys(warning for sample in result.realizations for warning in sample.range.warnings):
+        console.print(f"warning: {warning}", style="yellow")
+    for failure in result.failures:
+        console.print(failure, style="yellow")
     if result.reused:
         console.print(f"{result.reused} realizations had finished earlier and were not run again.")
 
@@ -269,22 +270,22 @@ def _show_holds(result: GougeResult) -> None:
     names = ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±")
     table = new_table(*names, title="Slides after holds")
     for before, hold, after in measured.reslides(result):
-        found = measured.peak(measured.reslide_curve(result, before, hold, after))
+        peak = measured.peak(measured.reslide_curve(result, before, hold, after))
         scaled = normalised_hold(result.scenario, hold, before)
         table.add_row(
             f"{before:g}", f"{hold:g}", f"{scaled['load_point']:.3g}", f"{scaled['frozen']:.3g}", f"{after:g}",
-            f"{found.value:+.4f}", f"{found.half:.4f}",
+            f"{peak.value:+.4f}", f"{peak.half:.4f}",
         )  # fmt: skip
     show_table(table)
 
 
 def _show_slips(result: GougeResult) -> None:
-    found = _slips(result)
-    if len(found.time):
+    slips = _slips(result)
+    if len(slips.time):
         console.print(
-            f"Stick–slip: {pluralize(len(found.time), 'slip')} faster than {result.scenario.slip_threshold:g} times "
-            f"the load point. Friction drops by {np.median(found.drop):.3g} (median), at most {found.drop.max():.3g}; "
-            f"the plate reaches {(found.velocity / found.load_velocity).max():.3g} times the load point's velocity."
+            f"Stick–slip: {pluralize(len(slips.time), 'slip')} faster than {result.scenario.slip_threshold:g} times "
+            f"the load point. Friction drops by {np.median(slips.drop):.3g} (median), at most {slips.drop.max():.3g}; "
+            f"the plate reaches {(slips.velocity / slips.load_velocity).max():.3g} times the load point's velocity."
         )
 
 
@@ -300,14 +301,14 @@ def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
         "stiffness_over_b": (k["rate_state"], "1"),
     }
     for velocity in measured.velocities(result):
-        found = measured.mean_friction(result, velocity)
+        friction = measured.mean_friction(result, velocity)
         out |= {
-            f"steady_friction@{velocity:g}": (found.value, "1"),
-            f"steady_friction_half@{velocity:g}": (found.half, "1"),
+            f"steady_friction@{velocity:g}": (friction.value, "1"),
+            f"steady_friction_half@{velocity:g}": (friction.half, "1"),
         }
     for before, hold, after in measured.reslides(result):
-        found = measured.peak(measured.reslide_curve(result, before, hold, after))
-        out[f"peak@{before:g},{hold:g}s,{after:g}"] = found.value, "1"
+        peak = measured.peak(measured.reslide_curve(result, before, hold, after))
+        out[f"peak@{before:g},{hold:g}s,{after:g}"] = peak.value, "1"
     slips = _slips(result)
     return out | {
         "slips": (float(len(slips.time)), "1"),

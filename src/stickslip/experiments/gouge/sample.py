@@ -72,7 +72,7 @@ def damping(scenario: GougeScenario) -> float:
     return float(gouge_law(scenario, 0.0).table[0, 0, DAMPING_N])
 
 
-def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:
+def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, message: None) -> Gouge:
     """Prepare a sample with friction, at rest under its normal stress and not yet sheared.
 
     Raises
@@ -145,8 +145,8 @@ def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -
     start, least = float(state.walls.point[1, 1]), np.pi / 6 * (state.grains.radius**3 * 8).sum() / scenario.area
     while True:
         state = _advance(scenario, state, law, _drag(scenario))
-        found, _ = forces(state, law, memory=FROZEN)
-        height, stress = float(state.walls.point[1, 1]), float(found.force[n + 1, 1]) / scenario.area
+        acting, _ = forces(state, law, memory=FROZEN)
+        height, stress = float(state.walls.point[1, 1]), float(acting.force[n + 1, 1]) / scenario.area
         report("pour and press", min(1.0, (start - height) / (start - 1.5 * least)), f"stress {stress:.2e} Pa")
         if stress >= wanted:
             break
@@ -188,9 +188,9 @@ def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report:
 
 def _unbalance(state: State, law: Law) -> tuple[float, float]:
     """Return the mean unbalanced force of free bodies over the mean contact force, and kinetic over elastic energy."""
-    found, _ = forces(state, law, memory=FROZEN)
+    acting, _ = forces(state, law, memory=FROZEN)
     free = state.control.group[: len(state.grains.radius)] < 0
-    pull = np.linalg.norm(unbalanced_forces(state, found)[: len(free)][free, :3], axis=1).mean()
+    pull = np.linalg.norm(unbalanced_forces(state, acting)[: len(free)][free, :3], axis=1).mean()
     rows = touching(state)
     held = np.linalg.norm(contact_forces(state, law)[rows], axis=1).mean() if len(rows) else 0.0
     grains = state.grains

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from ...core.sizes import MOST, STATE, Size
-from ...data.law_schema import LawTable, takes
+from ...data.law_schema import LawTable, allow_laws
 from ...data.schema import (
     Listed,
     NotNegative,
@@ -57,7 +57,7 @@ class GougeGrains(ScenarioTable):
         return sum(self.diameter) / 2
 
 
-@takes(
+@allow_laws(
     "hertz_mindlin_reff", "hertz_mindlin_reff_rescaled", young=50e9, poisson=0.3, mu=0.5, damping_n=None,
     damping_ratio=0.5, restitution=None, reading=None, size=None, speed=None, tension=True, lever=None, memory=None,
     rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,

@@ -36,9 +36,9 @@ def find_slips(realizations: tuple[Realization, ...], threshold: float, diameter
     diameter : D [m]
     """
     rows = [
-        (one.seed, test.velocity, *_measure(test, begin, end))
-        for one in realizations
-        for test in one.of("slide")
+        (sample.seed, test.velocity, *_measure(test, begin, end))
+        for sample in realizations
+        for test in sample.of("slide")
         if test.velocity > 0
         for begin, end in _slips_of(test, threshold, JOINED * diameter)
     ]

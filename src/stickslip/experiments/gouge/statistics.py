@@ -133,7 +133,7 @@ def combine(numbers: list[Number], function: Callable) -> Number:
     value = float(function(np.array([n.value for n in numbers])))
     if min(len(n.draws) for n in numbers) == 0:
         return Number(value, np.nan, first.samples, first.branches, np.zeros(0))
-    draws = np.array([function(one) for one in np.array([n.draws for n in numbers]).T])
+    draws = np.array([function(draw) for draw in np.array([n.draws for n in numbers]).T])
     wider = max(_widening(n) for n in numbers)
     return _with_bootstrap_error(Number(value, np.nan, first.samples, first.branches, draws, first.alike), wider)
 

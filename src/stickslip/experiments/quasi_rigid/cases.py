@@ -46,8 +46,8 @@ def status_cases(main: QuasiResult, cases: int) -> StatusCases:
 
 def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
     """Linear system for a random state on one sample's path; successive numbers cycle through the samples."""
-    one = main.tested[number % len(main.tested)]
-    return linear_system(one.path.states[int(rng.integers(len(one.path.points)))], one.law)
+    sample = main.tested[number % len(main.tested)]
+    return linear_system(sample.path.states[int(rng.integers(len(sample.path.points)))], sample.law)
 
 
 class ApexCases(NamedTuple):
@@ -72,8 +72,8 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
     for angle in np.linspace(0, 2 * np.pi, directions, endpoint=False):
         velocity = compliance @ np.array([np.cos(angle), np.sin(angle)])
         apex = Apex(compliance, velocity[None], springs[None], np.array([1.8]), np.zeros(1), np.zeros(1, bool))
-        found, _ = consistent_statuses(apex)
-        most = found if len(found) > len(most) else most
+        statuses, _ = consistent_statuses(apex)
+        most = statuses if len(statuses) > len(most) else most
     return tuple(STATUS_NAMES[status] for status in most[:, 0])
 
 
@@ -92,7 +92,8 @@ def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
             apex = reduce_to_contacts(m, rng.normal(size=len(m.free)), contacts, sign).apex
         except LinAlgError:
             continue
-        found, coherent = consistent_statuses(apex)
-        count += [coherent, coherent and len(found) != 1, not coherent and len(found) > 1, not (coherent or len(found))]
+        statuses, coherent = consistent_statuses(apex)
+        number = len(statuses)
+        count += [coherent, coherent and number != 1, not coherent and number > 1, not (coherent or number)]
         drawn += 1
     return ApexCases(cases, *(int(c) for c in count), counterexample())

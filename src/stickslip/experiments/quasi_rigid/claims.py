@@ -42,40 +42,40 @@ def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = Fals
     ]  # fmt: skip
 
 
-def _most_sliding_state(one: SampleResult) -> State:
+def _most_sliding_state(sample: SampleResult) -> State:
     """State with the most sliding contacts before the last tenth of the path."""
-    early = [p for p in one.path.points if p.load <= 0.9 * one.path.points[-1].load]
+    early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
     return max(early, key=lambda p: p.sliding).state
 
 
 def _table_one(main: QuasiResult) -> Claim:
-    errors = [table_one(_most_sliding_state(one), one.law) for one in main.tested]
+    errors = [table_one(_most_sliding_state(sample), sample.law) for sample in main.tested]
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
-    words = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
+    listed = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
     return claim(
         "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", True, max(worst.values()) < RELATIONS, "",
         0.0,
-        f"compared with the engine's forces in states with sliding contacts; relative errors: {words} (steps of 1e-7 "
+        f"compared with the engine's forces in states with sliding contacts; relative errors: {listed} (steps of 1e-7 "
         f"radii)",
     )  # fmt: skip
 
 
 def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
-    before = [one.looks.load < one.looks.load[-1] for one in main.tested]
-    known = [(one.looks.bijective >= 0) & b for one, b in zip(main.tested, before, strict=True)]
-    sliding = [k & (one.looks.critical > 0) for one, k in zip(main.tested, known, strict=True)]
+    before = [sample.looks.load < sample.looks.load[-1] for sample in main.tested]
+    known = [(sample.looks.bijective >= 0) & b for sample, b in zip(main.tested, before, strict=True)]
+    sliding = [k & (sample.looks.critical > 0) for sample, k in zip(main.tested, known, strict=True)]
     number = int(sum(s.sum() for s in sliding))
-    whole = int(sum((one.looks.bijective[s] == 1).sum() for one, s in zip(main.tested, sliding, strict=True)))
-    stable = [s & (one.looks.unique == 1) for one, s in zip(main.tested, sliding, strict=True)]
-    bijective = all((one.looks.bijective[s] == 1).all() for one, s in zip(main.tested, stable, strict=True))
-    held = [k & (one.looks.lowest > 0) for one, k in zip(main.tested, known, strict=True)]
+    whole = int(sum((sample.looks.bijective[s] == 1).sum() for sample, s in zip(main.tested, sliding, strict=True)))
+    stable = [s & (sample.looks.unique == 1) for sample, s in zip(main.tested, sliding, strict=True)]
+    bijective = all((sample.looks.bijective[s] == 1).all() for sample, s in zip(main.tested, stable, strict=True))
+    held = [k & (sample.looks.lowest > 0) for sample, k in zip(main.tested, known, strict=True)]
     wrong = [
-        f"sample {one.seed} at load {load:.4g}"
-        for one, h in zip(main.tested, held, strict=True)
-        for load in one.looks.load[h & (one.looks.consistent != 1)]
+        f"sample {sample.seed} at load {load:.4g}"
+        for sample, h in zip(main.tested, held, strict=True)
+        for load in sample.looks.load[h & (sample.looks.consistent != 1)]
     ]
     checked = int(sum((h & s).sum() for h, s in zip(held, sliding, strict=True)))
-    ends = sum(one.looks.consistent[-1] == 0 for one in main.tested)
+    ends = sum(sample.looks.consistent[-1] == 0 for sample in main.tested)
     example = drawn.none > 0 and drawn.several > 0
     return [
         claim(
@@ -110,14 +110,14 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
 def _slow_error(main: QuasiResult) -> Claim:
     """Claim that path and dynamics differ less at the slowest load than at the fastest."""
     times = sorted(main.scenario.dynamics.times)
-    compared = [one for one in main.tested if len(one.slow) == len(times)]
+    compared = [sample for sample in main.tested if len(sample.slow) == len(times)]
     source = "Sec. III D: quasi-static balance as the limit of Newton's second law"
     if not compared:
         note = "no sample has slow dynamics at every duration"
         return claim("path-vs-dynamics-error", source, True, None, "", 0.0, note)
-    errors = np.array([[run.error for run in sorted(one.slow, key=lambda r: r.time)] for one in compared])
+    errors = np.array([[run.error for run in sorted(sample.slow, key=lambda r: r.time)] for sample in compared])
     middle = np.median(errors, axis=0)
-    words = ", ".join(
+    listed = ", ".join(
         f"{m:.1e} ({lo:.1e} to {hi:.1e}) at {t:g}"
         for t, m, lo, hi in zip(times, middle, errors.min(axis=0), errors.max(axis=0), strict=True)
     )
@@ -126,7 +126,7 @@ def _slow_error(main: QuasiResult) -> Claim:
     return claim(
         "path-vs-dynamics-error", source, True, sign_test(falls, len(errors)), "", 0.0,
         f"largest difference of strain up to 95 % of the load, over the last strain, median and range for each "
-        f"duration of the whole load: {words}; smaller at the slowest load than at the fastest in {falls} of "
+        f"duration of the whole load: {listed}; smaller at the slowest load than at the fastest in {falls} of "
         f"{len(errors)} samples{rest}",
     )  # fmt: skip
 
@@ -141,20 +141,20 @@ def sign_test(yes: int, total: int) -> bool | None:
     return False if binomtest(yes, total, alternative="less").pvalue <= 0.05 else None
 
 
-def collapse_ratio(one: SampleResult, beyond: float) -> tuple[float, float]:
+def collapse_ratio(sample: SampleResult, beyond: float) -> tuple[float, float]:
     """Bounds on the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
 
     The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the share
     `beyond`, or reached the whole load, gives only a lower bound. A path that did not end with a loss of stability
     gives only an upper bound.
     """
-    end = one.path.points[-1].load
+    end = sample.path.points[-1].load
     followed = min(1.0, (1 + beyond) * end)
-    lost = one.path.loses_stability
-    fell = one.collapse is not None
+    lost = sample.path.loses_stability
+    fell = sample.collapse is not None
     if end <= 0:
         return 0.0, np.inf
-    return ((one.collapse if fell else followed) / end if lost else 0.0, one.collapse / end if fell else np.inf)
+    return ((sample.collapse if fell else followed) / end if lost else 0.0, sample.collapse / end if fell else np.inf)
 
 
 def censored_median(bounds: list[tuple[float, float]]) -> float | None:
@@ -166,7 +166,7 @@ def censored_median(bounds: list[tuple[float, float]]) -> float | None:
 def _collapse(main: QuasiResult) -> Claim:
     """Claim about the collapse load of all samples, including those whose path or dynamics does not end."""
     beyond = main.scenario.dynamics.beyond
-    bounds = [collapse_ratio(one, beyond) for one in main.tested]
+    bounds = [collapse_ratio(sample, beyond) for sample in main.tested]
     exact = [low for low, high in bounds if low == high]
     passed = [low for low, high in bounds if 0 < low < high]
     parts = [f"{min(exact):.4f} to {max(exact):.4f} in {len(exact)}" if exact else "in none"]
@@ -188,15 +188,14 @@ def _first_failure(load: np.ndarray, fails: np.ndarray) -> float:
 
 
 def _premise(main: QuasiResult) -> Claim:
-    """Claim about the premise Q > 0; a state without it is a counterexample if its status is unique and loading
-    continues."""
-    premise = [_first_failure(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
-    unique = [_first_failure(one.looks.load, one.looks.unique == 0) for one in main.tested]
-    unknown = sum(int((one.looks.unique < 0).sum()) for one in main.tested)
-    points = sum(len(one.looks.load) for one in main.tested)
+    """Claim about the premise Q > 0; without it, a state with a unique status that loads on is a counterexample."""
+    premise = [_first_failure(sample.looks.load, sample.looks.symmetric < 0) for sample in main.tested]
+    unique = [_first_failure(sample.looks.load, sample.looks.unique == 0) for sample in main.tested]
+    unknown = sum(int((sample.looks.unique < 0).sum()) for sample in main.tested)
+    points = sum(len(sample.looks.load) for sample in main.tested)
     shown = min(
-        (one for one in main.tested if _unique_without_premise(one).any()),
-        key=lambda one: one.looks.load[np.argmax(_unique_without_premise(one))] / one.looks.load[-1],
+        (sample for sample in main.tested if _unique_without_premise(sample).any()),
+        key=lambda sample: sample.looks.load[np.argmax(_unique_without_premise(sample))] / sample.looks.load[-1],
         default=None,
     )
     note = "no state with Q ≤ 0 for some v has a unique status"
@@ -216,38 +215,38 @@ def _premise(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def _unique_without_premise(one: SampleResult) -> np.ndarray:
+def _unique_without_premise(sample: SampleResult) -> np.ndarray:
     """Points at which Q ≤ 0 for some v, the status is unique for any load, and the path continues.
 
     Shape (L,).
     """
-    looks = one.looks
+    looks = sample.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
 
 
 def _flutter(main: QuasiResult) -> Claim:
     """Claim that motion is damped if Q > 0; a state with Q > 0 for all v and a growing motion is a counterexample."""
     best, seen = None, 0
-    for one in main.tested:
-        positive = one.looks.symmetric > 0
+    for sample in main.tested:
+        positive = sample.looks.symmetric > 0
         seen += int(positive.sum())
-        for k in np.flatnonzero(positive & (one.looks.pairs > 0)):
-            if best is None or one.looks.growth_rate[k] > best[1].looks.growth_rate[best[0]]:
-                best = k, one
+        for k in np.flatnonzero(positive & (sample.looks.pairs > 0)):
+            if best is None or sample.looks.growth_rate[k] > best[1].looks.growth_rate[best[0]]:
+                best = k, sample
     source = 'Sec. III D: "if vᵀkv > 0 then ... v undergoes damped oscillations"'
     if best is None:
         note = f"none of {seen} states with Q > 0 has a complex pair of m⁻¹k"
         return claim("flutter-example", source, True, True if seen else None, "", 0.0, note, quantifier=ALWAYS)
-    k, one = best
-    state = one.path.states[int(np.argmin(np.abs(one.path.load - one.looks.load[k])))]
-    found = spectrum(state, one.law, modes=False)
-    growth = float(found.growth_rate[found.pair_indices].max(initial=0.0))
+    k, sample = best
+    state = sample.path.states[int(np.argmin(np.abs(sample.path.load - sample.looks.load[k])))]
+    modes = spectrum(state, sample.law, modes=False)
+    growth = float(modes.growth_rate[modes.pair_indices].max(initial=0.0))
     return claim(
         "flutter-example", source, True, not growth > 0, "", 0.0,
-        f"does not hold if k is not symmetric; counterexample among {seen} states with Q > 0: sample {one.seed} at "
-        f"load {one.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at a rate of "
+        f"does not hold if k is not symmetric; counterexample among {seen} states with Q > 0: sample {sample.seed} at "
+        f"load {sample.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at a rate of "
         f"{growth:.2e} without dashpots, and therefore also with weak ones; with the dashpots of the samples the "
-        f"largest growth rate is {damped_growth(state, one.law)[0].real.max():.2e}",
+        f"largest growth rate is {damped_growth(state, sample.law)[0].real.max():.2e}",
         quantifier=ALWAYS,
     )  # fmt: skip
 
@@ -265,8 +264,8 @@ def _apex(opened: ApexCases) -> Claim:
 
 def _mechanisms(main: QuasiResult) -> Claim:
     """Claim about the null modes of a sample if its walls translate, if they also turn, and if all contacts slide."""
-    one = main.tested[0]
-    state, law, n = one.path.states[0], one.law, main.scenario.disks.number
+    sample = main.tested[0]
+    state, law, n = sample.path.states[0], sample.law, main.scenario.disks.number
     walls = state.control.free.copy()
     walls[n:, :2] = True
     free = state._replace(control=state.control._replace(free=walls))
@@ -282,8 +281,8 @@ def _mechanisms(main: QuasiResult) -> Claim:
     return claim(
         "mechanism-classes", 'Sec. III E: "the stiffness matrix automatically has three null eigenvalues"', 3, rigid,
         "rigid motions", 0.0,
-        f"sample {one.seed}: {few} if its four walls translate; if they also turn, there is a third one, which is not "
-        f"an exact null mode: its vᵀkv/vᵀv is {max(turn, default=0):.1e} K_n, of the order of (D/R)². There are "
+        f"sample {sample.seed}: {few} if its four walls translate; if they also turn, there is a third one, which is "
+        f"not an exact null mode: its vᵀkv/vᵀv is {max(turn, default=0):.1e} K_n, of the order of (D/R)². There are "
         f"{count[RATTLER]} motions of rattlers; if every contact slides, there are {count[IDLE]} mechanisms that a "
         f"load on the lid does not excite and {count[DRIVEN]} that it drives", error=0.0,
     )  # fmt: skip

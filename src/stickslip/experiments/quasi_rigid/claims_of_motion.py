@@ -8,7 +8,7 @@ from ...loading.biaxial import TOP
 from ...quasirigid.matrices import linear_system, stiffness_matrix
 from ...quasirigid.null_modes import DRIVEN, mechanisms
 from ...reports.claims import ALWAYS, CAN, Claim, claim, standard_error
-from .growth import in_groove, through_instability, through_mechanism
+from .growth import disk_in_groove, through_instability, through_mechanism
 from .simulate import QuasiResult, SampleResult, table_one
 from .sliding import BURST, SlidingState, geometric_slope, most_critical, sliding_state, vibrate
 
@@ -24,28 +24,28 @@ MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
     """Evaluate the statements; a quick run leaves out other pressures and the packing of 1600 disks."""
-    pairs = [(one, state) for one in main.tested for state in _looks(one)]
-    loads = [_lid_load(main, state, one) for one, state in pairs]
-    found = [
-        (one.seed, made)
-        for (one, state), load in zip(pairs, loads, strict=True)
-        if (made := sliding_state(state, one.law, load))
+    pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
+    loads = [_lid_load(main, state, sample) for sample, state in pairs]
+    states = [
+        (sample.seed, made)
+        for (sample, state), load in zip(pairs, loads, strict=True)
+        if (made := sliding_state(state, sample.law, load))
     ]
     return [
-        *_growth(), _null_modes(main), _geometric(main, quick), _hundreds(main, quick), _least_stable(found),
-        _shares(found), _close(found), *_vibrations(pairs[::LOOKS] if quick else pairs), _linear_law(),
+        *_growth(), _null_modes(main), _geometric(main, quick), _hundreds(main, quick), _least_stable(states),
+        _shares(states), _close(states), *_vibrations(pairs[::LOOKS] if quick else pairs), _linear_law(),
     ]  # fmt: skip
 
 
-def _looks(one: SampleResult) -> list[State]:
+def _sliding_states(sample: SampleResult) -> list[State]:
     """States with sliding contacts before the last tenth of a path."""
-    points = [p for p in one.path.points if p.sliding and p.load <= 0.9 * one.path.points[-1].load]
+    points = [p for p in sample.path.points if p.sliding and p.load <= 0.9 * sample.path.points[-1].load]
     chosen = np.unique(np.linspace(0, len(points) - 1, LOOKS).round().astype(int)) if points else []
     return [points[k].state for k in chosen]
 
 
-def _lid_load(main: QuasiResult, state: State, one: SampleResult, rattlers: bool = False) -> np.ndarray:
-    free = linear_system(state, one.law, rattlers=rattlers).free
+def _lid_load(main: QuasiResult, state: State, sample: SampleResult, rattlers: bool = False) -> np.ndarray:
+    free = linear_system(state, sample.law, rattlers=rattlers).free
     return -((free.body == main.scenario.disks.number + TOP) & (free.axis == 1)).astype(float)
 
 
@@ -72,12 +72,12 @@ def _growth() -> list[Claim]:
 def _null_modes(main: QuasiResult) -> Claim:
     """Claim that each null mode is either driven by the load, which then has no balance, or irrelevant."""
     driven = irrelevant = wrong = 0
-    for one in main.tested:
-        for state in (one.path.states[0], *_looks(one)[-1:]):
-            m = linear_system(state, one.law, rattlers=True)
-            load = _lid_load(main, state, one, rattlers=True)
+    for sample in main.tested:
+        for state in (sample.path.states[0], *_sliding_states(sample)[-1:]):
+            m = linear_system(state, sample.law, rattlers=True)
+            load = _lid_load(main, state, sample, rattlers=True)
             for sliding in (m.limit, np.ones(m.count, bool)):
-                modes = mechanisms(state, one.law, load, sliding=sliding)
+                modes = mechanisms(state, sample.law, load, sliding=sliding)
                 k = stiffness_matrix(m, sliding, geometric=False).toarray()
                 rest = k @ np.linalg.lstsq(k, load, rcond=1e-10)[0] - load
                 drives = [mode for mode in modes if mode.kind == DRIVEN]
@@ -96,7 +96,7 @@ def _geometric(main: QuasiResult, quick: bool) -> Claim:
     id, source = "geometric-stiffness-slope", "Sec. III D: Eq 33, the neglected term is O(D/R)"
     if quick:
         return claim(id, source, 1.0, None, "1", SLOPE, "needs packings at three pressures")
-    slopes = [geometric_slope(one.seed) for one in main.tested]
+    slopes = [geometric_slope(sample.seed) for sample in main.tested]
     return claim(
         id, source, 1.0, float(np.mean(slopes)), "1", SLOPE,
         "slope of the logarithm of |geometric stiffness|/|k| against that of the largest overlap, from packings at "
@@ -116,9 +116,9 @@ def _hundreds(main: QuasiResult, quick: bool) -> Claim:
     )  # fmt: skip
 
 
-def _least_stable(found: list[tuple[int, SlidingState]]) -> Claim:
-    by_value = [s.least_eigenvalue for _, s in found if s.critical > 1 and s.least_eigenvalue is not None]
-    by_det = [s.least_determinant for _, s in found if s.critical > 1 and s.least_determinant is not None]
+def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
+    by_value = [s.least_eigenvalue for _, s in states if s.critical > 1 and s.least_eigenvalue is not None]
+    by_det = [s.least_determinant for _, s in states if s.critical > 1 and s.least_determinant is not None]
     return claim(
         "all-sliding-least-stable",
         'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
@@ -129,11 +129,11 @@ def _least_stable(found: list[tuple[int, SlidingState]]) -> Claim:
     )  # fmt: skip
 
 
-def _shares(found: list[tuple[int, SlidingState]]) -> Claim:
+def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
     """Claim about the mean share of sliding contacts in Q; its error is that between samples."""
-    seeds = sorted({seed for seed, _ in found})
-    means = [float(np.mean(np.concatenate([s.shares for k, s in found if k == seed]))) for seed in seeds]
-    shares = np.concatenate([s.shares for _, s in found]) if found else np.zeros(0)
+    seeds = sorted({seed for seed, _ in states})
+    means = [float(np.mean(np.concatenate([s.shares for k, s in states if k == seed]))) for seed in seeds]
+    shares = np.concatenate([s.shares for _, s in states]) if states else np.zeros(0)
     error = standard_error(means)
     mean = float(np.mean(means)) if means else 0.0
     decided = error is not None and abs(mean) > 2 * error
@@ -147,10 +147,10 @@ def _shares(found: list[tuple[int, SlidingState]]) -> Claim:
     )  # fmt: skip
 
 
-def _close(found: list[tuple[int, SlidingState]]) -> Claim:
+def _close(states: list[tuple[int, SlidingState]]) -> Claim:
     """Claim that nearly all critical contacts slide; the reversal of the load is a counterexample."""
-    share = np.array([s.slide / s.critical for _, s in found])
-    back = [(s.reverse / s.critical, seed, s.critical, s.reverse) for seed, s in found if s.critical > 1]
+    share = np.array([s.slide / s.critical for _, s in states])
+    back = [(s.reverse / s.critical, seed, s.critical, s.reverse) for seed, s in states if s.critical > 1]
     lowest = min(back, default=None)
     note = f"under the load, {share.min(initial=1):.0%} to {share.max(initial=0):.0%} of the critical contacts slide"
     if lowest:
@@ -158,7 +158,7 @@ def _close(found: list[tuple[int, SlidingState]]) -> Claim:
             f"; under the reverse load {np.mean([b[0] for b in back]):.0%} on average. Counterexample: in sample "
             f"{lowest[1]}, {lowest[3]} of {lowest[2]} slide when the load is reversed, before the others leave the cone"
         )
-    holds = bool(share.min() > 0.5 and (lowest is None or lowest[0] > 0.5)) if found else None
+    holds = bool(share.min() > 0.5 and (lowest is None or lowest[0] > 0.5)) if states else None
     return claim(
         "close-to-all-sliding", 'Sec. V A: "the packing is always close to this state", where all critical contacts '
         "slide", True, holds, "", 0.0, note, quantifier=ALWAYS,
@@ -166,7 +166,7 @@ def _close(found: list[tuple[int, SlidingState]]) -> Claim:
 
 
 def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
-    made = [vibrate(state, one.law) for one, state in pairs]
+    made = [vibrate(state, sample.law) for sample, state in pairs]
     kicked, still = ([getattr(v, name) for v in made] for name in ("kicked", "still"))
     most = max((v.energy for v in made), default=0.0)
     switches = f"median switches of a critical contact {np.median(kicked):.2g}" if made else "no state"
@@ -189,7 +189,7 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 
 
 def _linear_law() -> Claim:
-    errors = table_one(*in_groove(make=hertz_mindlin), size=MOTION)
+    errors = table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION)
     return claim(
         "linear-law-is-no-restriction", 'Sec. V A: "one could always linearize the force law"', True,
         max(errors.values()) < LINEARISED, "", 0.0,

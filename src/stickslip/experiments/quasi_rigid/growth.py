@@ -33,19 +33,19 @@ class Growth(NamedTuple):
     predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 without a negative one [1/time]
 
 
-def between_floors(mu: float = FRICTION) -> tuple[State, Law]:
+def disk_between_floors(mu: float = FRICTION) -> tuple[State, Law]:
     """Disk between two parallel floors with both contacts at the Coulomb limit, in balance."""
-    return _at_the_limit(np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([1.0, -1.0]), np.ones(2, bool), mu)
+    return _disk_at_limit(np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([1.0, -1.0]), np.ones(2, bool), mu)
 
 
-def in_groove(mu: float = FRICTION, steep: float = STEEP, make: Callable = linear) -> tuple[State, Law]:
+def disk_in_groove(mu: float = FRICTION, steep: float = STEEP, make: Callable = linear) -> tuple[State, Law]:
     """Disk in a groove, in balance; one contact is at the Coulomb limit, and det k(S) < 0 for the default angle."""
     x, y = np.cos(np.radians(steep)), np.sin(np.radians(steep))
     normals = np.array([[x, y], [-x, y]])
-    return _at_the_limit(normals, np.array([0.0, 1.0]), np.array([False, True]), mu, make)
+    return _disk_at_limit(normals, np.array([0.0, 1.0]), np.array([False, True]), mu, make)
 
 
-def _at_the_limit(
+def _disk_at_limit(
     normals: np.ndarray, sign: np.ndarray, slides: np.ndarray, mu: float, make: Callable = linear
 ) -> tuple[State, Law]:
     """Disk that touches walls with the given normals (2, 2); contact slips are `sign` times the limit."""
@@ -65,7 +65,7 @@ def _at_the_limit(
     return state._replace(control=state.control._replace(force=force, torque=torque)), law
 
 
-def grow(state: State, law: Law, push: np.ndarray, time: float) -> Growth:
+def follow_motion(state: State, law: Law, push: np.ndarray, time: float) -> Growth:
     """Change the load on a disk in balance and follow its motion without any damping.
 
     Parameters
@@ -94,9 +94,9 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
 
 def through_mechanism() -> Growth:
     """Growth of a disk between two floors that is pushed along them."""
-    return grow(*between_floors(), PUSH * OVERLAP * np.array([1.0, 0.0]), 100.0)
+    return follow_motion(*disk_between_floors(), PUSH * OVERLAP * np.array([1.0, 0.0]), 100.0)
 
 
 def through_instability() -> Growth:
     """Growth of a disk in a groove that is lifted a little: the contact at the limit must slide."""
-    return grow(*in_groove(), PUSH * OVERLAP * np.array([0.0, 1.0]), 30.0)
+    return follow_motion(*disk_in_groove(), PUSH * OVERLAP * np.array([0.0, 1.0]), 30.0)

@@ -17,7 +17,7 @@ from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
 
 def figures(result: QuasiResult):
     """Yield (file name, Figure) for each figure of a run."""
-    longest = max(result.tested, key=lambda one: len(one.path.events))
+    longest = max(result.tested, key=lambda sample: len(sample.path.events))
     yield "fig1_curves.png", figures_of.curves(result.tested, result.scenario.loading.test)
     end = longest.path.points[-1]
     title = f"sample {longest.seed} where its path ends, load {end.load:.4g}"
@@ -39,14 +39,14 @@ def numbers(result: QuasiResult) -> dict:
     return {
         "scenario": result.scenario.text,
         "units": "those of the scenario; loads are shares of the change from the first to the last load",
-        "samples": {f"{one.seed:03d}": _sample(one) for one in result.tested},
+        "samples": {f"{sample.seed:03d}": _sample(sample) for sample in result.tested},
     }
 
 
-def _sample(one: SampleResult) -> dict:
-    path, events = one.path, one.path.events
+def _sample(sample: SampleResult) -> dict:
+    path, events = sample.path, sample.path.events
     out = {
-        "law": one.law,
+        "law": sample.law,
         "path": {
             "verdict": path.verdict.value,
             "load": path.load,
@@ -59,31 +59,31 @@ def _sample(one: SampleResult) -> dict:
             "kind": "\n".join(e.kind for e in events),
             "bodies": np.array([[e.i, e.j] for e in events]).reshape(-1, 2),
         },
-        "curve": archive_fields(one.curve),
-        "looks": archive_fields(one.looks),
+        "curve": archive_fields(sample.curve),
+        "looks": archive_fields(sample.looks),
         "slow": {
             f"{run.time:g}": Fields(
                 {"error": run.error, "kinetic_energy": run.kinetic_energy} | run.curve._asdict(), SlowDynamics, Curve
             )
-            for run in one.slow
+            for run in sample.slow
         },
-        "contacts": Fields({"bodies": one.pairs, "force": one.forces}, force=units_of(SampleResult)["forces"]),
+        "contacts": Fields({"bodies": sample.pairs, "force": sample.forces}, force=units_of(SampleResult)["forces"]),
         "frames": {"start": path.states[0], "end": path.states[-1]},
     }
-    if one.back is not None:
-        out["unloading"] = archive_fields(one.back)
-    if one.collapse is not None:
-        out["collapse"] = one.collapse
+    if sample.back is not None:
+        out["unloading"] = archive_fields(sample.back)
+    if sample.collapse is not None:
+        out["collapse"] = sample.collapse
     return out
 
 
 def _write_curves(result: QuasiResult, path: Path) -> None:
     """Write one row per point: sample, curve, load, strain, volumetric strain, stress ratio."""
     curves = []
-    for one in result.tested:
-        curves.append((one.seed, "path", one.curve))
-        curves += [] if one.back is None else [(one.seed, "unloading", one.back)]
-        curves += [(one.seed, f"dynamics {run.time:g}", run.curve) for run in one.slow]
+    for sample in result.tested:
+        curves.append((sample.seed, "path", sample.curve))
+        curves += [] if sample.back is None else [(sample.seed, "unloading", sample.back)]
+        curves += [(sample.seed, f"dynamics {run.time:g}", run.curve) for run in sample.slow]
     names = ("sample", "curve", "load", "strain", "volumetric_strain", "stress_ratio")
     write_table(path, names, ((seed, name, *row) for seed, name, curve in curves for row in zip(*curve, strict=True)))
 
@@ -92,32 +92,32 @@ def show(result: QuasiResult) -> None:
     """Print the end of every path on the terminal."""
     names = ("sample", "ends at", "ratio", "strain", "sliding", "events", "error", "collapse")
     table = new_table(*names, title="Paths, strain error of the slowest dynamics, and its collapse load")
-    for one in result.tested:
-        last = one.path.points[-1]
-        off = min(one.slow, key=lambda run: -run.time).error if one.slow else None
+    for sample in result.tested:
+        last = sample.path.points[-1]
+        off = min(sample.slow, key=lambda run: -run.time).error if sample.slow else None
         table.add_row(
-            str(one.seed), f"{last.load:.4g}", f"{one.curve.ratio[-1]:.4g}", f"{one.curve.strain[-1]:.2e}",
-            f"{last.sliding}/{last.contacts}", str(len(one.path.events)), "–" if off is None else f"{off:.1e}",
-            "–" if one.collapse is None else f"{one.collapse:.4g}",
+            str(sample.seed), f"{last.load:.4g}", f"{sample.curve.ratio[-1]:.4g}", f"{sample.curve.strain[-1]:.2e}",
+            f"{last.sliding}/{last.contacts}", str(len(sample.path.events)), "–" if off is None else f"{off:.1e}",
+            "–" if sample.collapse is None else f"{sample.collapse:.4g}",
         )  # fmt: skip
     show_table(table)
-    for one in result.tested:
-        end = one.path.summary
-        console.print(f"  sample {one.seed}: {end}")
+    for sample in result.tested:
+        end = sample.path.summary
+        console.print(f"  sample {sample.seed}: {end}")
     for failure in result.failures:
         console.print(failure, style="yellow")
 
 
 def measures(result: QuasiResult) -> dict[str, tuple[float, str]]:
     """Return the measures of a run for sweeps as {name: (value, unit)}: medians over samples, loads as shares."""
-    slowest = [min(one.slow, key=lambda run: -run.time) for one in result.tested if one.slow]
+    slowest = [min(sample.slow, key=lambda run: -run.time) for sample in result.tested if sample.slow]
     columns = {
-        "last_load": [one.path.load[-1] for one in result.tested],
-        "stress_ratio": [one.curve.ratio[-1] for one in result.tested],
-        "strain": [one.curve.strain[-1] for one in result.tested],
-        "events": [len(one.path.events) for one in result.tested],
-        "sliding_share": [p.sliding / max(p.contacts, 1) for p in (one.path.points[-1] for one in result.tested)],
+        "last_load": [sample.path.load[-1] for sample in result.tested],
+        "stress_ratio": [sample.curve.ratio[-1] for sample in result.tested],
+        "strain": [sample.curve.strain[-1] for sample in result.tested],
+        "events": [len(sample.path.events) for sample in result.tested],
+        "sliding_share": [p.sliding / max(p.contacts, 1) for p in (sample.path.points[-1] for sample in result.tested)],
         "error_of_slowest_dynamics": [run.error for run in slowest],
-        "collapse_load": [one.collapse for one in result.tested if one.collapse is not None],
+        "collapse_load": [sample.collapse for sample in result.tested if sample.collapse is not None],
     }
     return {name: (float(np.median(values)) if values else np.nan, "1") for name, values in columns.items()}

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ...core.sizes import STATE, Size
-from ...data.law_schema import LawTable, takes
+from ...data.law_schema import LawTable, allow_laws
 from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
@@ -24,7 +24,7 @@ class Disks(ScenarioTable):
     )
 
 
-@takes("linear", kn=1.0, kt=0.5, mu=0.5)
+@allow_laws("linear", kn=1.0, kt=0.5, mu=0.5)
 class SpringLaw(LawTable):
     """Linear springs with sharp friction, between disks and between disks and walls."""
 
@@ -81,7 +81,7 @@ class QuasiScenario(ScenarioBase):
 
     @property
     def dim(self) -> int:
-        """Two dimensions."""
+        """Number of dimensions: two."""
         return 2
 
     def sizes(self) -> Iterator[Size]:

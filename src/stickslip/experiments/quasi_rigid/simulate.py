@@ -153,7 +153,7 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
 
 
 def simulate_sample(
-    scenario: QuasiScenario, seed: int, kept: Checkpoint | None = None, tell=lambda share, words: None
+    scenario: QuasiScenario, seed: int, kept: Checkpoint | None = None, tell=lambda share, message: None
 ) -> SampleResult:
     """Load one sample by path and by slow dynamics; each of these is saved as soon as it finishes."""
     load, slow = scenario.loading, scenario.dynamics

@@ -74,37 +74,39 @@ def fit_record(
     solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
     fits = tuple(map(build_fit, solutions))
     comparison = compare_laws(*fits) if len(fits) == 2 else None
-    best = [one for one in solutions if comparison is None or comparison.preferred in (None, one.task.law)]
-    found = RecordFits(file, record, fits, comparison, remedies=_remedies(raw, record, best))
-    return found if steps is None else found._replace(posterior=_sample(found, form, fixed, free, steps))
+    best = [
+        solution for solution in solutions if comparison is None or comparison.preferred in (None, solution.task.law)
+    ]
+    result = RecordFits(file, record, fits, comparison, remedies=_remedies(raw, record, best))
+    return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
 
 
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[str, ...]:
     """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
-    for one in solutions:
-        if doubt := stiffness_doubt(record, one, normal):
-            out.append(f"{one.task.law} law: {doubt}")
-        elif (gain := trend_gain(one)).helps:
+    for solution in solutions:
+        if doubt := stiffness_doubt(record, solution, normal):
+            out.append(f"{solution.task.law} law: {doubt}")
+        elif (gain := trend_gain(solution)).helps:
             out.append(
-                f"{one.task.law} law: friction has a trend of {gain.trends[0]:.3g} 1/m, which was not fitted; with it, "
-                f"the standard deviation of the residuals falls by {100 * gain.fall:.0f} %, from {gain.before:.2g} to "
-                f"{gain.after:.2g}: --detrend may help"
+                f"{solution.task.law} law: friction has a trend of {gain.trends[0]:.3g} 1/m, which was not fitted; "
+                f"with it, the standard deviation of the residuals falls by {100 * gain.fall:.0f} %, from "
+                f"{gain.before:.2g} to {gain.after:.2g}: --detrend may help"
             )
     return tuple(out)
 
 
-def _sample(found: RecordFits, form: str, fixed: dict, free, steps: int) -> Posterior:
+def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int) -> Posterior:
     """Sample the posterior of the only law, or of the preferred one."""
-    law = found.fits[0].law if found.comparison is None else found.comparison.preferred
+    law = result.fits[0].law if result.comparison is None else result.comparison.preferred
     if law is None:
         raise RuntimeError(
-            f"{found.comparison.sentence}: choose the law of the posterior with --law aging or --law slip"
+            f"{result.comparison.sentence}: choose the law of the posterior with --law aging or --law slip"
         )
     with progress() as tell:
         return posterior(
-            found.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
-            report=lambda share, words: tell(f"posterior, {law} law", share, words),
+            result.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
+            report=lambda share, message: tell(f"posterior, {law} law", share, message),
         )  # fmt: skip
 
 
@@ -130,24 +132,24 @@ def check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
-def as_json(found: RecordFits) -> str:
+def as_json(result: RecordFits) -> str:
     """Return one JSON object with the documented keys; unknown values are null."""
-    out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _fit_dict(one) for one in found.fits}}
-    if found.comparison is not None:
-        out["comparison"] = found.comparison._asdict()
-    if found.posterior is not None:
-        out["posterior"] = _posterior_dict(found.posterior)
-    out["doubts"] = doubts(found)
+    out = {"file": result.file.name, "units": "m, s", "fits": {fit.law: _fit_dict(fit) for fit in result.fits}}
+    if result.comparison is not None:
+        out["comparison"] = result.comparison._asdict()
+    if result.posterior is not None:
+        out["posterior"] = _posterior_dict(result.posterior)
+    out["doubts"] = doubts(result)
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 
-def _posterior_dict(one: Posterior) -> dict:
-    percentiles = {name: dict(zip(map(str, PERCENTS), row, strict=True)) for name, row in one.percentiles.items()}
-    chain = {"autocorrelation_times": one.times, "steps": one.steps, "acceptance": one.acceptance}
-    return {"law": one.fit.law, "percentiles": percentiles, "draws": len(one.draws), **chain}
+def _posterior_dict(result: Posterior) -> dict:
+    percentiles = {name: dict(zip(map(str, PERCENTS), row, strict=True)) for name, row in result.percentiles.items()}
+    chain = {"autocorrelation_times": result.times, "steps": result.steps, "acceptance": result.acceptance}
+    return {"law": result.fit.law, "percentiles": percentiles, "draws": len(result.draws), **chain}
 
 
-def _fit_dict(one: Fit) -> dict:
+def _fit_dict(fit: Fit) -> dict:
     names = (
         "values",
         "errors",
@@ -162,8 +164,8 @@ def _fit_dict(one: Fit) -> dict:
         "aic",
         "bic",
     )
-    more = {"covariance": one.covariance.tolist(), "noise": one.noise.tolist(), "samples": one.samples}
-    return {name: getattr(one, name) for name in names} | more | {"a_minus_b": one.difference}
+    more = {"covariance": fit.covariance.tolist(), "noise": fit.noise.tolist(), "samples": fit.samples}
+    return {name: getattr(fit, name) for name in names} | more | {"a_minus_b": fit.difference}
 
 
 def _replace_nonfinite(thing):
@@ -177,69 +179,69 @@ def _replace_nonfinite(thing):
     return thing
 
 
-def show(found: RecordFits) -> None:
+def show(result: RecordFits) -> None:
     """Print a table for each law, and the comparison."""
-    for one in found.fits:
-        names, title = ("parameter", "value", "95 % interval", "unit"), f"{one.law.capitalize()} law"
+    for fit in result.fits:
+        names, title = ("parameter", "value", "95 % interval", "unit"), f"{fit.law.capitalize()} law"
         table = new_table(*names, title=title, left=("parameter", "unit"))
-        for name in one.names:
-            table.add_row(name, *_format_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
-        if {"a", "b"} & set(one.names):
-            table.add_row("a − b", *_format_cells(*one.difference), "")
+        for name in fit.names:
+            table.add_row(name, *_format_cells(fit.values[name], *fit.intervals[name]), UNITS.get(name, ""))
+        if {"a", "b"} & set(fit.names):
+            table.add_row("a − b", *_format_cells(*fit.difference), "")
         for name in ("stiffness", "v0"):
-            if name in one.fixed:
-                table.add_row(name, f"{one.fixed[name]:.5g}", "fixed", UNITS[name])
+            if name in fit.fixed:
+                table.add_row(name, f"{fit.fixed[name]:.5g}", "fixed", UNITS[name])
         show_table(table)
-        count = f"equivalent to {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
-        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {count}")
-        if not (one.identifiable and one.adequate):
-            console.print(f"  {one.sentence}", style="yellow")
+        count = f"equivalent to {fit.effective:.0f} independent ones" if len(fit.noise) else "independent of each other"
+        console.print(f"  noise {fit.sigma:.2e}; {fit.samples} samples, {count}")
+        if not (fit.identifiable and fit.adequate):
+            console.print(f"  {fit.sentence}", style="yellow")
         console.print()
-    if found.posterior is not None:
-        _show_posterior(found.posterior)
-    for sentence in doubts(found):
+    if result.posterior is not None:
+        _show_posterior(result.posterior)
+    for sentence in doubts(result):
         console.print(sentence, style="yellow")
-    if found.comparison is not None:
-        console.print(found.comparison.sentence, style="bold")
+    if result.comparison is not None:
+        console.print(result.comparison.sentence, style="bold")
 
 
-def _show_posterior(one: Posterior) -> None:
-    names, title = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit"), f"Posterior, {one.fit.law} law"
-    table = new_table(*names, title=title, left=("parameter", "unit"))
-    for name in one.names:
-        table.add_row(name, *(f"{value:.5g}" for value in one.percentiles[name]), UNITS.get(name, ""))
+def _show_posterior(result: Posterior) -> None:
+    names = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit")
+    table = new_table(*names, title=f"Posterior, {result.fit.law} law", left=("parameter", "unit"))
+    for name in result.names:
+        table.add_row(name, *(f"{value:.5g}" for value in result.percentiles[name]), UNITS.get(name, ""))
     show_table(table)
-    slowest = max(one.times.values())
+    slowest = max(result.times.values())
     console.print(
-        f"  {len(one.draws)} draws; the chain is {one.steps / slowest:.0f} autocorrelation times long "
-        f"(τ = {slowest:.1f} steps, acceptance {one.acceptance:.2f})"
+        f"  {len(result.draws)} draws; the chain is {result.steps / slowest:.0f} autocorrelation times long "
+        f"(τ = {slowest:.1f} steps, acceptance {result.acceptance:.2f})"
     )
     console.print()
 
 
-def doubts(found: RecordFits) -> list[str]:
+def doubts(result: RecordFits) -> list[str]:
     """Return one sentence for each suspicion: a wrong unit of length or of stiffness, or a trend that was left out."""
     low, high = CREDIBLE
     lengths = [
-        f"{one.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
+        f"{fit.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
         f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
-        for one in found.fits
-        if np.isfinite(dc := one.values.get("dc", np.nan)) and not low <= dc <= high
+        for fit in result.fits
+        if np.isfinite(dc := fit.values.get("dc", np.nan)) and not low <= dc <= high
         for unit, factor in [_likelier_unit(dc)]
     ]
-    return [*found.remedies, *lengths]
+    return [*result.remedies, *lengths]
 
 
 def _likelier_unit(dc: float) -> tuple[str, float]:
     """Likely unit of the displacements, and the conversion factor from the unit stated in the file."""
     factors = [10.0**k for k in (-9, -6, -3, 3, 6, 9)]
-    factor = min(factors, key=lambda one: abs(np.log(dc * one / 1e-5)))  # nearest to ten micrometres
+    factor = min(factors, key=lambda size: abs(np.log(dc * size / 1e-5)))  # nearest to ten micrometres
     return f"a unit {1 / factor:g} times smaller" if factor < 1 else f"a unit {factor:g} times larger", factor
 
 
-def conclusions(found: RecordFits) -> list[str]:
+def conclusions(result: RecordFits) -> list[str]:
     """Return the conclusion: the law that the data prefer, or the sentence for a single fit."""
-    return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
+    return [result.comparison.sentence] if result.comparison is not None else [fit.sentence for fit in result.fits]
 
 
 def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
@@ -248,25 +250,25 @@ def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
     return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
 
 
-def write(out: Path, found: RecordFits) -> list[Path]:
+def write(out: Path, result: RecordFits) -> list[Path]:
     """Write the JSON file, the figures and the draws, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    contents = {FIGURE: png(figures.fitted(found.data, found.fits))}
-    if (one := found.posterior) is not None:
-        contents[DRAWS] = _draws_csv(found.file, one).encode()
-        contents[CORNER] = png(figures.corner(one.columns, one.fit.intervals, UNITS))
+    contents = {FIGURE: png(figures.fitted(result.data, result.fits))}
+    if (sampled := result.posterior) is not None:
+        contents[DRAWS] = _draws_csv(result.file, sampled).encode()
+        contents[CORNER] = png(figures.corner(sampled.columns, sampled.fit.intervals, UNITS))
     for name in (DRAWS, CORNER):
         if name not in contents:
             (out / name).unlink(missing_ok=True)  # of an earlier fit
     for name, data in contents.items():
         write_file(out, name, data)
-    write_file(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete
+    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, since it marks the fit as complete
     return [out / name for name in (NUMBERS, *contents)]
 
 
-def _draws_csv(file: Path, one: Posterior) -> str:
+def _draws_csv(file: Path, result: Posterior) -> str:
     """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
-    fixed = ", ".join(f"{name} = {value:.6g}" for name, value in one.fit.fixed.items())
-    notes = f"draws from the posterior of {file.name}, {one.fit.law} law, {one.fit.form} form", f"fixed: {fixed}"
-    labels = [heading_of(name, UNITS.get(name, "1")) for name in one.names]
-    return format_table(labels, one.draws, digits=8, comments=notes)
+    fixed = ", ".join(f"{name} = {value:.6g}" for name, value in result.fit.fixed.items())
+    notes = f"draws from the posterior of {file.name}, {result.fit.law} law, {result.fit.form} form", f"fixed: {fixed}"
+    labels = [heading_of(name, UNITS.get(name, "1")) for name in result.names]
+    return format_table(labels, result.draws, digits=8, comments=notes)

@@ -50,7 +50,7 @@ def show(result: SliderResult) -> None:
             cells = (f"{leg.velocity:.4g}", f"{end:.6g}", f"{part[-1]:.5f}", f"{part.min():.5f}", f"{part.max():.5f}")
             table.add_row(*cells)
     show_table(table)
-    for sentence in dict.fromkeys(one.sentence for one in result.sliding):
+    for sentence in dict.fromkeys(regime.sentence for regime in result.sliding):
         console.print(f"  {sentence}")
     if not h.ok:
         console.print(f"{h.end.value} (after {h.reached:.6g} s)", style="yellow")

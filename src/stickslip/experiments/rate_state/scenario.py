@@ -38,7 +38,7 @@ class Surface(ScenarioTable):
 
     @property
     def rate_state(self) -> RateState:
-        """The surface."""
+        """Rate-and-state parameters of the surface."""
         given = {name: value for name, value in self.model_dump().items() if value is not None}
         return RateState(**given)
 

@@ -34,7 +34,7 @@ def simulate_slider(
     surface, spring = scenario.surface.rate_state, Spring(**scenario.spring.model_dump())
     legs = tuple(LoadStep(leg.time, leg.velocity, leg.normal) for leg in scenario.legs)
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
-    rate = f"stiffness {spring.stiffness:g}, growth rate {max(one.growth_rate for one in sliding):.2e}"
+    rate = f"stiffness {spring.stiffness:g}, growth rate {max(regime.growth_rate for regime in sliding):.2e}"
     report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
     history = spring_slider(surface, spring, legs, times=_sample_times(legs, scenario.samples.number))
     report("slider", 1.0, f"{rate}, friction {history.friction[-1]:.4f} at {history.velocity[-1]:.1e} m/s")

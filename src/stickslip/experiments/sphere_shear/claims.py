@@ -149,18 +149,16 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
     decades, growing = [s and s.decades for s in stretches], sum(not s.ended for s in known)
     said = 'Fig 3: "an increase in time of about 10 orders of magnitude following an oscillatory exponential growth"'
     ends = "; M " + ", ".join(f"{s.first:.0e} to {s.last:.0e}" for s in known) if known else ""
-    words = (
-        f"M within a factor of two of exp(2 omega_i t), omega_i predicted: {describe_range(decades, '{:.1f}')}{ends}"
-    )
-    words += f"; {growing} still grew when the run ended" if growing else ""
+    note = f"M within a factor of two of exp(2 omega_i t), omega_i predicted: {describe_range(decades, '{:.1f}')}{ends}"
+    note += f"; {growing} still grew when the run ended" if growing else ""
     return [
         claim(
             "growth-follows-prediction", said, True, all(s.decades >= DECADES for s in known) if known else None, "",
-            0.0, f"over at least ten decades; {words}",
+            0.0, f"over at least ten decades; {note}",
         ),
         claim(
             "decades-of-growth", said, DECADES, known_median(decades), "decades of M", TOLERANCE["decades"],
-            f"{words}; the number depends on the initial perturbation, velocities of "
+            f"{note}; the number depends on the initial perturbation, velocities of "
             f"{main.scenario.release.seed_velocity:g} here; the paper does not print the size of its own",
         ),
     ]  # fmt: skip
@@ -168,8 +166,8 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
 
 def _ended_runs(runs: list[Released | None]) -> list[Released]:
     """Select the runs whose exponential growth ended before the run did; only these can have failed."""
-    found = [(r, exponential_stretch(r)) for r in runs if r]
-    return [r for r, stretch in found if stretch and stretch.ended]
+    stretches = [(r, exponential_stretch(r)) for r in runs if r]
+    return [r for r, stretch in stretches if stretch and stretch.ended]
 
 
 def _failure_claims(main: ShearResult) -> list[Claim]:
@@ -201,14 +199,14 @@ def _stress_drop(
     there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]
-    words = ", ".join(
+    listed = ", ".join(
         f"{pluralize(r.pairs, 'pair')} at {r.strain:.2g}: {a:.3g} ({b:.3g} of p), M {r.msd[-1]:.0e}, "
         f"{r.contacts_lost} lost"
         for r, a, b in zip(there, relative, to_pressure, strict=True)
     )
     note = (
         f"the paper's 22 % is from one run; fraction of the initial shear stress, which may be near zero; relative to "
-        f"pressure {describe_range(to_pressure)}; {words or 'in no run did the exponential growth end'}"
+        f"pressure {describe_range(to_pressure)}; {listed or 'in no run did the exponential growth end'}"
     )
     if paper is None:
         note += f"; {LEAST_DURATION}"

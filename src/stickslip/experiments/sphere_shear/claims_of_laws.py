@@ -32,7 +32,7 @@ class Births(NamedTuple):
         )
 
 
-def stored_births() -> dict[tuple[str, str, float], Births]:
+def read_births() -> dict[tuple[str, str, float], Births]:
     """Births of the stored study, by kind of law, smoothing and friction."""
     with BIRTHS.open(encoding="utf-8", newline="") as file:
         rows = [Births(r[0], r[1], float(r[2]), *map(int, r[3:6]), float(r[6])) for r in list(csv.reader(file))[1:]]
@@ -41,7 +41,7 @@ def stored_births() -> dict[tuple[str, str, float], Births]:
 
 def law_claims() -> list[Claim]:
     """Claims about the form of the law, its smoothing, and the Coulomb limit."""
-    births = stored_births()
+    births = read_births()
     smooth, sharp, unlimited = (
         births["hertz_mindlin", *law] for law in (("smooth", MU), ("sharp", MU), ("sharp", 1e9))
     )
@@ -53,17 +53,17 @@ def law_claims() -> list[Claim]:
     free = smooth.born - smooth.limited
     rows = (
         ("pairs-under-a-linear-law", 'Sec. II: "changing the analytic forms of the interaction forces [...] does not '
-         'affect [the] appearance of the instability"', _most(linear.born, linear.packings),
+         'affect [the] appearance of the instability"', _mostly(linear.born, linear.packings),
          f"packings with a pair: {linear}; {smooth}; the strains of the first pairs differ, and so does their cause: "
          f"{at_limit}"),
         ("pairs-without-smoothing", 'Sec. II: "do not depend on this smoothing of the tangential force"',
-         _most(sharp.born, sharp.packings), f"packings with a pair: {sharp}; {smooth}; "
+         _mostly(sharp.born, sharp.packings), f"packings with a pair: {sharp}; {smooth}; "
          f"with a linear law the smoothing decides: {at_limit}"),
         ("pairs-before-the-limit", 'Sec. II: "instabilities are often seen before any Coulomb limit is reached"',
-         _most(free, smooth.born), f"no contact at the limit at {free} of {smooth.born} births, where the largest "
+         _mostly(free, smooth.born), f"no contact at the limit at {free} of {smooth.born} births, where the largest "
          f"F_t/(mu F_n) is {smooth.mobilisation:.2g} at the median; {at_limit}"),
         ("threshold-not-responsible", 'Sec. II: "the existence of a Coulomb threshold is not responsible for the '
-         'reported phenomenology"', _most(unlimited.born, unlimited.packings),
+         'reported phenomenology"', _mostly(unlimited.born, unlimited.packings),
          f"packings with a pair: {unlimited}; with a linear law the limit is responsible: {bare}"),
     )  # fmt: skip
     generic = claim(
@@ -89,7 +89,7 @@ def share_interval(count: int, total: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _most(count: int, total: int) -> bool | None:
+def _mostly(count: int, total: int) -> bool | None:
     """Whether more than half of all cases are so; None if the 95 % interval of the share contains a half."""
     low, high = share_interval(count, total)
     return None if low <= 0.5 <= high else bool(low > 0.5)

@@ -119,7 +119,7 @@ def shear_packing(
     scenario: ShearScenario,
     seed: int,
     kept: Checkpoint | None = None,
-    report: Callable[[float, str], None] = lambda share, words: None,
+    report: Callable[[float, str], None] = lambda share, message: None,
 ) -> ShearPath:
     """Pack one sample and shear it; if no equilibrium is found, the path ends early and the reason is given.
 
@@ -146,8 +146,10 @@ def shear_packing(
             break
         path.append(step)
         state, (pairs, _, _, rate, *_, residual) = step.state, step.row
-        words = f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
-        report((k + 1) / len(loads), words)
+        progress = (
+            f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
+        )
+        report((k + 1) / len(loads), progress)
     if not path:
         raise RuntimeError(stopped)
     numbers = [step.row[0] for step in path]
@@ -207,9 +209,9 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
     change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
     offset = (above - change.load) * 0.5 ** np.arange(HALVINGS)
-    found = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
-    im = np.array([s.im_lambda.max() for s in found])
-    alone = [k for k, s in enumerate(found) if len(s.pairs) == 1][-5:]  # nearest to the birth
+    spectra = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
+    im = np.array([s.im_lambda.max() for s in spectra])
+    alone = [k for k, s in enumerate(spectra) if len(s.pairs) == 1][-5:]  # nearest to the birth
     exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
     born = linearise(protocol.step(clean.state, change.above).state, protocol.law).mobilisation
     mobilisation = born[np.isfinite(born)]
@@ -248,11 +250,11 @@ def simulate_shear(
     def run(stage: str, function: Callable, tasks: list[Task]) -> Realizations:
         return run_realizations(function, tasks, stage=stage, workers=workers, report=report, describe=_describe_member)
 
-    found = run("quasi-static shear", shear_packing, [
+    sheared = run("quasi-static shear", shear_packing, [
         Task(f"packing {seed}", (scenario, seed, kept and kept.of(f"packing-{seed}")), f"packing-{seed}", kept)
         for seed in seeds
     ])  # fmt: skip
-    paths = found.successful("packing")
+    paths = sheared.successful("packing")
     starts = [(scenario, p.seed, p.single, p.single_strain) for p in paths]
     starts += [(scenario, p.seed, p.last, float(p.strain[-1])) for p in paths]
     wanted = [k for k, (*_, state, _) in enumerate(starts) if state is not None]
@@ -262,9 +264,9 @@ def simulate_shear(
         for k in wanted
     ])  # fmt: skip
     released: list[Released | None] = [None] * len(starts)
-    for k, one in zip(wanted, runs.results, strict=True):
-        released[k] = one
-    failures = found.failures + runs.failures
+    for k, result in zip(wanted, runs.results, strict=True):
+        released[k] = result
+    failures = sheared.failures + runs.failures
     return ShearResult(
         scenario, make_law(scenario.law), paths, released[: len(paths)], released[len(paths) :], failures
     )
@@ -272,17 +274,17 @@ def simulate_shear(
 
 def _describe_member(member: Member) -> str:
     """Describe the outcome of a finished member in a few words."""
-    found = member.result
+    result = member.result
     if member.failure:
         return member.failure
-    if isinstance(found, Released):
-        fitted = f", fitted {found.growth.growth_rate:.2e}" if found.growth else ""
+    if isinstance(result, Released):
+        fitted = f", fitted {result.growth.growth_rate:.2e}" if result.growth else ""
         return (
-            f"strain {found.strain:.2e}: growth rate {found.growth_rate:.2e}{fitted}, M = {found.msd[-1]:.0e}, "
-            f"{found.contacts_lost} contacts lost"
+            f"strain {result.strain:.2e}: growth rate {result.growth_rate:.2e}{fitted}, M = {result.msd[-1]:.0e}, "
+            f"{result.contacts_lost} contacts lost"
         )
-    born = f"first pair at {found.onset.strain:.3e}" if found.onset else "no first pair located"
-    return f"packing {found.seed}: {born}, {found.pairs[-1]:.0f} pairs at {found.strain[-1]:.2e}"
+    born = f"first pair at {result.onset.strain:.3e}" if result.onset else "no first pair located"
+    return f"packing {result.seed}: {born}, {result.pairs[-1]:.0f} pairs at {result.strain[-1]:.2e}"
 
 
 def _release(scenario: ShearScenario, seed: int, state: State, strain: float, report) -> Released:

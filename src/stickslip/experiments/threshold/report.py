@@ -44,13 +44,13 @@ def _write_outcomes(result: ThresholdResult, path: Path) -> None:
 
 def _outcomes(result: ThresholdResult):
     """Rows (load, number of complex pairs, velocity, runs, slid, lasting, lifetime)."""
-    found = result.found
+    kinetic = result.found
     pairs = {point.load: len(point.spectrum.pairs) for point in result.path}
-    for row, load in enumerate(found.loads):
-        for column, kick in enumerate(found.kicks):
+    for row, load in enumerate(kinetic.loads):
+        for column, kick in enumerate(kinetic.kicks):
             yield (
-                float(load), pairs[float(load)], float(kick), int(found.runs[row, column]),
-                int(found.slid[row, column]), int(found.lasting[row, column]), float(found.lifetime[row, column]),
+                float(load), pairs[float(load)], float(kick), int(kinetic.runs[row, column]),
+                int(kinetic.slid[row, column]), int(kinetic.lasting[row, column]), float(kinetic.lifetime[row, column]),
             )  # fmt: skip
 
 
@@ -93,19 +93,19 @@ def show(result: ThresholdResult) -> None:
 
 def measures(result: ThresholdResult) -> dict[str, tuple[float, str]]:
     """Return the measures of a run for sweeps as {name: (value, unit)}; loads are shear force over normal force."""
-    found, out = result.found, {}
+    kinetic, out = result.found, {}
     for which, at, interval, share in (
-        ("", found.threshold, found.interval, found.probability),
-        ("lasting_", found.lasting_threshold, found.lasting_interval, found.lasting_probability),
+        ("", kinetic.threshold, kinetic.interval, kinetic.probability),
+        ("lasting_", kinetic.lasting_threshold, kinetic.lasting_interval, kinetic.lasting_probability),
     ):
-        for k, kick in enumerate(found.kicks):
+        for k, kick in enumerate(kinetic.kicks):
             out |= {
                 f"{which}threshold@{kick:g}": (at[k], "1"), f"{which}threshold_low@{kick:g}": (interval[k, 0], "1"),
                 f"{which}threshold_high@{kick:g}": (interval[k, 1], "1"),
                 f"largest_{which}share@{kick:g}": (share[:, k].max(), "1"),
             }  # fmt: skip
-    low, high = found.arrest_range
+    low, high = kinetic.arrest_range
     return out | {
         "arrest_low": (low, "1"), "arrest_high": (high, "1"), "strength": (result.strength, "1"),
-        "first_pair": (found.first_pair, "1"), "first_limit": (found.first_limit, "1"),
+        "first_pair": (kinetic.first_pair, "1"), "first_limit": (kinetic.first_limit, "1"),
     }  # fmt: skip

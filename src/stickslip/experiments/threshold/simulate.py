@@ -123,8 +123,8 @@ def raise_load(
             report("rising load", 1.0, f"load {load:.4g}: no equilibrium")
             return path, float(load)
         way = travel(state, point.state) if path else 0.0
-        words = f"load {load:.4g}, {len(point.spectrum.pairs)} pairs, moved by {way:.1e}"
-        report("rising load", (k + 1) / len(loads), words)
+        progress = f"load {load:.4g}, {len(point.spectrum.pairs)} pairs, moved by {way:.1e}"
+        report("rising load", (k + 1) / len(loads), progress)
         if way > distance:
             return path, float(load)
         path.append(point)
@@ -179,9 +179,10 @@ def simulate_threshold(
             f"the sample slides by itself at a load of {strength:.4g}, below all of load.loads: add smaller loads"
         )
     dt = _time_step(how, path[0].state, protocol.law)
-    found = kinetic_threshold(
+    threshold = kinetic_threshold(
         path, protocol, loads=tried, kicks=how.velocities, realizations=how.realizations, duration=how.duration, dt=dt,
         distance=how.distance, ramps=how.ramps if how.ramp_down else 0, drag=how.drag, seed=scenario.seed,
-        workers=workers, kept=kept and kept.of("runs"), report=lambda share, words: report("kicked runs", share, words),
+        workers=workers, kept=kept and kept.of("runs"),
+        report=lambda share, message: report("kicked runs", share, message),
     )  # fmt: skip
-    return ThresholdResult(scenario, protocol.law, path, strength, found)
+    return ThresholdResult(scenario, protocol.law, path, strength, threshold)

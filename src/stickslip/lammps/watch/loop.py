@@ -48,27 +48,27 @@ def watch(
     PackingError
         if no frame can be used; the message is that of the last one tried.
     """
-    rows, found, last = dict(known), None, time.monotonic()
+    rows, seen, last = dict(known), None, time.monotonic()
     said: dict[str, None] = {} if source.contacts else {NO_MEMORY: None}
     problem: PackingError | None = None
     while True:
-        if not (once and found):
-            before, found = found, look(source, found)
-            last = time.monotonic() if before is None or before.sizes != found.sizes else last
-        left = _frames_to_compute(found, rows)
-        notes = (*said, *found.notes)
+        if not (once and seen):
+            before, seen = seen, look(source, seen)
+            last = time.monotonic() if before is None or before.sizes != seen.sizes else last
+        left = _frames_to_compute(seen, rows)
+        notes = (*said, *seen.notes)
         if left:
             pair = left[0 if once else -1]
             yield Progress(rows, notes, len(left), at=pair.grains.step)
             try:
-                row, words = _compute(source, pair, method, report)
-                said |= dict.fromkeys(words)
+                row, remarks = _compute(source, pair, method, report)
+                said |= dict.fromkeys(remarks)
             except PackingError as trouble:
                 problem = trouble
                 row = Row(pair.grains.step, key_of(pair), note=str(trouble))
                 said[f"step {row.step} cannot be used: {trouble}"] = None
             rows[row.step] = row
-            yield Progress(rows, (*said, *found.notes), len(left) - 1, fresh=row)
+            yield Progress(rows, (*said, *seen.notes), len(left) - 1, fresh=row)
             continue
         if problem and not any(row.computed for row in rows.values()):
             raise problem
@@ -76,15 +76,15 @@ def watch(
             break
         yield Progress(rows, notes, 0)
         time.sleep(interval)
-    notes = (*said, *found.notes, *missing_frames(found))
+    notes = (*said, *seen.notes, *missing_frames(seen))
     if not any(row.computed for row in rows.values()):
         raise PackingError(f"{source.folder} has no complete frame: {'; '.join(notes[-3:])}")
     yield Progress(rows, notes, 0, live=False)
 
 
-def _frames_to_compute(found: Look, rows: dict[int, Row]) -> list[Pair]:
+def _frames_to_compute(seen: Look, rows: dict[int, Row]) -> list[Pair]:
     """Frames to compute: those that are not in the table, or have changed since."""
-    return [pair for pair in found.ready if key_of(pair) != getattr(rows.get(pair.grains.step), "digest", None)]
+    return [pair for pair in seen.ready if key_of(pair) != getattr(rows.get(pair.grains.step), "digest", None)]
 
 
 def key_of(pair: Pair) -> str:
@@ -93,7 +93,7 @@ def key_of(pair: Pair) -> str:
 
 
 def _compute(source: Source, pair: Pair, method: str, report) -> tuple[Row, list[str]]:
-    state, words = read_pair(source, pair)
+    state, notes = read_pair(source, pair)
     memory = pair.contacts is not None
     try:
         row = measure_frame(
@@ -101,4 +101,4 @@ def _compute(source: Source, pair: Pair, method: str, report) -> tuple[Row, list
         )
     except ArithmeticError as problem:
         raise PackingError(f"its spectrum could not be computed ({problem})") from None
-    return row, [line for line in words if not isinstance(line, MemoryNote)]
+    return row, [line for line in notes if not isinstance(line, MemoryNote)]

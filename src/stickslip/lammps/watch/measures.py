@@ -82,13 +82,13 @@ def measure_frame(
     if method == "none" or (large and not row.residual <= BALANCED_BELOW):
         row = _without_spectrum(row)
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
-    found = stability(state, law, method="fastest" if large else method, report=report)
+    result = stability(state, law, method="fastest" if large else method, report=report)
     matrix = here.with_modes(modes_under(state, law, here.line)).dynamical_matrix(free)
-    return _add_spectrum(row, found, softest_eigenvalue(matrix))
+    return _add_spectrum(row, result, softest_eigenvalue(matrix))
 
 
-def _note(row: Row, words: str) -> Row:
-    return row._replace(note="; ".join(filter(None, [row.note, words])))
+def _note(row: Row, text: str) -> Row:
+    return row._replace(note="; ".join(filter(None, [row.note, text])))
 
 
 def _add_stress(row: Row, state: State, law: Law) -> Row:
@@ -108,22 +108,22 @@ def _without_spectrum(row: Row) -> Row:
     return row._replace(balanced=balanced, verdict=verdict)
 
 
-def _add_spectrum(row: Row, found: Stability, softest: complex) -> Row:
+def _add_spectrum(row: Row, result: Stability, softest: complex) -> Row:
     """Row with the numbers of a spectrum, as `stickslip stability --json` has them."""
-    known = to_dict(found)
+    known = to_dict(result)
     grow = known["pairs"]
     negative = known["negative"] if "negative" in known else known["growing"]
-    static = found.undamped or found
+    static = result.undamped or result
     least = min([softest.real, *map(float, static.negative)]) if np.isfinite(softest.real) else None
     return row._replace(
         rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
         growth_rate=grow[0]["growth_rate"] if grow else None, omega=grow[0]["omega"] if grow else None,
-        buckling=len(negative), stable=known["stable"], balanced=known["balanced"], verdict=found.verdict,
+        buckling=len(negative), stable=known["stable"], balanced=known["balanced"], verdict=result.verdict,
         scope=known["scope"],
     )  # fmt: skip
 
 
-def in_a_word(row: Row) -> str:
+def verdict_word(row: Row) -> str:
     """Verdict in one word."""
     if not row.computed:
         return "damaged"

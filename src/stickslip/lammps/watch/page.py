@@ -13,7 +13,7 @@ from ...figures.watch import watched_balance, watched_contacts, watched_spectrum
 from ...reports.output_file import staged_file
 from ...solve.balance import BALANCED_BELOW
 from .loop import Progress
-from .measures import Row, in_a_word
+from .measures import Row, verdict_word
 
 RELOAD = 10  # time after which the page is loaded again [s]
 ROWS = 60  # of the table of frames
@@ -52,18 +52,18 @@ def _sections(rows: list[Row], table: Path, done: Progress, how: dict) -> list[t
 
 def _newest(row: Row, done: Progress) -> str:
     verdict = row.verdict or row.note
-    words = page.paragraph(f"Step {row.step}: {verdict}.", kind="verdict" if row.stable is not None else "")
+    html = page.paragraph(f"Step {row.step}: {verdict}.", kind="verdict" if row.stable is not None else "")
     if row.scope:
-        words += page.paragraph(f"What was checked: {row.scope}.", kind="soft")
+        html += page.paragraph(f"What was checked: {row.scope}.", kind="soft")
     if row.note and row.verdict:
-        words += page.paragraph(row.note[:1].upper() + row.note[1:] + ".", kind="soft")
+        html += page.paragraph(row.note[:1].upper() + row.note[1:] + ".", kind="soft")
     if done.left:
-        words += page.paragraph(
+        html += page.paragraph(
             f"Not computed yet: {pluralize(done.left, 'frame')}. The newest one comes first, the others while the "
             f"simulation does not write.",
             kind="warning",
         )
-    return words
+    return html
 
 
 def _charts(rows: list[Row]) -> str:
@@ -71,11 +71,11 @@ def _charts(rows: list[Row]) -> str:
     series = {name: _series(rows, name) for name in ("pressure", "shear_stress", "coordination", "softest", "residual")}
     sliding = _series(rows, "sliding") / np.maximum(_series(rows, "contacts"), 1)
     growth = np.where(np.isfinite(_series(rows, "pairs")), np.nan_to_num(_series(rows, "growth_rate")), np.nan)
-    words = [in_a_word(row) for row in rows]
+    verdicts = [verdict_word(row) for row in rows]
     return page.pictures({
         "stress": png(watched_stress(step, series["pressure"], series["shear_stress"])),
         "contacts": png(watched_contacts(step, series["coordination"], sliding)),
-        "softest mode, and fastest growing pair": png(watched_spectrum(step, series["softest"], growth, words)),
+        "softest mode, and fastest growing pair": png(watched_spectrum(step, series["softest"], growth, verdicts)),
         "unbalanced force": png(watched_balance(step, series["residual"], BALANCED_BELOW)),
     })  # fmt: skip
 
@@ -86,7 +86,7 @@ def _series(rows: list[Row], name: str) -> np.ndarray:
 
 
 def _frame_table(rows: list[Row], table: Path) -> str:
-    lines = [[str(row.step), *cells(row), in_a_word(row)] for row in reversed(rows[-ROWS:])]
+    lines = [[str(row.step), *cells(row), verdict_word(row)] for row in reversed(rows[-ROWS:])]
     text = page.table(list(COLUMNS), lines, classes=dict.fromkeys(COLUMNS[:-1], "number"))
     rest = f"and {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "all frames with all measures"
     return text + page.paragraph(f"{rest[:1].upper() + rest[1:]} in {table.name}.", kind="soft")
@@ -95,13 +95,13 @@ def _frame_table(rows: list[Row], table: Path) -> str:
 def cells(row: Row) -> list[str]:
     """Numbers of a row as text, a dash where there is none."""
 
-    def shown(value, form: str) -> str:
+    def text(value, form: str) -> str:
         return "–" if value is None else format(value, form)
 
     share = None if row.sliding is None or not row.contacts else row.sliding / row.contacts
     ratio = None if row.shear_stress is None or not row.pressure else row.shear_stress / row.pressure
     return [
-        shown(row.contacts, "d"), shown(row.coordination, ".3f"), shown(share, ".1%"), shown(row.pressure, ".4g"),
-        shown(ratio, ".3f"), shown(row.residual, ".1e"), shown(row.softest, ".3g"), shown(row.pairs, "d"),
-        shown(row.growth_rate, ".3g"),
+        text(row.contacts, "d"), text(row.coordination, ".3f"), text(share, ".1%"), text(row.pressure, ".4g"),
+        text(ratio, ".3f"), text(row.residual, ".1e"), text(row.softest, ".3g"), text(row.pairs, "d"),
+        text(row.growth_rate, ".3g"),
     ]  # fmt: skip

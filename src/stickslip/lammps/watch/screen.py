@@ -10,7 +10,7 @@ from rich.text import Text
 
 from ...reports.terminal import STYLE, can_redraw, console
 from .loop import Progress
-from .measures import Row, in_a_word
+from .measures import Row, verdict_word
 from .page import cells
 
 NARROW = 78  # columns below which there are lines instead of a table
@@ -22,7 +22,7 @@ COLUMNS = {"step": 9, "pressure": 9, "shear/p": 7, "Z": 5, "sliding": 7, "softes
 def _line(row: Row) -> list[str]:
     """Cells of a row in the order of COLUMNS."""
     _, z, sliding, pressure, ratio, _, softest, _, growth = cells(row)
-    return [str(row.step), pressure, ratio, z, sliding, softest, growth, in_a_word(row)]
+    return [str(row.step), pressure, ratio, z, sliding, softest, growth, verdict_word(row)]
 
 
 @contextmanager
@@ -47,13 +47,13 @@ class _Live:
         self.said, self.done, self.stage = max(self.said, len(done.notes)), done, ""
         self._draw()
 
-    def report(self, stage: str, share: float, words: str, left: float | None = None) -> None:
+    def report(self, stage: str, share: float, message: str, left: float | None = None) -> None:
         self.stage = f"{stage} {share:.0%}"
         self._draw()
 
     def _draw(self) -> None:
-        words = ": ".join(filter(None, [_state(self.done), self.stage]))
-        self.live.update(Group(_table(self.done), Text(words, style="dim", no_wrap=True, overflow="ellipsis")))
+        text = ": ".join(filter(None, [_state(self.done), self.stage]))
+        self.live.update(Group(_table(self.done), Text(text, style="dim", no_wrap=True, overflow="ellipsis")))
 
 
 def _table(done: Progress) -> Table:
@@ -70,15 +70,15 @@ def _table(done: Progress) -> Table:
 def _state(done: Progress) -> str:
     """What is being done, in a few words."""
     computed = sum(row.computed for row in done.rows.values())
-    words = [f"{computed} frame{'s' * (computed != 1)}"]
+    parts = [f"{computed} frame{'s' * (computed != 1)}"]
     if done.at is not None:
-        words.append(f"computing step {done.at}")
+        parts.append(f"computing step {done.at}")
     elif done.live and not done.left:
-        words.append("waiting for the next one")
+        parts.append("waiting for the next one")
     older = done.left - (done.at is not None)
     if older > 0:
-        words.append(f"{older} more to compute")
-    return ", ".join(words)
+        parts.append(f"{older} more to compute")
+    return ", ".join(parts)
 
 
 class _Lines:
@@ -93,14 +93,14 @@ class _Lines:
         self.said = max(self.said, len(done.notes))
         if not self.begun:
             self.begun = True
-            console.print(_aligned(list(COLUMNS)), soft_wrap=True)
+            console.print(_align(list(COLUMNS)), soft_wrap=True)
         if done.fresh:
-            console.print(_aligned(_line(done.fresh)), soft_wrap=True)
+            console.print(_align(_line(done.fresh)), soft_wrap=True)
 
-    def report(self, stage: str, share: float, words: str, left: float | None = None) -> None:
+    def report(self, stage: str, share: float, message: str, left: float | None = None) -> None:
         """Nothing: a frame has one line."""
 
 
-def _aligned(words: list[str]) -> str:
-    *numbers, last = (word.rjust(width) for word, width in zip(words, COLUMNS.values(), strict=True))
+def _align(columns: list[str]) -> str:
+    *numbers, last = (word.rjust(width) for word, width in zip(columns, COLUMNS.values(), strict=True))
     return "  ".join([*numbers, last.strip()])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.text import Text
 
-from ...core.units import for_people
+from ...core.units import in_readable_units
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
 from ...data.law_file import check_law_files
 from ...data.manifest import find_foreign, read_manifest, write_manifest
@@ -159,7 +159,7 @@ def show(swept: SweepResult) -> None:
     table = new_table(*names, title=title, left=("measure", "unit"))
     for name, known in ranges(swept).items():
         cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
-        cells, unit = for_people(cells, known["unit"])
+        cells, unit = in_readable_units(cells, known["unit"])
         table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
