@@ -1,5 +1,8 @@
 from .lammps.run import lammps_engine as lammps_engine
 from .lammps.run import run_in_lammps as run_in_lammps
+from .loading.envelope import Envelope as Envelope
+from .loading.envelope import localisation as localisation
+from .loading.envelope import response_envelope as response_envelope
 from .loading.events import find_events as find_events
 from .loading.protocols import Protocol as Protocol
 from .loading.protocols import fit_growth as fit_growth

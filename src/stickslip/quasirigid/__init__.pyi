@@ -10,5 +10,6 @@ from .matrices import quadratic_form as quadratic_form
 from .matrices import stiffness_matrix as stiffness_matrix
 from .null_modes import mechanisms as mechanisms
 from .path import load_path as load_path
+from .probes import probe_statuses as probe_statuses
 from .status import contact_status as contact_status
 from .uniqueness import certificate as certificate

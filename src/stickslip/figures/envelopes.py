@@ -1,0 +1,45 @@
+"""Figures of responses to probes: envelopes of stress, second-order work by direction, and its cones."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import pyplot as plt
+
+from .style import BLACK, COLORS, RED, WIDTH, axis_label, styled
+
+
+@styled
+def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: tuple[str, str] = ("yy", "xx")):
+    """Responses of several states to probes in one plane: stress per unit strain, and second-order work by direction.
+
+    Dashed curves are the elastic part, if contacts at the limit stick. Red wedges are directions of strain with negative
+    second-order work.
+
+    Parameters
+    ----------
+    envelopes : results of `protocols.response_envelope` with control="strain"
+    labels : one for each
+    names : of the components along the two axes of the plane
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(2 * WIDTH, 3.0), layout="constrained")
+    closed = [np.append(np.arange(len(e.angle)), 0) for e in envelopes]
+    for k, (envelope, rows) in enumerate(zip(envelopes, closed, strict=True)):
+        color, label = COLORS[k % len(COLORS)], labels[k] if k < len(labels) else None
+        left.plot(*envelope.components("elastic")[rows, ::-1].T, "--", color=color, lw=0.6)
+        left.plot(*envelope.components("stress")[rows, ::-1].T, color=color, label=label)
+        angle = np.degrees(np.append(envelope.angle, 2 * np.pi))
+        right.plot(angle, envelope.normalised_work[rows], color=color, label=label)
+        for begin, end in np.degrees(envelope.cones):
+            for turn in (0, 360):
+                right.axvspan(begin + turn, end + turn, color=RED, alpha=0.15, lw=0)
+    left.axhline(0, color=BLACK, lw=0.4)
+    left.axvline(0, color=BLACK, lw=0.4)
+    left.set_aspect("equal", "datalim")
+    left.set_xlabel(axis_label(f"dσ along {names[1]} per unit strain", "force/length"))
+    left.set_ylabel(axis_label(f"dσ along {names[0]} per unit strain", "force/length"))
+    right.axhline(0, color=BLACK, lw=0.4)
+    right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
+    right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
+    if labels:
+        right.legend(loc="best", fontsize="small")
+    return figure

@@ -1,0 +1,280 @@
+"""Response of a packing to small probes in all directions of a plane, second-order work, and localisation."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ..core.arguments import checked, require_positive
+from ..core.contacts.neighbors import TooFarApartError
+from ..core.control import stress_controlled
+from ..core.dynamics.cell_motion import strained
+from ..core.laws.builtin import Law
+from ..core.measure import Committed, mean_normal_force, overlaps, stress, touching
+from ..core.readable import readable
+from ..core.state import SLIDE, STICK, State
+from ..solve.equilibrate import equilibrate
+from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
+from ..solve.newton import Factorisation
+
+SIZE = 1e-4  # of a probe, in mean overlaps per diameter
+BALANCED = 1e-7  # residual over the change of forces that a probe makes
+NORMALS = 90  # directions of normals of bands in a plane, before the least is refined
+AXES = "xyz"
+
+
+@readable
+class Envelope(NamedTuple):
+    """Responses to probes of M directions cos(angle) e₁ + sin(angle) e₂ in a plane of symmetric tensors.
+
+    Strain and stress are increments, compression positive, per unit strain (or stress, if that was imposed). NaN where
+    no equilibrium was found near the state.
+    """
+
+    angle: np.ndarray  # (M,) [rad]
+    plane: np.ndarray  # (2, dim, dim) e₁ and e₂, orthonormal
+    strain: np.ndarray  # (M, dim, dim) [1]
+    stress: np.ndarray  # (M, dim, dim) [force/length^(dim−1)]
+    elastic: np.ndarray  # (M, dim, dim) of what was not imposed, if contacts at the limit stick
+    slides: np.ndarray  # (M,) contacts that slide
+    control: str  # "strain" or "stress": what was imposed
+
+    @property
+    def work(self) -> np.ndarray:
+        """Second-order work dσ:dε, (M,)."""
+        return np.einsum("mab,mab->m", self.stress, self.strain)
+
+    @property
+    def normalised_work(self) -> np.ndarray:
+        """Second-order work over |dσ| |dε|, (M,), from −1 to 1."""
+        return self.work / (np.linalg.norm(self.stress, axis=(1, 2)) * np.linalg.norm(self.strain, axis=(1, 2)))
+
+    @property
+    def cones(self) -> list[tuple[float, float]]:
+        """Ranges of angle with negative second-order work, anticlockwise [rad]; the begin may be negative."""
+        return negative_ranges(self.angle, self.work)
+
+    @property
+    def collapsed(self) -> np.ndarray:
+        """(M,) bool: no equilibrium was found near the state."""
+        return np.isnan(self.work)
+
+    def components(self, name: str) -> np.ndarray:
+        """Components along e₁ and e₂ of "strain", "stress" or "elastic", (M, 2)."""
+        return np.einsum("mab,kab->mk", getattr(self, name), self.plane)
+
+
+@checked
+def response_envelope(
+    state: Committed, law: Law, *, directions: int = 64, control: str = "strain", plane=None, size: float = SIZE
+) -> Envelope:
+    """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
+
+    Contacts may start and cease to slide, so that the response is linear only within sectors of directions. Its
+    elastic part is that of the same packing if contacts at the Coulomb limit stick.
+
+    Parameters
+    ----------
+    state : in equilibrium, in a fully periodic cell, without walls or rigid groups; its control does not matter
+    directions : int, evenly spaced in angle
+    control : "strain" imposes all components of the strain, "stress" all components of the stress
+    plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
+        spheres, the planes of biaxial and triaxial tests along y
+    size : of the probes, in mean overlaps over diameters
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, if the packing has walls, groups or open sides, or only rattlers.
+
+    Source
+    ------
+    Gudehus, 1979, A comparison of some constitutive laws for soils under radially symmetric loading and unloading;
+    Calvetti, Viggiani & Tamagnini, doi:10.1007/s10035-003-0132-5 (grains); Nicot & Darve,
+    doi:10.1016/j.ijsolstr.2007.04.001 (cones of negative second-order work).
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(30, pressure=1e-3, dim=2, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> envelope = ss.protocols.response_envelope(state, law, directions=16)
+    >>> envelope.cones, bool((envelope.work > 0).all())
+    ([], True)
+    """
+    require_positive(size=size, directions=directions)
+    if control not in ("strain", "stress"):
+        raise ValueError(f"control={control!r} was given: 'strain' and 'stress' are allowed")
+    span = _orthonormal(_default_plane(state.cell.dim) if plane is None else np.asarray(plane, float), state.cell.dim)
+    angle = 2 * np.pi * np.arange(directions) / directions
+    probes = np.cos(angle)[:, None, None] * span[0] + np.sin(angle)[:, None, None] * span[1]
+    moduli = elastic_moduli(_sticking(state), law).tensor
+    step = size * float(overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean()))
+    probe = _StrainProbe(state, law, step) if control == "strain" else _StressProbe(state, law, step, moduli)
+    answers = [probe.answer(direction) for direction in probes]
+    strain, change = (np.array([answer[k] for answer in answers]) for k in range(2))
+    elastic = np.einsum("abcd,mcd->mab", moduli, probes) if control == "strain" else _compliant(moduli, probes)
+    return Envelope(angle, span, strain, change, elastic, np.array([answer[2] for answer in answers]), control)
+
+
+def negative_ranges(angle: np.ndarray, work: np.ndarray) -> list[tuple[float, float]]:
+    """Return the ranges of angle in which the work is negative; NaN counts as negative, at the end of the last probe.
+
+    Examples
+    --------
+    >>> negative_ranges(np.radians([0, 90, 180, 270]), np.array([1.0, 1.0, -1.0, 1.0]))
+    [(2.356194490192345, 3.9269908169872414)]
+    """
+    below = ~(work >= 0)
+    if below.all() or not below.any():
+        return [(0.0, 2 * np.pi)] if below.all() else []
+    count, ranges = len(angle), []
+    for k in np.flatnonzero(below & ~np.roll(below, 1)):
+        last = k
+        while below[(last + 1) % count]:
+            last += 1
+        ranges.append((_zero(angle, work, k - 1), _zero(angle, work, last)))
+    return ranges
+
+
+def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
+    """Angle between probes k and k + 1 at which the work, interpolated, is zero."""
+    count, spacing = len(angle), 2 * np.pi / len(angle)
+    before, after = work[k % count], work[(k + 1) % count]
+    share = before / (before - after) if np.isfinite(before) and np.isfinite(after) else float(np.isnan(before))
+    return float(k * spacing + share * spacing)
+
+
+class _StrainProbe:
+    """Probes of imposed strain."""
+
+    def __init__(self, state: State, law: Law, step: float):
+        control = state.control._replace(cell_free=np.zeros((3, 3), bool), cell_rate=np.zeros((3, 3)))
+        self.state, self.law, self.step = state._replace(control=control), law, step
+        self.before, self.keep = stress(state, law), Factorisation()
+        self.tolerance = BALANCED * mean_normal_force(state, law) * SIZE
+
+    def answer(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """Return strain and stress per unit strain, and the number of contacts that slide."""
+        end = self.settle(strained(self.state, -self.step * direction))
+        if end is None:
+            return direction, np.full_like(direction, np.nan), -1
+        dim, change = len(direction), stress(end, self.law) - self.before
+        return direction, 0.5 * (change + change.T)[:dim, :dim] / self.step, _slides(end)
+
+    def settle(self, state: State) -> State | None:
+        """Return the equilibrium that Newton's method reaches, or None."""
+        try:
+            end, outcome = equilibrate(
+                state, self.law, tolerance=self.tolerance, keep=self.keep, check="nothing", steps=1
+            )
+        except TooFarApartError:
+            return None
+        return end if outcome.ok else None
+
+
+class _StressProbe(_StrainProbe):
+    """Probes of imposed stress."""
+
+    def __init__(self, state: State, law: Law, step: float, moduli: np.ndarray):
+        super().__init__(state, law, step)
+        self.size = step * np.linalg.norm(moduli) / len(moduli)
+
+    def answer(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """Return strain and stress per unit stress, and the number of contacts that slide."""
+        dim = len(direction)
+        wanted = self.before[:dim, :dim] + self.size * direction
+        names = [(a, b) for a in range(dim) for b in range(a, dim)]
+        target = {AXES[a] + AXES[b]: float(wanted[a, b]) for a, b in names}
+        end = self.settle(self.state._replace(control=stress_controlled(self.state.control, target)))
+        if end is None:
+            return np.full_like(direction, np.nan), direction, -1
+        vectors = self.state.cell.vectors[:dim, :dim]
+        gradient = np.linalg.solve(vectors, end.cell.vectors[:dim, :dim] - vectors).T
+        return -0.5 * (gradient + gradient.T) / self.size, direction, _slides(end)
+
+
+def _slides(state: State) -> int:
+    return int((state.contacts.mode[touching(state)] == SLIDE).sum())
+
+
+def _sticking(state: State) -> State:
+    """Return the state with contacts at the limit held as if they stuck."""
+    contacts = state.contacts
+    return state._replace(contacts=contacts._replace(mode=np.where(contacts.mode == SLIDE, STICK, contacts.mode)))
+
+
+def _default_plane(dim: int) -> np.ndarray:
+    """Return yy and the other normal components together."""
+    along = np.zeros((dim, dim))
+    along[1, 1] = 1.0
+    return np.array([along, np.eye(dim) - along])
+
+
+def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
+    """Return an orthonormal basis of the plane of two tensors."""
+    if plane.shape != (2, dim, dim) or not np.allclose(plane, plane.transpose(0, 2, 1)):
+        raise ValueError(
+            f"a plane of shape {plane.shape} was given: two symmetric tensors of shape {(dim, dim)} span one"
+        )
+    first = plane[0] / np.linalg.norm(plane[0])
+    second = plane[1] - (plane[1] * first).sum() * first
+    if not np.linalg.norm(second) > 1e-9 * np.linalg.norm(plane[1]):
+        raise ValueError("two tensors that are multiples of each other were given: they must span a plane")
+    return np.array([first, second / np.linalg.norm(second)])
+
+
+def _compliant(moduli: np.ndarray, probes: np.ndarray) -> np.ndarray:
+    """Return symmetric strains with σ = C:ε for given stresses."""
+    first, second = np.array(VOIGT[len(moduli)]).T
+    values = np.linalg.solve(voigt(moduli), probes[:, first, second].T).T / np.where(first == second, 1, 2)
+    strain = np.zeros_like(probes)
+    strain[:, first, second] = strain[:, second, first] = values
+    return strain
+
+
+class Localisation(NamedTuple):
+    """Weakest plane of a packing against a band of shear: the acoustic tensor n·C·n with the least determinant."""
+
+    normal: np.ndarray  # (dim,) of the plane
+    determinant: float  # of its acoustic tensor, over that of the isotropic tensor nearest to the elastic moduli [1]
+
+
+@checked
+def localisation(state: Committed, law: Law) -> Localisation:
+    """Return the plane in the xy plane of normals whose acoustic tensor n_b C_abcd n_d has the least determinant.
+
+    C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
+    that a band across n may form.
+
+    Source
+    ------
+    Rudnicki & Rice, doi:10.1016/0022-5096(75)90001-0.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(30, pressure=1e-3, dim=2, seed=1)
+    >>> 0.3 < ss.protocols.localisation(state, ss.laws.hertz_mindlin(mu=0.5)).determinant < 1
+    True
+    """
+    moduli, stuck = elastic_moduli(state, law).tensor, elastic_moduli(_sticking(state), law)
+    dim = len(moduli)
+    unit = np.eye(dim)[0]
+    whole = _acoustic(isotropic_tensor(dim, stuck.bulk, stuck.shear), unit)
+
+    def value(angle: float) -> float:
+        return _acoustic(moduli, _normal(angle, dim)) / whole
+
+    angles = np.pi * np.arange(NORMALS) / NORMALS
+    start = angles[np.argmin([value(angle) for angle in angles])]
+    best = minimize_scalar(value, bounds=(start - np.pi / NORMALS, start + np.pi / NORMALS), method="bounded")
+    return Localisation(_normal(best.x, dim), float(best.fun))
+
+
+def _normal(angle: float, dim: int) -> np.ndarray:
+    return np.array([np.cos(angle), np.sin(angle), 0.0])[:dim]
+
+
+def _acoustic(moduli: np.ndarray, normal: np.ndarray) -> float:
+    return float(np.linalg.det(np.einsum("b,abcd,d->ac", normal, moduli, normal)))

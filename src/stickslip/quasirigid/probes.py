@@ -1,0 +1,70 @@
+"""Contact status and strain under small increments of stress of a periodic cell: probes without a finite size."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.arguments import checked
+from ..core.control import stress_controlled
+from ..core.laws.builtin import Law
+from ..core.measure import stress
+from ..core.state import State
+from .increment import external_force
+from .matrices import linear_system
+from .status import ContactStatus, contact_status
+
+AXES = "xyz"
+
+
+class Probed(NamedTuple):
+    """Answer to one increment of stress."""
+
+    status: ContactStatus
+    strain: np.ndarray  # (dim, dim) per unit of the stress, compression positive; NaN without a consistent status
+
+
+@checked
+def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool | None = None) -> tuple[Probed, ...]:
+    """Find the contact status under each of several rates of stress of a periodic cell.
+
+    Parameters
+    ----------
+    state : State in equilibrium, in a fully periodic cell
+    stresses : (M, dim, dim) symmetric, compression positive, for example those of `protocols.response_envelope`
+    unique : as in `contact_status`
+
+    Source
+    ------
+    McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. IV, with the strain of the cell as coordinates.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(30, pressure=1e-3, dim=2, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> (probed,) = ss.quasirigid.probe_statuses(state, law, [[[1.0, 0.0], [0.0, 1.0]]])
+    >>> probed.status.ok, bool(probed.strain.trace() > 0)
+    (True, True)
+    """
+    dim = state.cell.dim
+    stresses = np.asarray(stresses, float).reshape(-1, dim, dim)
+    here = _with_stress(state, stress(state, law)[:dim, :dim])
+    matrix = linear_system(here, law)
+    still = external_force(_with_stress(state, np.zeros((dim, dim))), matrix.free)
+    cell = np.flatnonzero(matrix.free.axis == 6)
+    answers = []
+    for rate in stresses:
+        load = external_force(_with_stress(state, rate), matrix.free) - still
+        status = contact_status(matrix, load, unique=unique)
+        gradient = np.zeros((3, 3))
+        gradient.flat[matrix.free.component[cell] - 6 * state.n_bodies] = status.velocity[cell] / matrix.free.length
+        strain = -0.5 * (gradient + gradient.T)[:dim, :dim]
+        answers.append(Probed(status, strain if status.ok else np.full((dim, dim), np.nan)))
+    return tuple(answers)
+
+
+def _with_stress(state: State, target: np.ndarray) -> State:
+    """Return the state with a stress imposed on all components of the cell."""
+    dim = len(target)
+    names = {AXES[a] + AXES[b]: float(target[a, b]) for a in range(dim) for b in range(a, dim)}
+    return state._replace(control=stress_controlled(state.control, names))
