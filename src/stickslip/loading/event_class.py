@@ -204,7 +204,7 @@ def _next_changes(last: Point, upper: float):
     state, response, law = last.state, last.response, last.judge.law
     for widths in BEYOND:
         advance = widths * (upper - last.strain)
-        there = displaced(last.extrapolated(last.strain + advance), response.free, _coordinates(response, advance))
+        there = displaced(last.strained_to(last.strain + advance), response.free, _coordinates(response, advance))
         there = with_neighbor_list(there, law)
         line, key = linearise(there, law, memory=FREE), there.contacts.key[: there.contacts.count[0]].tolist()
         contacts = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
@@ -223,7 +223,7 @@ def loss_ahead(point: Point, strain: float) -> float:
     from their change over a small part of `strain`. The contacts that are lost first are tried, one by one.
     """
     response, state, part = point.response, point.state, PROBE * strain
-    there = displaced(point.extrapolated(point.strain + part), response.free, _coordinates(response, part))
+    there = displaced(point.strained_to(point.strain + part), response.free, _coordinates(response, part))
     there = with_neighbor_list(there, point.judge.law)
     known, keys = there.contacts.key[: there.contacts.count[0]].tolist(), state.contacts.key
     later = dict(zip(known, _margins(there, point), strict=True))
@@ -266,7 +266,7 @@ def motion_growth(point: Point, strain: float, judge: Judge) -> float:
 
     It is a mean over the last rise of K from 1 % to 50 % of its maximum.
     """
-    start = point.extrapolated(strain)
+    start = point.strained_to(strain)
     dt = TIME_STEP * stable_time_step(start, judge.law)
     _, record, outcome = run(start, judge.law, RUN, dt, drag=judge.drag, spin_drag=judge.drag, every=SAMPLE, threads=1)
     energy = record.kinetic_energy
