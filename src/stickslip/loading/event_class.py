@@ -184,9 +184,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     kind, row of the contact in the list, eigenvalues with that contact sliding or open; None without such a contact
     """
     response, drag = last.response, last.judge.drag
-    for row, mode in dict.fromkeys(
-        [*_next_changes(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]
-    ):
+    for row, mode in dict.fromkeys([*_upcoming(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
         values = response.eigenvalues_if(row, mode)
         near = mode == OPEN or response.mobilisation[row] > ALMOST
         if near and _grows(values, drag):
@@ -199,7 +197,7 @@ def _grows(values: np.ndarray, drag: float) -> bool:
     return margin(values, drag) < -REAL_BELOW * np.abs(values).max()
 
 
-def _next_changes(last: Point, upper: float):
+def _upcoming(last: Point, upper: float):
     """Yield rows and new modes of supported contacts that open or slide along the linear motion, in their order."""
     state, response, law = last.state, last.response, last.judge.law
     for widths in BEYOND:

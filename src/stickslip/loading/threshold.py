@@ -111,15 +111,15 @@ def _describe_arrest(threshold: KineticThreshold) -> list[str]:
     count, stopped = len(threshold.arrest), np.isfinite(threshold.arrest[:, 0])
     if not count:
         return [] if threshold.lasting.any() else ["no run slides on, from which the load could be lowered"]
-    sentences = []
+    lines = []
     if stopped.any():
         low, high = threshold.arrest[stopped, 0].min(), threshold.arrest[stopped, 1].max()
-        sentences.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
+        lines.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
     if not stopped.all():
-        sentences.append(
+        lines.append(
             f"{(~stopped).sum()} of {count} still slide at {threshold.loads[0]:.4g}, the lowest of these loads"
         )
-    return sentences
+    return lines
 
 
 class _Dynamics(NamedTuple):
