@@ -111,15 +111,15 @@ def _describe_arrest(threshold: KineticThreshold) -> list[str]:
     count, stopped = len(threshold.arrest), np.isfinite(threshold.arrest[:, 0])
     if not count:
         return [] if threshold.lasting.any() else ["no run slides on, from which the load could be lowered"]
-    sentences = []
+    lines = []
     if stopped.any():
         low, high = threshold.arrest[stopped, 0].min(), threshold.arrest[stopped, 1].max()
-        sentences.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
+        lines.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
     if not stopped.all():
-        sentences.append(
+        lines.append(
             f"{(~stopped).sum()} of {count} still slide at {threshold.loads[0]:.4g}, the lowest of these loads"
         )
-    return sentences
+    return lines
 
 
 class _Dynamics(NamedTuple):
@@ -365,7 +365,7 @@ def _describe_run(member) -> str:
 def _kick(state: State, kick: float, seed: int, how: _Dynamics) -> np.ndarray:
     """(2,) time until a kicked sample has slid, NaN if it does not, and 1 if it then lasts, else 0."""
     end, time = _run_until_slid(perturbed(state, seed, kick), how)
-    return np.array([time, np.isfinite(time) and len(_slide_on(end, how)[1]) > 0])
+    return np.array([time, np.isfinite(time) and len(_continue_slide(end, how)[1]) > 0])
 
 
 def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
@@ -378,7 +378,7 @@ def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
     return end, np.nan
 
 
-def _slide_on(start: State, how: _Dynamics) -> tuple[State, list[float]]:
+def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
     """State of a sliding sample after a further duration and its travel in each window; none if it no longer slides."""
     end, ways = start, []
     for _ in range(WINDOWS):
@@ -424,7 +424,7 @@ def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynam
     for point in points[-2::-1]:
         state, ways = protocol.apply(state, point.load), [np.inf, 0.0]
         while ways and ways[-1] < SLOWING * ways[0]:
-            state, ways = _slide_on(state, how)
+            state, ways = _continue_slide(state, how)
         if report:
             report(1.0, f"ramp down, load {point.load:.4g}: {'slides' if ways else 'stopped'}")
         if not ways:

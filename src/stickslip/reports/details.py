@@ -150,10 +150,8 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
     names = ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then")
     table = new_table(*names, *["∂/∂ln s"] * bool(slope))
     for k in range(len(s.contact))[:CONTACTS]:
-        after, verdict = (
-            (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
-        )
+        after, text = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
         other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"
-        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, verdict]
+        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, text]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
     show_table(table)

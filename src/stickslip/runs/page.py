@@ -432,7 +432,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
         inside = scene.page_view(
             shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour
         )  # fmt: skip
-        view = page.paragraph(_what_one_sees(shown))
+        view = page.paragraph(_describe_view(shown))
         view += page.embedded_document(inside, "the packing in three dimensions")
         view += page.paragraph(HELP, kind="soft")
     warning = shown.warning[:1].upper() + shown.warning[1:]
@@ -445,7 +445,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
         part.write_bytes(text.encode())
 
 
-def _what_one_sees(shown: PageContent) -> str:
+def _describe_view(shown: PageContent) -> str:
     """Sentences that describe the view."""
     several = len(shown.frames) > 1
     sentences = []

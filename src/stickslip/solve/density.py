@@ -202,15 +202,13 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
 
 def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
     """Interval that contains all real parts and zero, from the symmetric part with a margin."""
-    symmetric, identity = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
+    symmetric, eye = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
 
     def top(of) -> float:
         return float(eigsh(of, k=1, which="LA", tol=0.1 * MARGIN, v0=start, return_eigenvectors=False)[0])
 
     high = top(symmetric)
-    low = min(
-        high - top(high * identity - symmetric), 0.0
-    )  # the smallest may be zero, where a relative tolerance fails
+    low = min(high - top(high * eye - symmetric), 0.0)  # the smallest may be zero, where a relative tolerance fails
     return low - MARGIN * (high - low), high + MARGIN * (high - low)
 
 

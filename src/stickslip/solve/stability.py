@@ -211,17 +211,15 @@ def stability(
         raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
     here, has_dashpots = linearised(state, law), bool(damping_model(law))
     here = here.with_modes(modes_under(state, law, here.line))
-    sliding = _analyse(here, method, has_dashpots and dashpots, report)
+    slid = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:
-        sliding = sliding._replace(scope=join_scopes(sliding.scope, LEFT_OUT))
+        slid = slid._replace(scope=join_scopes(slid.scope, LEFT_OUT))
     rows = here.at_limit
-    if not len(rows) or sliding.method == "none":
-        return sliding
+    if not len(rows) or slid.method == "none":
+        return slid
     stuck = _analyse(here.with_modes(with_sticking(here.state, rows)), method, has_dashpots and dashpots, report)
-    sliding, undamped = (
-        _with_stuck(*both, len(rows)) for both in ((sliding, stuck), (sliding.undamped, stuck.undamped))
-    )
-    return sliding._replace(undamped=undamped)
+    slid, undamped = (_with_stuck(*both, len(rows)) for both in ((slid, stuck), (slid.undamped, stuck.undamped)))
+    return slid._replace(undamped=undamped)
 
 
 def join_scopes(*scope: str) -> str:

@@ -74,9 +74,7 @@ def fit_record(
     solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
     fits = tuple(map(build_fit, solutions))
     comparison = compare_laws(*fits) if len(fits) == 2 else None
-    best = [
-        solution for solution in solutions if comparison is None or comparison.preferred in (None, solution.task.law)
-    ]
+    best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
     result = RecordFits(file, record, fits, comparison, remedies=_remedies(raw, record, best))
     return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
 

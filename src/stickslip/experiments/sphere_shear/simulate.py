@@ -146,10 +146,8 @@ def shear_packing(
             break
         path.append(step)
         state, (pairs, _, _, rate, *_, residual) = step.state, step.row
-        progress = (
-            f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
-        )
-        report((k + 1) / len(loads), progress)
+        note = f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
+        report((k + 1) / len(loads), note)
     if not path:
         raise RuntimeError(stopped)
     numbers = [step.row[0] for step in path]

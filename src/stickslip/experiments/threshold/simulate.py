@@ -182,7 +182,6 @@ def simulate_threshold(
     threshold = kinetic_threshold(
         path, protocol, loads=tried, kicks=how.velocities, realizations=how.realizations, duration=how.duration, dt=dt,
         distance=how.distance, ramps=how.ramps if how.ramp_down else 0, drag=how.drag, seed=scenario.seed,
-        workers=workers, kept=kept and kept.of("runs"),
-        report=lambda share, message: report("kicked runs", share, message),
+        workers=workers, kept=kept and kept.of("runs"), report=lambda share, text: report("kicked runs", share, text),
     )  # fmt: skip
     return ThresholdResult(scenario, protocol.law, path, strength, threshold)
