@@ -20,7 +20,7 @@ from ..resume import read_json
 from .cycles import FIGURE, write_cycles
 from .dataset import DATASET
 from .definition import Sweep, describe_differences, member
-from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
+from .run import MANY, SweepResult, estimate, is_same_sweep, read_finished, run_sweep, validate_members
 
 OURS = (SWEEP, OPTIONS, DATASET, FIGURE, MEMBERS)
 LISTED = 10  # failures that are listed
@@ -56,8 +56,8 @@ def run_with_progress(
             (lambda share, words: report("checking scenarios", share, words)) if chosen.count > MANY else None
         )
         names = validate_members(chosen, report_checks)
-        if target != out:
-            _discard_other_sweep(target, chosen)
+        if target != out and not is_same_sweep(target / SWEEP, chosen.text):
+            shutil.rmtree(target, ignore_errors=True)
         done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names)) if target.exists() else 0
         stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
 
@@ -118,16 +118,6 @@ def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
     if differ and not overwrite:
         raise ValueError(f"{out} contains another sweep ({differ}): choose another --out, or add --overwrite")
     return bool(differ)
-
-
-def _discard_other_sweep(target: Path, chosen: Sweep) -> None:
-    """Remove a folder unless an earlier call wrote it for the same sweep."""
-    try:
-        same = (target / SWEEP).read_text(encoding="utf-8") == chosen.text
-    except (OSError, ValueError):
-        same = False
-    if not same:
-        shutil.rmtree(target, ignore_errors=True)
 
 
 def _install_results(out: Path, overwrite: bool = False) -> None:

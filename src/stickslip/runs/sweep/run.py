@@ -214,7 +214,7 @@ def _run_member(text: str, k: int, folder: str, figures: bool, report) -> Member
     assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
     words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
     report(0.0, words)
-    if _is_same_sweep(place.parent.parent / SWEEP, text):
+    if is_same_sweep(place.parent.parent / SWEEP, text):
         seconds, measures = _run_in_folder(one.scenario, place, figures, words, report)
         return MemberOutput(seconds, measures, {})
     with tempfile.TemporaryDirectory() as scratch:
@@ -223,10 +223,11 @@ def _run_member(text: str, k: int, folder: str, figures: bool, report) -> Member
         return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
 
 
-def _is_same_sweep(path: Path, text: str) -> bool:
+def is_same_sweep(path: Path, text: str) -> bool:
+    """Return True if a file contains the text of a sweep."""
     try:
         return path.read_text(encoding="utf-8") == text
-    except OSError:
+    except (OSError, ValueError):
         return False
 
 
