@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import queue
 import signal
 import subprocess
 import sys
@@ -12,7 +11,7 @@ import time
 import pytest
 
 from stickslip.ensemble import local, reach, run_members, trial
-from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess
+from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess, borrowed, waiting_processes
 from tests.ensemble import tasks
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
@@ -188,14 +187,18 @@ def test_functions_of_a_script_run_as_a_module_or_are_refused_with_the_remedy(tm
         assert "square is defined in a script or notebook" in said.stderr and "python -m" in said.stderr
 
 
-def test_a_process_that_ended_while_it_was_idle_costs_no_try():
-    waiting, events = queue.SimpleQueue(), queue.SimpleQueue()
-    thread = local._WorkerThread(waiting, events, None, False)
-    thread.worker = WorkerProcess()
-    thread.worker.process.kill()
-    thread.worker.process.wait()
-    waiting.put((0, pickle.dumps((divmod, (7, 2))), local.TRIES))
-    waiting.put(None)
-    thread.run()
-    thread.end()
-    assert pickle.loads(events.get(timeout=1)[2]) == (3, 1)
+def test_a_process_that_ended_while_it_waited_costs_no_try():
+    waiting = [WorkerProcess()]
+    waiting[0].kill()
+    waiting[0].process.wait()
+    with borrowed(waiting) as process:
+        assert pickle.loads(process.call(pickle.dumps((divmod, (7, 2))), None, None)[0]) == (3, 1)
+    assert waiting == [process]
+    process.end()
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_processes_wait_for_later_tasks_if_only_this_package_runs(own):
+    before = len(waiting_processes)
+    local.run_tasks(enumerate([pickle.dumps((os.getpid, ()))] * 3), 2, lambda *_: None, None, own=own)
+    assert len(waiting_processes) - before in ((1, 2) if own else (0,))

@@ -56,9 +56,8 @@ def test_a_process_that_cannot_answer_ends_with_one_reason(capfd):
 
 def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
     helper = WorkerProcess()
-    packed = pickle.dumps(("0", None, pickle.dumps((time.sleep, (0.0,)))))
     helper.process.stdout.close()
-    helper.process.stdin.write(len(packed).to_bytes(8, "little") + packed)
+    pickle.dump(("0", None, pickle.dumps((time.sleep, (0.0,)))), helper.process.stdin)
     helper.process.stdin.flush()
     assert helper.process.wait(50) == 0
     helper.process.stdin.close()
