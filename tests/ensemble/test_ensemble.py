@@ -32,15 +32,16 @@ def until(condition, seconds=20.0) -> bool:
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_results_do_not_depend_on_processes(workers):
-    said, reported = [], []
-    found = run_members(
-        tasks.square, [(k,) for k in range(5)], workers=workers,
-        report=lambda *now: reported.append(now), live=lambda *now: said.append(now),
-    )  # fmt: skip
+    told = []
+    found = run_members(tasks.square, [(k,) for k in range(5)], workers=workers, report=lambda *now: told.append(now))
     assert [m.result for m in found] == [0, 1, 4, 9, 16]
-    assert sorted(words for _, words in said) == [f"half of {k}" for k in range(5)]
+    assert {stage for stage, *_ in told} == {"members"}
+    said = [(share, text.partition("; ")[2]) for _, share, text in told if text.endswith("half")]
+    assert sorted(text for _, text in said) == [f"square of {k}: half" for k in range(5)]
     assert all(0 < share < 1 for share, _ in said)
-    assert [done for done, *_ in reported] == [1, 2, 3, 4, 5]
+    done = [(share, text) for _, share, text in told if not text.endswith("half")]
+    assert [text for _, text in done] == [f"{k} of 5; done" for k in (1, 2, 3, 4, 5)]
+    assert done[-1][0] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -87,14 +88,15 @@ def test_a_process_killed_from_outside_does_not_stop_the_others(tmp_path):
 
 
 def test_finished_members_are_loaded_and_others_saved():
-    kept, saved, reported = {1: "one", 3: "three"}, {}, []
+    kept, saved, told = {1: "one", 3: "three"}, {}, []
     found = run_members(
         tasks.fail_at, [(k, 2) for k in range(5)], workers=2, load=kept.get, save=saved.__setitem__,
-        report=lambda *now: reported.append(now),
+        report=lambda *now: told.append(now[2]),
     )  # fmt: skip
     assert [m.result for m in found] == [0, "one", None, "three", 4]
     assert saved == {0: 0, 4: 4}
-    assert [done for done, *_ in reported] == [3, 4, 5]
+    assert [text[:6] for text in told] == ["3 of 5", "4 of 5", "5 of 5"]
+    assert any(text.endswith("1 failed; 2 is bad") for text in told)
 
 
 def test_what_cannot_be_saved_stops_everything(tmp_path):

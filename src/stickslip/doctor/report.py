@@ -22,7 +22,7 @@ def examine(*, as_json: bool = False) -> tuple[bool, str]:
     if not as_json:
         show_machine(*found)
     with progress(transient=True) as tell:
-        check = selfcheck(lambda words: tell("self-check", 0.0, words))
+        check = selfcheck(tell)
     if as_json:
         return check.ok, to_json(*found, check)
     show_checks(check)

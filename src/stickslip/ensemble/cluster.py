@@ -163,7 +163,7 @@ def _events(client, events, futures: dict, ask):
                 raise SchedulerGoneError("the Dask scheduler is gone") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:
-                yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
+                yield "said", next(iter(futures)), "the cluster", 0.0, "no workers yet, waiting for the first"
         try:
             yield events.get(timeout=POLL)
         except queue.Empty:
@@ -197,8 +197,8 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
         task = worker.state.tasks.get(key)
         return task is None or task.state == "cancelled"
 
-    def heard(share: float, words: str) -> None:
-        worker.log_event(topic, [k, share, words])
+    def heard(*said) -> None:
+        worker.log_event(topic, [k, *said])
 
     for tries in range(1, TRIES + 1):
         finished = threading.Event()

@@ -17,7 +17,7 @@ def run_tasks(packed, workers: int, keep, heard, *, own: bool = False) -> None:
     ----------
     packed : yields (k, bytes of a task)
     keep : called in this process as keep(k, bytes of the result or None, error message or None)
-    heard : called in this process as heard(k, share, words); None if the tasks report no progress
+    heard : called in this process as heard(k, stage, share, text); None if the tasks report no progress
     own : True if only code of this package runs, which does not change: the processes then wait for later tasks
     """
     events, source, stopped = queue.SimpleQueue(), iter(packed), threading.Event()

@@ -73,7 +73,7 @@ class WorkerProcess:
         ----------
         packed : bytes of (function, arguments)
         pause : shortest time between two progress messages; None if the function reports no progress [s]
-        heard : called as heard(share, words)
+        heard : called as heard(stage, share, text)
 
         Raises
         ------
@@ -208,17 +208,13 @@ def _run_task(packed: bytes, more: tuple) -> tuple:
 
 
 def _make_reporter(out, pause: float):
-    """Return tell(share, words), which sends the first message at once and later ones only after a pause.
+    """Return report(stage, share, text), which sends the first message at once and later ones only after a pause."""
+    last = -math.inf
 
-    If the share is None, the last reported share is repeated.
-    """
-    last, known = -math.inf, 0.0
-
-    def tell(share: float | None, words: str) -> None:
-        nonlocal last, known
-        known = known if share is None else float(share)
+    def report(stage: str, share: float, text: str) -> None:
+        nonlocal last
         if time.monotonic() - last >= pause:
             last = time.monotonic()
-            _send(out, (SAID, known, str(words)))
+            _send(out, (SAID, str(stage), float(share), str(text)))
 
-    return tell
+    return report

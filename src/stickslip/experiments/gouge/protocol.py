@@ -15,6 +15,7 @@ from ...core.dynamics.record import Record
 from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
 from ...core.measure import elastic_energy, overlaps, touching
+from ...core.progress import Report, within
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, load_or_compute
 from ...friction.measure import steady_mean
@@ -25,7 +26,6 @@ from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 DECADE = 20  # samples of a hold in each decade of time
 TRUNK = "trunk"  # name of the pieces of an unfinished trunk
 CHUNK = 100  # samples between two progress reports
-Tell = Callable[[float, str], None]
 
 
 class Series(NamedTuple):
@@ -118,7 +118,9 @@ class Engine(NamedTuple):
     nouns: tuple[type, ...]  # classes of the NamedTuples in a place
 
 
-def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Checkpoint | None = None) -> Trunk:
+def run_trunk(
+    scenario: GougeScenario, seed: int, engine: Engine, report: Report, kept: Checkpoint | None = None
+) -> Trunk:
     """Prepare one sample and take it through the slides of the protocol.
 
     Parameters
@@ -132,23 +134,19 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
         If the sample does not settle, does not become steady, or becomes unstable.
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
-    return slide_trunk(scenario, settled_sample(scenario, seed, tell, kept), engine, tell, kept)
+    return slide_trunk(scenario, settled_sample(scenario, seed, report, kept), engine, report, kept)
 
 
-def settled_sample(scenario: GougeScenario, seed: int, tell: Tell, kept: Checkpoint | None) -> Gouge:
+def settled_sample(scenario: GougeScenario, seed: int, report: Report, kept: Checkpoint | None) -> Gouge:
     """Return the sample at rest; arguments as in `run_trunk`."""
-    return load_or_compute(
-        kept,
-        "settled",
-        lambda: prepare_sample(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}")),
-    )
+    return load_or_compute(kept, "settled", lambda: prepare_sample(scenario, seed, report=within(report, 0.0, 0.0)))
 
 
 def slide_trunk(
-    scenario: GougeScenario, gouge: Gouge, engine: Engine, tell: Tell, kept: Checkpoint | None = None
+    scenario: GougeScenario, gouge: Gouge, engine: Engine, report: Report, kept: Checkpoint | None = None
 ) -> Trunk:
     """Take a settled sample through the slides of the protocol; arguments as in `run_trunk`."""
-    legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration)
+    legs = _LegRunner(scenario, engine, report, kept, scenario.trunk_duration)
     place, tests, found = engine.start(scenario, gouge), [], []
     states, velocity = {"settled": gouge.state}, 0.0
     place, test = _slide_to_steadiness(legs, place)
@@ -168,7 +166,7 @@ def slide_trunk(
 
 
 def run_branch(
-    scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Checkpoint | None = None
+    scenario: GougeScenario, start: Branch, engine: Engine, report: Report, kept: Checkpoint | None = None
 ) -> tuple[Test, ...]:
     """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
 
@@ -179,7 +177,7 @@ def run_branch(
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
     part = scenario.protocol[start.part]
-    legs = _LegRunner(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
+    legs = _LegRunner(scenario, engine, report, kept, sum(part.branch(start.before, scenario.grains.mean)))
     make = _run_steps if isinstance(part, VelocitySteps) else _run_holds
     return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
 
@@ -281,8 +279,10 @@ def _log_binned(series: Series) -> Series:
 class _LegRunner:
     """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
-    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Checkpoint | None, duration: float):
-        self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
+    def __init__(
+        self, scenario: GougeScenario, engine: Engine, report: Report, kept: Checkpoint | None, duration: float
+    ):
+        self.scenario, self.engine, self.report, self.kept = scenario, engine, report, kept
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
     def run(self, place, velocity: float, seconds: float, words: str):
@@ -314,9 +314,10 @@ class _LegRunner:
         """Report progress and the current state of the sample."""
         self.done += steps
         self.total = max(self.total, self.done)
-        self.tell(
+        self.report(
+            words,
             self.done / self.total,
-            f"{words}: load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
+            f"load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
             f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
             f"{series.sliding_fraction[-1]:.0%} of contacts slide",
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.progress import silent
 from ...data.checkpoint import LEGS, checkpoint_in
 from ...data.exchange.lammps_restart import is_complete
 from ...data.schema import ScenarioError
@@ -17,7 +18,6 @@ from ...lammps.job import clear_legs, leg_folder, write_scripts
 from ...lammps.process import require_lammps
 from ...lammps.run import sample_path, write_start
 from ...lammps.script import write_input
-from ..realizations import silent
 from .lammps import Place, engine_of, make_leg, read_output
 from .protocol import TRUNK, Engine, Series, run_branch, settled_sample, slide_trunk
 from .sample import Gouge

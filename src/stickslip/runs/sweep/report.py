@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.text import Text
 
+from ...core.progress import silent, within
 from ...core.units import for_people
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
 from ...data.law_file import check_law_files
@@ -52,23 +53,18 @@ def run_with_progress(
         if not confirm():
             return None
     with progress() as report:
-        report_checks = (
-            (lambda share, words: report("checking scenarios", share, words)) if chosen.count > MANY else None
-        )
-        names = validate_members(chosen, report_checks)
+        names = validate_members(chosen, report if chosen.count > MANY else silent)
         if target != out and not is_same_sweep(target / SWEEP, chosen.text):
             shutil.rmtree(target, ignore_errors=True)
-        done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names)) if target.exists() else 0
+        done = _count_finished(target, names)
         stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
-
-        def line(share: float, words: str, left: float | None) -> None:
-            report(stage, share, words, left)
-
-        line(0.0, f"on {where.words}", None)
+        report(stage, 0.0, f"on {where.words}")
         try:
-            swept = run_sweep(chosen, target, names=names, workers=workers, figures=figures, report=line)
+            swept = run_sweep(
+                chosen, target, names=names, workers=workers, figures=figures, report=within(report, stage=stage)
+            )
         except KeyboardInterrupt:
-            done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names))
+            done = _count_finished(target, names)
             console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
         write_cycles(target, chosen, swept.names, swept.found)
@@ -78,6 +74,10 @@ def run_with_progress(
         (target / READY).touch()
         _install_results(out, overwrite=True)
     return swept
+
+
+def _count_finished(folder: Path, names: list[str]) -> int:
+    return sum(read_finished(folder / MEMBERS / name) is not None for name in set(names))
 
 
 def _describe_size(chosen: Sweep) -> str:
