@@ -86,8 +86,8 @@ def _resolve_address(address: str) -> str:
         if not os.path.exists(address):
             raise OSError("there is no such file")
         address = str(_read_json(address)["address"])
-    kind, found, host = address.rpartition("://")
-    if found and kind not in PROTOCOLS:
+    kind, separator, host = address.rpartition("://")
+    if separator and kind not in PROTOCOLS:
         raise ValueError(f"its protocol is {kind}, not {', '.join(PROTOCOLS)}")
     name, _, port = host.rpartition(":")
     if kind != "inproc" and not port.isdigit():

@@ -69,8 +69,8 @@ class Sweep(NamedTuple):
     def refusals(self) -> str:
         """One sentence on the points that were refused; empty if there are none."""
         count = sum(many for _, many in self.refused)
-        words = f"{count} of {self.tried} points were refused: {describe_refusals(dict(self.refused))}."
-        return words if count else ""
+        sentence = f"{count} of {self.tried} points were refused: {describe_refusals(dict(self.refused))}."
+        return sentence if count else ""
 
     @property
     def digest(self) -> str:
@@ -130,7 +130,7 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     ...     experiment="rate-state",
     ...     sweep={"surface.a": [0.01, 0.02], "seed": {"count": 3}},
     ... )
-    >>> grid.count, [one.values for one in members(grid)][1]
+    >>> grid.count, [member.values for member in members(grid)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """
     if trust:
@@ -177,27 +177,27 @@ def member(chosen: Sweep, k: int) -> Member:
     places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
     values = {axis.key: axis.values[place] for place, group in places for axis in group}
     try:
-        one = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
+        validated = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
-    return Member(_member_name(values, one), values, one)
+    return Member(_member_name(values, validated), values, validated)
 
 
 def describe_differences(old: dict, new: dict) -> str:
     """Describe how the tables of two sweeps differ; the result is empty if only the values of swept keys differ."""
     (base, keys, mode), (its_base, its_keys, its_mode) = map(_split_tables, (old, new))
-    words = []
+    differences = []
     if set(keys) != set(its_keys):
-        words.append(f"the old sweep has keys {', '.join(keys)}, the new one {', '.join(its_keys)}")
+        differences.append(f"the old sweep has keys {', '.join(keys)}, the new one {', '.join(its_keys)}")
     if mode != its_mode:
-        words.append(f"the mode was {mode} and is now {its_mode}")
+        differences.append(f"the mode was {mode} and is now {its_mode}")
     changed = [key for key in dict.fromkeys((*base, *its_base)) if base.get(key) != its_base.get(key)]
     for key in changed[:3]:
-        there, here = (json.dumps(one[key])[:60] if key in one else "not given" for one in (base, its_base))
-        words.append(f"{key} was {there} and is now {here}")
+        there, here = (json.dumps(keys[key])[:60] if key in keys else "not given" for keys in (base, its_base))
+        differences.append(f"{key} was {there} and is now {here}")
     if len(changed) > 3:
-        words.append(f"{len(changed) - 3} more keys differ")
-    return ", ".join(words)
+        differences.append(f"{len(changed) - 3} more keys differ")
+    return ", ".join(differences)
 
 
 def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
@@ -207,9 +207,9 @@ def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     return base, list(swept_entries(table)), table.get("mode", "grid")
 
 
-def _member_name(values: dict, one: ScenarioBase) -> str:
-    words = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
-    return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"
+def _member_name(values: dict, scenario: ScenarioBase) -> str:
+    label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
+    return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{scenario.digest[:10]}"
 
 
 def _select_points(chosen: Sweep, options: Options) -> Sweep:

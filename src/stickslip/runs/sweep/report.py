@@ -143,7 +143,7 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
 
 def show(swept: SweepResult) -> None:
     """Print the ranges of the measures, and the failures."""
-    rows = [one for one in swept.found if one]
+    rows = [output for output in swept.found if output]
     names = ("measure", "unit", "members", "least", "median", "greatest")
     title = f"Measures of {len(rows)} of {len(swept.names)} members"
     table = new_table(*names, title=title, left=("measure", "unit"))
@@ -153,9 +153,9 @@ def show(swept: SweepResult) -> None:
         table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
-    failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
-    for name, words in failed[:LISTED]:
-        console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
+    failed = [(name, failure) for name, failure in zip(swept.names, swept.failures, strict=True) if failure]
+    for name, failure in failed[:LISTED]:
+        console.print(Text.assemble((name, "yellow"), f": {failure}"), soft_wrap=True)
     if len(failed) > LISTED:
         console.print(f"… and {len(failed) - LISTED} more: see the variable `failure` of the dataset")
     if swept.reused:
@@ -165,14 +165,12 @@ def show(swept: SweepResult) -> None:
 
 def ranges(swept: SweepResult) -> dict[str, dict]:
     """Return {measure: unit, number of members that have it, minimum, median and maximum}."""
-    rows, out = [one for one in swept.found if one], {}
-    for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
-        values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
+    rows, out = [output for output in swept.found if output], {}
+    for name, unit in {name: unit for row in rows for name, (_, unit) in row["measures"].items()}.items():
+        values = np.array([row["measures"].get(name, (np.nan,))[0] for row in rows])
         values = values[np.isfinite(values)]
-        found = (values.min(), np.median(values), values.max()) if len(values) else (None, None, None)
-        out[name] = {"unit": unit, "members": len(values)} | dict(
-            zip(("least", "median", "greatest"), found, strict=True)
-        )
+        least, median, greatest = (f(values) if len(values) else None for f in (np.min, np.median, np.max))
+        out[name] = {"unit": unit, "members": len(values), "least": least, "median": median, "greatest": greatest}
     return out
 
 
