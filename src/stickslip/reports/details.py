@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.laws.builtin import Law
+from ..core.progress import Report, silent
 from ..core.state import State
 from ..core.units import unit_name, with_unit
 from ..solve.density import participation_ratio
@@ -28,8 +29,8 @@ class Details(NamedTuple):
     contacts: ContactSensitivity | str
 
 
-def compute_details(state: State, law: Law, result: Stability, *, report=None) -> Details:
-    """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
+def compute_details(state: State, law: Law, result: Stability, *, report: Report = silent) -> Details:
+    """Compute everything beyond the spectrum; progress is reported as report(stage, share done, text)."""
     participation = participation_ratio(result.modes, result.free)
     if not result.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.progress import within
 from ...core.tables import format_table, heading_of
 from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
@@ -104,7 +105,7 @@ def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int) -> Pos
     with progress() as tell:
         return posterior(
             result.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
-            report=lambda share, message: tell(f"posterior, {law} law", share, message),
+            report=within(tell, stage=f"posterior, {law} law"),
         )  # fmt: skip
 
 
