@@ -1,8 +1,9 @@
 """A worker process that runs tasks one after another: it receives them on stdin and sends results on stdout.
 
 It is a plain child process rather than a `multiprocessing` process, as those of pebble, loky and `concurrent.futures`
-are: these import the user's script, and Dask workers are daemons, which may not have such children. Dask workers need a child process because compiled kernels hold the interpreter's lock while they
-run, and a worker that is silent for minutes is considered dead. A worker process ends when its parent is gone.
+are: these import the user's script, and Dask workers are daemons, which may not have such children. Dask workers need a
+child process because compiled kernels hold the interpreter's lock while they run, and a worker that is silent for
+minutes is considered dead. A worker process ends when its parent is gone.
 """
 
 import math
