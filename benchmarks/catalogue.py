@@ -91,7 +91,7 @@ def compute(folder: Path, names: list[str]) -> None:
 
 
 def _say(name: str):
-    return lambda stage, share, words: print(f"{name}: {words}", flush=True)
+    return lambda stage, share, text: print(f"{name}: {text}", flush=True)
 
 
 def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:

@@ -27,8 +27,8 @@ def first_result(example: str) -> None:
     """Run an example until it reports a physical quantity, and end the process."""
     from stickslip.experiments.registry import read_scenario, simulate
 
-    def report(stage: str, share: float, words: str, left: float | None = None) -> None:
-        if any(quantity in words for quantity in QUANTITIES):
+    def report(stage: str, share: float, text: str) -> None:
+        if any(quantity in text for quantity in QUANTITIES):
             os._exit(0)
 
     simulate(read_scenario(ROOT / "examples" / f"{example}.toml"), report=report)

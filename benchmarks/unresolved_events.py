@@ -12,6 +12,7 @@ from unittest.mock import patch
 import numpy as np
 
 import stickslip as ss
+from stickslip.core.progress import silent
 from stickslip.experiments.catalogue.simulate import shear_sample
 from stickslip.loading import events
 from stickslip.loading.event_class import Break
@@ -45,7 +46,7 @@ def collect() -> list[tuple[EventKind, float, bool]]:
         for part in range(PACKINGS // PER_PART):
             scenario = RUNS["frictionless"].scenario(part)
             for seed in range(scenario.seed, scenario.seed + PER_PART):
-                shear_sample(scenario, seed, lambda share, words: None)
+                shear_sample(scenario, seed, silent)
                 print(seed, Counter(kind.name for kind, *_ in rows), flush=True)
     return rows
 

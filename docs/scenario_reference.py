@@ -7,12 +7,10 @@ import json
 import re
 from pathlib import Path
 
-from stickslip.core.sizes import LIMITS
+from stickslip.core.sizes import LIMITS, MOST
 from stickslip.data.schema import ScenarioBase
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.runs.sweep.axes import DRAWN, KINDS, MOST, SPACED
-from stickslip.runs.sweep.definition import MODES, OPTIONS
-from stickslip.runs.sweep.points import DRAWS
+from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TITLES = {
@@ -27,24 +25,7 @@ TITLES = {
     "threshold": "Threshold scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
-SWEEP = {
-    "mode": ("combination of keys: all combinations, first values together, or random points", '"grid"', MODES),
-    "number": ('number of points of a sample, or of every key with `mode = "zip"`', "–", "integer"),
-    "draw": ("points of a sample: a Latin hypercube, or a scrambled Sobol' sequence", '"latin-hypercube"', DRAWS),
-    "draw_seed": ("seed of all random values", "0", "integer"),
-    "where": ("conditions on swept keys; points that do not satisfy them are refused", "–", "text, or list of texts"),
-    "draws": ("table whose rows are points, for keys with a `column`", "–", "path of a CSV file, or table of lists"),
-}
-VALUES = {
-    "linspace": "evenly spaced, including both ends",
-    "geomspace": "evenly spaced in the logarithm, including both ends",
-    "uniform": "random, uniform between two ends",
-    "loguniform": "random between two ends, uniform in the logarithm",
-    "integers": "random, both ends included",
-    "normal": "random, with mean and standard deviation",
-    "column": "a column of `draws`, multiplied by f (default 1); all columns vary together",
-    "count": "for `seed` only: the scenario's seed and the following ones",
-}
+ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]
 
 
 def write(folder: Path) -> None:
@@ -212,14 +193,14 @@ def _allowed(entry: dict) -> str:
 
 def sweep_page() -> str:
     """Page with the options of [sweep] and the kinds of values, taken from the code."""
-    allowed = {
-        k: v[2] if isinstance(v[2], str) else ", ".join(f'`"{word}"`' for word in v[2]) for k, v in SWEEP.items()
-    }
-    options = "\n".join(f"| `{name}` | {SWEEP[name][1]} | {allowed[name]} | {SWEEP[name][0]} |" for name in OPTIONS)
+    options = "\n".join(
+        f"| `{key}` | {_default(one['default'], False)} | {ALLOWED.get(key) or _allowed(one)} | {one['description']} |"
+        for key, one in Options.model_json_schema()["properties"].items()
+    )
     forms = {name: f"{{{name} = [a, b], number = n}}" for name in (*SPACED, *DRAWN)}
     forms |= {"normal": "{normal = {mean = m, sd = s}, number = n}", "count": "{count = n}"}
     forms |= {"column": '{column = "name", times = f}'}
-    values = "\n".join(f"| `{forms[name]}` | {VALUES[name]} |" for name in KINDS)
+    values = "\n".join(f"| `{forms[name]}` | {Values.model_fields[name].description} |" for name in KINDS)
     example = (EXAMPLES / "rate_state_sweep.toml").read_text(encoding="utf-8").strip()
     return f"""# Sweeps
 

@@ -5,14 +5,15 @@ import signal
 import time
 from pathlib import Path
 
+from stickslip.core.progress import silent
 
-def square(x, tell=None):
-    if tell:
-        tell(0.5, f"half of {x}")
+
+def square(x, report=silent):
+    report(f"square of {x}", 0.5, "half")
     return x * x
 
 
-def fail_at(x, bad):
+def fail_at(x, bad, report=silent):
     if x == bad:
         raise ValueError(f"{x} is bad")
     return x
@@ -29,11 +30,10 @@ def die(x, notes, times):
     return x * x
 
 
-def wait(notes, k, seconds, tell=None):
+def wait(notes, k, seconds, report=silent):
     """Sleep, in a process that leaves its number and its parent's."""
     (Path(notes) / f"pid{k}").write_text(f"{os.getpid()} {os.getppid()}")
-    if tell:
-        tell(0.0, f"{k} started")
+    report(f"task {k}", 0.0, "started")
     time.sleep(seconds)
     return k
 

@@ -22,10 +22,10 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of
 def test_results_and_words_come_from_the_cluster(cluster):
     said = []
     found = run_members(
-        tasks.square, [(k,) for k in range(5)], workers=cluster.address, live=lambda *now: said.append(now)
+        tasks.square, [(k,) for k in range(5)], workers=cluster.address, report=lambda *now: said.append(now[2])
     )
     assert [m.result for m in found] == [0, 1, 4, 9, 16]
-    assert {words for _, words in said} >= {"half of 0"}
+    assert any(text.endswith("; square of 0: half") for text in said)
     assert "the Dask cluster at tcp://127.0.0.1" in reach(cluster.address).words
 
 
@@ -68,28 +68,29 @@ def test_a_killed_worker_costs_nothing_while_another_is_left(scheduler, tmp_path
 def test_a_cluster_without_workers_is_waited_for_and_that_is_said(scheduler):
     said = []
 
-    def live(share, words):
+    def report(stage, share, text):
         if not said:
             scheduler.worker()
-        said.append(words)
+        said.append(text)
 
-    found = run_members(tasks.square, [(3,), (4,)], workers=scheduler.address, live=live)
+    found = run_members(tasks.square, [(3,), (4,)], workers=scheduler.address, report=report)
     assert [m.result for m in found] == [9, 16]
-    assert said[0] == "the cluster has no workers yet: waiting for the first"
+    assert said[0] == "0 of 2; the cluster: no workers yet, waiting for the first"
 
 
 def test_a_scheduler_that_is_gone_is_one_sentence(scheduler, tmp_path):
     scheduler.worker()
 
-    def live(share, words):
-        if "started" in words:
+    def report(stage, share, text):
+        if "started" in text:
             scheduler.scheduler.kill()
 
     with pytest.raises(RuntimeError, match=r"the Dask scheduler is gone.*; 4 of 5 members did not finish") as caught:
         tasks_of_all = [(str(tmp_path), k, 60) for k in range(5)]
         run_members(
-            tasks.wait, tasks_of_all, workers=scheduler.address, live=live, load=lambda k: "before" if k == 3 else None
-        )
+            tasks.wait, tasks_of_all, workers=scheduler.address, report=report,
+            load=lambda k: "before" if k == 3 else None,
+        )  # fmt: skip
     assert "\n" not in str(caught.value)
 
 

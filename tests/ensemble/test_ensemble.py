@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import queue
 import signal
 import subprocess
 import sys
@@ -12,7 +11,7 @@ import time
 import pytest
 
 from stickslip.ensemble import local, reach, run_members, trial
-from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess
+from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess, borrowed, waiting_processes
 from tests.ensemble import tasks
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
@@ -33,15 +32,16 @@ def until(condition, seconds=20.0) -> bool:
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_results_do_not_depend_on_processes(workers):
-    said, reported = [], []
-    found = run_members(
-        tasks.square, [(k,) for k in range(5)], workers=workers,
-        report=lambda *now: reported.append(now), live=lambda *now: said.append(now),
-    )  # fmt: skip
+    told = []
+    found = run_members(tasks.square, [(k,) for k in range(5)], workers=workers, report=lambda *now: told.append(now))
     assert [m.result for m in found] == [0, 1, 4, 9, 16]
-    assert sorted(words for _, words in said) == [f"half of {k}" for k in range(5)]
+    assert {stage for stage, *_ in told} == {"members"}
+    said = [(share, text.partition("; ")[2]) for _, share, text in told if text.endswith("half")]
+    assert sorted(text for _, text in said) == [f"square of {k}: half" for k in range(5)]
     assert all(0 < share < 1 for share, _ in said)
-    assert [done for done, *_ in reported] == [1, 2, 3, 4, 5]
+    done = [(share, text) for _, share, text in told if not text.endswith("half")]
+    assert [text for _, text in done] == [f"{k} of 5; done" for k in (1, 2, 3, 4, 5)]
+    assert done[-1][0] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -88,14 +88,15 @@ def test_a_process_killed_from_outside_does_not_stop_the_others(tmp_path):
 
 
 def test_finished_members_are_loaded_and_others_saved():
-    kept, saved, reported = {1: "one", 3: "three"}, {}, []
+    kept, saved, told = {1: "one", 3: "three"}, {}, []
     found = run_members(
         tasks.fail_at, [(k, 2) for k in range(5)], workers=2, load=kept.get, save=saved.__setitem__,
-        report=lambda *now: reported.append(now),
+        report=lambda *now: told.append(now[2]),
     )  # fmt: skip
     assert [m.result for m in found] == [0, "one", None, "three", 4]
     assert saved == {0: 0, 4: 4}
-    assert [done for done, *_ in reported] == [3, 4, 5]
+    assert [text[:6] for text in told] == ["3 of 5", "4 of 5", "5 of 5"]
+    assert any(text.endswith("1 failed; 2 is bad") for text in told)
 
 
 def test_what_cannot_be_saved_stops_everything(tmp_path):
@@ -188,14 +189,18 @@ def test_functions_of_a_script_run_as_a_module_or_are_refused_with_the_remedy(tm
         assert "square is defined in a script or notebook" in said.stderr and "python -m" in said.stderr
 
 
-def test_a_process_that_ended_while_it_was_idle_costs_no_try():
-    waiting, events = queue.SimpleQueue(), queue.SimpleQueue()
-    thread = local._WorkerThread(waiting, events, None, False)
-    thread.worker = WorkerProcess()
-    thread.worker.process.kill()
-    thread.worker.process.wait()
-    waiting.put((0, pickle.dumps((divmod, (7, 2))), local.TRIES))
-    waiting.put(None)
-    thread.run()
-    thread.end()
-    assert pickle.loads(events.get(timeout=1)[2]) == (3, 1)
+def test_a_process_that_ended_while_it_waited_costs_no_try():
+    waiting = [WorkerProcess()]
+    waiting[0].kill()
+    waiting[0].process.wait()
+    with borrowed(waiting) as process:
+        assert pickle.loads(process.call(pickle.dumps((divmod, (7, 2))), None, None)[0]) == (3, 1)
+    assert waiting == [process]
+    process.end()
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_processes_wait_for_later_tasks_if_only_this_package_runs(own):
+    before = len(waiting_processes)
+    local.run_tasks(enumerate([pickle.dumps((os.getpid, ()))] * 3), 2, lambda *_: None, None, own=own)
+    assert len(waiting_processes) - before in ((1, 2) if own else (0,))

@@ -13,8 +13,9 @@ from stickslip.data.checkpoint import SWEEP
 from stickslip.data.run_files import OPTIONS as REMEMBERED
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from stickslip.runs.resume import find_unfinished
+from stickslip.runs.sweep.axes import OPTIONS
 from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep
-from stickslip.runs.sweep.definition import OPTIONS, members, read_sweep, sweep
+from stickslip.runs.sweep.definition import members, read_sweep, sweep
 from stickslip.runs.sweep.run import MEASURES, MEMBERS, run_sweep
 from tests.conftest import stickslip_here
 
@@ -37,20 +38,20 @@ def small(**table):
         ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is not a table"),
         ({"law.mu": 0.4}, "sweep.law.mu = 0.4 was given: use a list"),
         ({"law.mu": []}, "sweep.law.mu is an empty list"),
-        ({"law.mu": [0.2, 0.2]}, "sweep.law.mu contains 0.2 twice"),
-        ({"law.mu": {}}, "sweep.law.mu has 0 kinds of values"),
-        ({"law.mu": {"unifrom": [0, 1], "number": 2}}, "sweep.law.mu has no key 'unifrom'"),
-        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', which takes the end values"),
+        ({"law.mu": [0.2, 0.2]}, "sweep.law.mu contains 0.2 more than once"),
+        ({"law.mu": {}}, "sweep.law.mu = {} was given, but it has 0 kinds of values"),
+        ({"law.mu": {"unifrom": [0, 1], "number": 2}}, r"law.mu\] has no key 'unifrom': did you mean 'uniform'"),
+        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "use geomspace, which takes the end values"),
         ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu has no number of values"),
         ({"law.mu": {"uniform": [1, 0], "number": 2}}, "the first end must be below the second"),
         ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers up to 1e\+100 as the two ends"),
         ({"law.mu": {"loguniform": [0, 1], "number": 2}}, "both ends must be positive"),
-        ({"law.mu": {"normal": {"mean": 1}, "number": 2}}, "use {mean = 0.4, sd = 0.1}"),
+        ({"law.mu": {"normal": {"mean": 1}, "number": 2}}, "sweep.law.mu.normal.sd is missing"),
         ({"law.mu": {"uniform": [0, 1], "number": 0}}, "sweep.law.mu.number = 0 was given"),
         ({"array.disks": {"integers": [1.5, 3], "number": 2}}, "use two whole numbers"),
-        ({"law.mu": {"count": 3}}, "count, which is valid only for seed"),
+        ({"law.mu": {"count": 3}}, "count, which is only for seed"),
         ({"seed": {"count": 0}}, "sweep.seed.count = 0 was given"),
-        ({"mode": "gird", "seed": [1]}, "sweep.mode = 'gird' was given: use 'grid', 'zip', 'sample'"),
+        ({"mode": "gird", "seed": [1]}, "sweep.mode = 'gird' was given, but it should be 'grid', 'zip' or 'sample'"),
         ({"mode": "sample", "seed": [1]}, "needs the number of points"),
         ({"number": 3, "seed": [1]}, "sweep.number is only for zip and sample"),
         (LATIN | {"law.mu": {"uniform": [0, 1], "number": 2}}, "a sample has one number for all keys"),
@@ -174,7 +175,7 @@ def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
 
 
 def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.runs.sweep.run._is_same_sweep", lambda path, text: False)
+    monkeypatch.setattr("stickslip.runs.sweep.run.is_same_sweep", lambda path, text: False)
     swept = run_sweep(small(), tmp_path, workers=1)
     for name in swept.names:
         here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}

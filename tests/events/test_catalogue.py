@@ -36,7 +36,7 @@ def made(monkeypatch):
         CALLS.append(seed)
         if seed == 4:
             raise ss.NotInEquilibriumError("no equilibrium was found")
-        report(0.5, "half")
+        report("search for events", 0.5, "half")
         return events_of(seed, 2 + (seed % 3 == 0), state, step)
 
     def make_packing(chosen, law, seed):

@@ -409,11 +409,11 @@ def test_healing_and_compaction_of_a_made_up_sample():
         one.append(made("hold", 0.3, 0.0, 0.0, np.full(1000, 0.4), thickness=0.03 - c * np.log(held / 2e-5)))
         tests.append(one)
     result = of_tests(*tests)
-    excess = [measures.early_mean(measures.reslide_curve(result, 0.3, hold, 0.3, twin=True)) for hold in (1e-3, 1e-2)]
+    excess = [measures.just_after(measures.reslide_curve(result, 0.3, hold, 0.3, twin=True)) for hold in (1e-3, 1e-2)]
     found = statistics.slope(np.log([1e-3, 1e-2]), excess)
     assert found.value == pytest.approx(b)
     assert found.error == pytest.approx(0, abs=1e-9)
-    thinner = measures.slope_per_efold(measures.hold_curve(result, 0.3, "thickness"))
+    thinner = measures.per_efold(measures.hold_curve(result, 0.3, "thickness"))
     assert thinner.value == pytest.approx(-c, rel=1e-3)
     assert measures.mean_friction(result, 0.3).value == pytest.approx(0.4 + 0.01 / 3)
     plain = measures.reslide_curve(result, 0.3, 1e-2, 0.3)
@@ -454,12 +454,12 @@ def test_plates_and_overlaps_see_the_nearest_images():
 
 def test_one_realization_has_no_error():
     curve = statistics.Curve(np.linspace(0, 1, 50), np.full((1, 50), 0.1), np.zeros(1), "")
-    assert np.isnan(measures.early_mean(curve).error)
+    assert np.isnan(measures.just_after(curve).error)
     assert np.isnan(curve.error).all()
-    assert repr(measures.early_mean(curve)) == "Number(0.1 ± nan, 95 %, 1 samples, 1 branches)"
-    assert statistics.slope([0.0, 1.0], [measures.early_mean(curve)] * 2).value == 0
+    assert repr(measures.just_after(curve)) == "Number(0.1 ± nan, 95 %, 1 samples, 1 branches)"
+    assert statistics.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
     with pytest.raises(ValueError, match="two different values of x"):
-        statistics.slope([1.0], [measures.early_mean(curve)])
+        statistics.slope([1.0], [measures.just_after(curve)])
 
 
 def test_a_twin_that_goes_further_than_its_step_is_cut():
@@ -478,7 +478,7 @@ def test_the_first_samples_are_seen_however_long_the_slip_is():
         made("slide", 0.3, 0.3, 0.0, np.full(50, 0.4)), made("twin", 0.3, 0.3, 0.0, np.zeros(count)),
         made("step", 0.3, 0.6, 0.0, np.arange(count) % 2),
     ]  # fmt: skip
-    found = measures.early_mean(measures.step_curve(of_tests(tests), 0.3, 0.6, twin=True))
+    found = measures.just_after(measures.step_curve(of_tests(tests), 0.3, 0.6, twin=True))
     assert found.value == pytest.approx(0.5, abs=0.15)
 
 

@@ -25,7 +25,7 @@ def test_relaxation_is_a_slope_against_the_logarithm_of_time():
     time = INTERVAL * np.arange(1, 2001)
     tests = [hold(friction=0.4 - 0.02 * np.log(time / INTERVAL) + noise) for noise in (0.0, 0.001, -0.001)]
     curve = measures.hold_curve(of_tests(*tests), 0.3)
-    assert measures.slope_per_efold(curve).value == pytest.approx(-0.02, rel=1e-3)
+    assert measures.per_efold(curve).value == pytest.approx(-0.02, rel=1e-3)
     assert curve.mean[0] == pytest.approx(0.0, abs=1e-12)
     assert curve.at(1e-2).value == pytest.approx(-0.02 * np.log(1e-2 / INTERVAL), rel=0.01)
 
@@ -58,7 +58,7 @@ def test_a_peak_is_looked_for_after_elastic_reloading():
     tests = [made("slide", 0.3, 0.3, 0.0, np.full(400, 0.4)), made("reslide", 0.3, 0.3, 1e-2, friction[:500])]
     curve = measures.reslide_curve(of_tests(tests), 0.3, 1e-2, 0.3)
     assert measures.peak(curve).value == pytest.approx(0.03, abs=2e-3)  # smoothed over 0.02 D
-    assert measures.early_mean(curve).value < -0.08
+    assert measures.just_after(curve).value < -0.08
     assert measures.peak_slip(curve) == pytest.approx(0.2 * curve.x[-1] / 0.5, rel=0.05)
 
 

@@ -56,9 +56,8 @@ def test_a_process_that_cannot_answer_ends_with_one_reason(capfd):
 
 def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
     helper = WorkerProcess()
-    packed = pickle.dumps(("0", None, pickle.dumps((time.sleep, (0.0,)))))
     helper.process.stdout.close()
-    helper.process.stdin.write(len(packed).to_bytes(8, "little") + packed)
+    pickle.dump(("0", None, pickle.dumps((time.sleep, (0.0,)))), helper.process.stdin)
     helper.process.stdin.flush()
     assert helper.process.wait(50) == 0
     helper.process.stdin.close()
@@ -70,7 +69,7 @@ import pickle, sys
 from stickslip.ensemble.worker import WorkerProcess
 from tests.hardening.test_processes import tells_on
 
-def heard(share, words):
+def heard(stage, share, text):
     if share == 0.0:
         print("heard", flush=True)
 
@@ -90,11 +89,11 @@ def test_whoever_asked_is_killed_and_the_process_ends_quietly():
     assert asks.communicate(timeout=50)[1] == ""  # to the end of the other process, which has the same stderr
 
 
-def tells_on(times, tell):
+def tells_on(times, report):
     for k in range(times):
-        tell(k / times, "on " * 100)
+        report("on", k / times, "on " * 100)
 
 
-def _tells_and_sleeps(seconds, tell):
-    tell(0.0, "asleep")
+def _tells_and_sleeps(seconds, report):
+    report("sleep", 0.0, "asleep")
     time.sleep(seconds)

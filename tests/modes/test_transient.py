@@ -6,6 +6,7 @@ from scipy.linalg import expm
 
 import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
+from stickslip.core.progress import silent
 from stickslip.solve import transient as module
 from stickslip.solve.freedom import assembled
 from tests.modes.conftest import LAW, sheared
@@ -44,7 +45,7 @@ def test_two_modes_in_closed_form(near):
     np.testing.assert_allclose(sorted([first, second]), np.sqrt([1 - split, 1 + split]), rtol=1e-12)
     assert time == pytest.approx(np.pi / abs(first - second))
     assert module._amplitude_bound(motion) == pytest.approx(truth, rel=1e-9)
-    times, amplitudes = module._search_times(motion, [(of_pair, time, first, second)], None, 60, None)
+    times, amplitudes = module._search_times(motion, [(of_pair, time, first, second)], None, 60, silent)
     # opposite phase and the carrier's crest are up to π/2ω apart, which costs (truth Δω/ω)² π²/32 of the supremum
     assert truth * (1 - 0.4 * (truth * split) ** 2) < amplitudes.max() <= truth * (1 + 1e-12)
     assert abs(times[np.argmax(amplitudes)] - time) < 0.05 * time  # the envelope is flat at its top

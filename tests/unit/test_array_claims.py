@@ -200,7 +200,7 @@ def test_one_case_without_balance_refutes_always_and_one_without_a_pair_leaves_i
         births = iter(pushes)
         monkeypatch.setattr(modes_rows, "VARIED", [{"law": {"mu": k}} for k in range(len(pushes))])
         monkeypatch.setattr(modes_rows, "first_pair", lambda **_: next(births))
-        return modes_rows._always()
+        return modes_rows._variants()
 
     assert row(0.1, 0.5).verdict == "not refuted" and "0.5 with mu 1" in row(0.1, 0.5).note
     assert row(0.1, None).verdict == UNDECIDED and "no pair up to 2 with mu 1" in row(0.1, None).note

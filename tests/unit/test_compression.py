@@ -110,7 +110,7 @@ def test_a_law_and_progress():
     told = []
     law = ss.laws.linear(kn=2.0, kt=1.0, mu=0.5)
     state, info = compressed(
-        30, law=law, pressure=2e-3, dim=2, report=lambda share, message: told.append((share, message))
+        30, law=law, pressure=2e-3, dim=2, report=lambda stage, share, text: told.append((share, text))
     )
     assert ss.measure.residual(state, law)[0] <= 1e-13  # round-off of forces over their mean
     assert info.pressure == pytest.approx(2e-3, rel=1e-8)

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import eigvals
 
 import stickslip as ss
+from stickslip.core.progress import silent
 from stickslip.loading.packing import jammed
 from stickslip.loading.shear import sheared
 from stickslip.solve import pairs as module
@@ -104,15 +105,11 @@ def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     scale = np.abs(full.eigenvalues).max()
 
     def consistent(pairs):
-        return gershgorin_certificate(matrix, None, pairs, 0, lambda share, message: None).consistent
+        return gershgorin_certificate(matrix, None, pairs, 0, silent).consistent
 
     assert consistent(values)
     assert not consistent(values[1:])
     assert not consistent(np.append(values, 0.5 * scale + 1e-3j))
-
-
-def quiet(share, message):
-    pass
 
 
 def test_discs_are_gershgorins_after_the_blocks_are_diagonal():
@@ -127,12 +124,12 @@ def test_discs_are_gershgorins_after_the_blocks_are_diagonal():
             T[np.ix_(together, together)] = np.linalg.eig(B[np.ix_(together, together)])[1]
         turned = np.linalg.inv(T) @ B @ T
         radii = np.abs(turned).sum(axis=1) - np.abs(np.diag(turned))
-        centres, sizes = _discs(B.copy(), 0.0, quiet, passes=0)
+        centres, found = _discs(B.copy(), 0.0, silent, passes=0)
         at = np.lexsort((np.diag(turned).imag.round(9), np.diag(turned).real.round(9)))
         mine = np.lexsort((centres.imag.round(9), centres.real.round(9)))
         np.testing.assert_allclose(centres[mine], np.diag(turned)[at], atol=1e-12)
-        np.testing.assert_allclose(sizes[mine], radii[at], atol=1e-12)
-        wider = _discs(B.copy(), 10.0, quiet, passes=0)[1] - sizes
+        np.testing.assert_allclose(found[mine], radii[at], atol=1e-12)
+        wider = _discs(B.copy(), 10.0, silent, passes=0)[1] - found
         np.testing.assert_allclose(wider, 6 * np.finfo(float).eps * 10.0, rtol=0.1)  # a difference of two radii
 
 
@@ -144,7 +141,7 @@ def test_discs_of_a_small_matrix_hold_its_eigenvalues(seed):
     B[5, 6], B[6, 5] = 0.9, -0.9
     values = eigvals(B)
     for passes in (0, 1, 6):
-        centres, radii = _discs(B.copy(), 12.0, quiet, passes=passes)
+        centres, radii = _discs(B.copy(), 12.0, silent, passes=passes)
         near = np.abs(values[:, None] - centres) <= radii
         assert near.any(axis=1).all()
         alone = (np.abs(centres[:, None] - centres) > radii[:, None] + radii).sum(axis=1) == len(B) - 1
@@ -171,10 +168,12 @@ def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
 
 def test_progress_is_reported_in_order(packing):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(share))
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda stage, share, text: told.append(share))
     assert told == sorted(told)
     told.clear()
-    complex_pairs(packing[0], LAW, certificate=True, dense_below=0, report=lambda share, message: told.append(share))
+    complex_pairs(
+        packing[0], LAW, certificate=True, dense_below=0, report=lambda stage, share, text: told.append(share)
+    )
     assert told == sorted(told)
     assert told[-1] == 1.0
 
@@ -204,7 +203,7 @@ def test_windows_miss_nothing_on_independent_packings(seed):
 
 def test_a_certificate_announces_its_time_first(packing):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, message: told.append(message))
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda stage, share, text: told.append(text))
     assert "certificate" in told[0] and "estimated time" in told[0]
 
 

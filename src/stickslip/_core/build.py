@@ -115,14 +115,14 @@ def find_compiler() -> Compiler | None:
         names = () if sys.platform == "win32" else ("c++", "g++", "clang++")
         candidates = [*([asked] if asked else []), *([name] for name in names), *_ziglang()]
     for command in candidates:
-        if compiler := _working(command):
+        if compiler := _try_compiler(command):
             return compiler
         if command == asked:
             print(f"CXX={shlex.join(asked)} does not compile: other compilers are tried", file=sys.stderr)
     return None
 
 
-def _working(command: list[str]) -> Compiler | None:
+def _try_compiler(command: list[str]) -> Compiler | None:
     """Return the compiler of a command if it makes a library for the highest level."""
     if not shutil.which(command[0]):
         return None

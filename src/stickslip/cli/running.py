@@ -241,21 +241,19 @@ def resume(
         if find_unfinished(folder) is None:
             return _report_finished(folder, output)
         with _working_in(folder, output):
-            unfinished = find_unfinished(folder)  # again, because another process may have finished in between
-            if unfinished is None:
+            saved = find_unfinished(folder)  # again, because another process may have finished in between
+            if saved is None:
                 return _report_finished(folder, output)
-            tables = unfinished.sweep or unfinished.scenario.model_dump()
+            tables = saved.sweep or saved.scenario.model_dump()
             if trust:
                 trust_law_files(tables)
             check_law_files(tables)
-            spread = _choose_workers(processes, unfinished.scenario)
-            if unfinished.reproduction:
-                return _reproduce_in("resume", folder, spread, output, **unfinished.reproduction)
-            if unfinished.sweep:
-                return _run_sweep_in(
-                    "resume", unfinished.sweep, folder, spread, output, yes=True, figures=unfinished.figures
-                )
-            return _run_in("resume", unfinished.scenario, folder, spread, output)
+            spread = _choose_workers(processes, saved.scenario)
+            if saved.reproduction:
+                return _reproduce_in("resume", folder, spread, output, **saved.reproduction)
+            if saved.sweep:
+                return _run_sweep_in("resume", saved.sweep, folder, spread, output, yes=True, figures=saved.figures)
+            return _run_in("resume", saved.scenario, folder, spread, output)
 
 
 def _report_finished(folder: Path, output: Output) -> None:

@@ -3,7 +3,7 @@
 import difflib
 import hashlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -61,6 +61,9 @@ class ScenarioTable(BaseModel):
     """A table of a scenario."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+Table = TypeVar("Table", bound=ScenarioTable)
 
 
 class UnitNames(ScenarioTable):
@@ -182,31 +185,35 @@ def given_keys(
                 yield key, entry, *reversed(words_and_unit)
 
 
-def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
-    """Message about an unknown key or, if there is none, the first error: the given value, and what is allowed."""
+def error_message(problem: ValidationError, kind: type[BaseModel], place: str = "") -> str:
+    """Message about an unknown key or, if there is none, the first error: the given value, and what is allowed.
+
+    `place` is the dotted name of the table, empty for a whole scenario.
+    """
     errors = problem.errors()
     first = next((error for error in errors if error["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
-        return unknown_key(first["loc"], kind)
-    keys, _, entry = _locate(first["loc"], kind)
+        return unknown_key(first["loc"], kind, place)
+    name, _, entry = _locate(first["loc"], kind, place)
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if first["type"] == "value_error":
         return message
     if first["type"].startswith("union_tag"):
         given = f"has kind = {first['ctx']['tag']!r}" if "tag" in first["ctx"] else "has no kind"
-        kinds = [table.model_fields["kind"].default for table in tables_in(kind.model_fields[keys[-1]].annotation)]
-        return f"{'.'.join(keys)}{entry} {given}: use {', '.join(map(repr, kinds))}"
+        field = kind.model_fields[name.rpartition(".")[2]]
+        kinds = [table.model_fields["kind"].default for table in tables_in(field.annotation)]
+        return f"{name}{entry} {given}: use {', '.join(map(repr, kinds))}"
     if first["type"] == "missing":
-        return f"{'.'.join(keys)}{entry} is missing: give it"
+        return f"{name}{entry} is missing: give it"
     got = repr(first["input"])
     got = got if len(got) <= 100 else f"{got[:97]}…"
-    return f"{'.'.join(keys) or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
+    return f"{name or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
 
 
-def _locate(where, table: type[BaseModel]):
-    """Keys of a location (without pydantic's names of union branches), the last table, and the entry in words."""
-    keys, entry, branches = [], "", []
+def _locate(where, table: type[BaseModel], place: str):
+    """Dotted name of a location (without pydantic's names of union branches), its table, and the entry in words."""
+    keys, entry, branches = [place] if place else [], "", []
     for part in where:
         if isinstance(part, int):
             entry = entry or f" (entry {part + 1})"
@@ -219,7 +226,7 @@ def _locate(where, table: type[BaseModel]):
                 branch.model_fields["kind"].default: branch for branch in branches if "kind" in branch.model_fields
             }
             table = kinds.get(part, table)
-    return keys, table, entry
+    return ".".join(keys), table, entry
 
 
 def tables_in(annotation) -> list[type[BaseModel]]:
@@ -229,11 +236,11 @@ def tables_in(annotation) -> list[type[BaseModel]]:
     return [kind for inner in get_args(annotation) for kind in tables_in(inner)]
 
 
-def unknown_key(where, kind: type[BaseModel]) -> str:
+def unknown_key(where, kind: type[BaseModel], place: str = "") -> str:
     """Error message for an unknown key of a table, with the closest known key."""
-    keys, table, entry = _locate(where[:-1], kind)
+    name, table, entry = _locate(where[:-1], kind, place)
     known, key = list(table.model_fields), str(where[-1])
-    place = f"the table [{'.'.join(keys)}]{entry}" if keys else "a scenario"
+    place = f"the table [{name}]{entry}" if name else "a scenario"
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}"
     return f"{place} has no key {key!r}: {hint}"
@@ -247,7 +254,12 @@ def validate_scenario(kind: type[ScenarioBase], /, **tables):
     ScenarioError
         with a one-sentence message that names the key, the value that was given, and what is allowed.
     """
+    return validate_table(kind, tables)
+
+
+def validate_table(kind: type[Table], table: dict, place: str = "") -> Table:
+    """Create a table of a given class; messages are those of `validate_scenario`, with the table's dotted name."""
     try:
-        return kind.model_validate(tables)
+        return kind.model_validate(table)
     except ValidationError as problem:
-        raise ScenarioError(error_message(problem, kind)) from None
+        raise ScenarioError(error_message(problem, kind, place)) from None

@@ -22,7 +22,7 @@ def examine(*, as_json: bool = False) -> tuple[bool, str]:
     if not as_json:
         show_machine(*tables)
     with progress(transient=True) as tell:
-        check = selfcheck(lambda message: tell("self-check", 0.0, message))
+        check = selfcheck(tell)
     if as_json:
         return check.ok, to_json(*tables, check)
     show_checks(check)

@@ -8,7 +8,6 @@ import hashlib
 import json
 import platform
 import time
-from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +20,7 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
 from ..core.outcome import Outcome
+from ..core.progress import Report, silent
 from ..core.state import SLIDE, STICK, State
 from ..friction.loads import slide_hold_slide
 from ..friction.ratestate import RateState, Spring, spring_slider
@@ -134,7 +134,7 @@ def measure_array(law: Law) -> dict[str, float | str]:
     return measure_pair(state, law) | measure_dynamics(state, law)
 
 
-def measure(report: Callable[[str], None] = lambda message: None) -> dict[str, float | str]:
+def measure(report: Report = silent) -> dict[str, float | str]:
     """All numbers by name; errors are listed under `PROBLEM`."""
     law, numbers = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
     groups = {
@@ -143,12 +143,12 @@ def measure(report: Callable[[str], None] = lambda message: None) -> dict[str, f
         "rate and state": measure_slider,
         "quasi-rigid": measure_contact_status,
     }
-    for stage, group in groups.items():
-        report(stage)
+    for k, (part, group) in enumerate(groups.items()):
+        report("self-check", k / len(groups), part)
         try:
             numbers |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
         except Exception as problem:  # a broken compiler or library is what the self-check looks for
-            said = f"{stage}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
+            said = f"{part}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
             numbers[PROBLEM] = "; ".join(filter(None, [numbers.get(PROBLEM), said]))
     return numbers
 
@@ -183,7 +183,7 @@ def compare(measured: dict, stored: dict) -> list[Check]:
     return rows
 
 
-def selfcheck(report: Callable[[str], None] = lambda message: None) -> Selfcheck:
+def selfcheck(report: Report = silent) -> Selfcheck:
     """Measure all numbers and compare them with the stored ones."""
     start = time.perf_counter()
     measured = measure(report)

@@ -18,8 +18,15 @@ from itertools import islice
 from uuid import uuid4
 
 from ..extras import require
-from .local import TRIES
-from .worker import SchedulerGoneError, WorkerDiedError, WorkerProcess, describe_error, give_back, take_idle
+from .worker import (
+    TRIES,
+    SchedulerGoneError,
+    WorkerDiedError,
+    WorkerProcess,
+    borrowed,
+    describe_error,
+    waiting_processes,
+)
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # timeout for the scheduler's first answer [s]
@@ -79,8 +86,8 @@ def _resolve_address(address: str) -> str:
         if not os.path.exists(address):
             raise OSError("there is no such file")
         address = str(_read_json(address)["address"])
-    kind, found, host = address.rpartition("://")
-    if found and kind not in PROTOCOLS:
+    kind, separator, host = address.rpartition("://")
+    if separator and kind not in PROTOCOLS:
         raise ValueError(f"its protocol is {kind}, not {', '.join(PROTOCOLS)}")
     name, _, port = host.rpartition(":")
     if kind != "inproc" and not port.isdigit():
@@ -156,7 +163,7 @@ def _events(client, events, futures: dict, ask):
                 raise SchedulerGoneError("the Dask scheduler is gone") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:
-                yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
+                yield "said", next(iter(futures)), "the cluster", 0.0, "no workers yet, waiting for the first"
         try:
             yield events.get(timeout=POLL)
         except queue.Empty:
@@ -190,21 +197,18 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
         task = worker.state.tasks.get(key)
         return task is None or task.state == "cancelled"
 
-    def heard(share: float, words: str) -> None:
-        worker.log_event(topic, [k, share, words])
+    def heard(*said) -> None:
+        worker.log_event(topic, [k, *said])
 
     for tries in range(1, TRIES + 1):
-        process, finished = take_idle(), threading.Event()
-        threading.Thread(target=_kill_when_unwanted, args=(process, finished, unwanted), daemon=True).start()
+        finished = threading.Event()
         try:
-            answer = process.call(packed, PAUSE if topic else None, heard)
+            with borrowed(waiting_processes) as process:
+                threading.Thread(target=_kill_when_unwanted, args=(process, finished, unwanted), daemon=True).start()
+                return process.call(packed, PAUSE if topic else None, heard)
         except WorkerDiedError as problem:
-            process.end()
             if tries == TRIES or unwanted():
                 return None, f"{problem}, {tries} times"
-        else:
-            give_back(process)
-            return answer
         finally:
             finished.set()
     raise AssertionError("the last try returns")
@@ -214,5 +218,5 @@ def _kill_when_unwanted(process: WorkerProcess, finished: threading.Event, unwan
     """Kill a process whose task was cancelled; the thread that waits for it cannot do so."""
     while not finished.wait(POLL):
         if unwanted():
-            process.process.kill()
+            process.kill()
             return

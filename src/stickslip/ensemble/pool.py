@@ -10,6 +10,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ..core.arguments import checked
+from ..core.progress import Report
 from ..core.readable import readable
 from . import local
 from .worker import SchedulerGoneError, describe_error
@@ -72,14 +73,19 @@ def reach(workers: Workers) -> Spread:
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
 
 
+def _describe(member: Member) -> str:
+    return member.failure or "done"
+
+
 @checked
 def run_members(
     function: Callable,
     tasks: Iterable[tuple],
     *,
     workers: Workers = None,
-    report: Callable | None = None,
-    live: Callable | None = None,
+    stage: str = "members",
+    report: Report | None = None,
+    describe: Callable[[Member], str] = _describe,
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
 ) -> list[Member]:
@@ -90,12 +96,13 @@ def run_members(
 
     Parameters
     ----------
-    function : importable by name, so that other processes find it; with `live` it receives `tell` as its last argument
-        and reports progress as tell(completed share of this task, words)
+    function : importable by name, so that other processes find it; with `report` it receives a function as its last
+        argument, to which it tells its own progress in the same way
     workers : number of processes, each on one core, or 1 to run everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
-    report : called as report(number done, number of tasks, member)
-    live : called as live(completed share of all running tasks, words) with the messages of the tasks
+    stage : name of the work, for `report`
+    report : called as report(stage, share done, text) with the number of finished members, and what one of them tells
+    describe : outcome of a member in a few words, for `report`
     load : load(k) returns the result of task k if it has already finished, else None; finished tasks are not run again
     save : called as save(k, result) in this process, as soon as task k has finished
 
@@ -112,30 +119,29 @@ def run_members(
     [(3, 1), (2, 1)]
     """
     tasks = list(tasks)
-    members: list[Member | None] = [None] * len(tasks)
-    if load:
-        members = [None if (found := load(k)) is None else Member(found, None) for k in range(len(tasks))]
-    missing = [k for k, member in enumerate(members) if member is None]
-    shares, done, total = dict.fromkeys(missing, 0.0), len(tasks) - len(missing), 0.0
+    results = [load(k) if load else None for k in range(len(tasks))]
+    members = [None if result is None else Member(result, None) for result in results]
+    missing = {k: task for k, task in enumerate(tasks) if members[k] is None}
+    done, failed, shares = len(tasks) - len(missing), 0, dict.fromkeys(missing, 0.0)
+    share_done = float(done)  # of all members, in members
 
     def keep(k: int, member: Member) -> None:
-        nonlocal done
-        members[k], done = member, done + 1
-        heard(k, 1.0, None)
+        nonlocal done, failed
+        members[k], done, failed = member, done + 1, failed + bool(member.failure)
         if save and member.failure is None:
             save(k, member.result)
-        if report:
-            report(done, len(tasks), member)
+        heard(k, "", 1.0, describe(member))
 
-    def heard(k: int, share: float, words: str | None) -> None:
-        nonlocal total
-        total, shares[k] = total + share - shares[k], share
-        if live and words is not None:
-            live(total / len(missing), words)
+    def heard(k: int, part: str, share: float, text: str) -> None:
+        nonlocal share_done
+        share_done, shares[k] = share_done + share - shares[k], share
+        if report:
+            count = f"{done} of {len(tasks)}" + (f", {failed} failed" if failed else "")
+            report(stage, share_done / len(tasks), f"{count}; {part}: {text}" if part else f"{count}; {text}")
 
     if missing:
         try:
-            _run_tasks(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
+            _run_tasks(function, missing, workers, keep, heard if report else None)
         except SchedulerGoneError as problem:
             raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members did not finish") from None
     return members
@@ -144,25 +150,24 @@ def run_members(
 @checked
 def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
     """Call a function with the arguments `task` in a local process with a time limit [s]; None on timeout."""
-    found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
-    members = []
-    if found is not None:
-        _unpack_result(lambda _, one: members.append(one), 0, *found)
-    return members[0] if members else None
+    answer = local.trial(pickle.dumps((function, task), protocol=5), seconds)
+    return answer and _unpack_result(*answer)
 
 
 def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
     """Run the tasks in this process, in local processes or on a cluster."""
+
+    def unpack(k: int, *answer) -> None:
+        keep(k, _unpack_result(*answer))
+
     if workers is not None and not isinstance(workers, int):
         from . import cluster
 
-        return cluster.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard)
-    if workers is not None and workers < 1:
-        raise ValueError(f"workers = {workers} was given: at least 1 is needed")
-    workers = min(workers or default_workers(), len(tasks))
+        return cluster.run_tasks(_pack_tasks(function, tasks), workers, unpack, heard)
+    workers = min(reach(workers).slots, len(tasks))
     if workers > 1:
         own = (getattr(function, "__module__", None) or "").startswith("stickslip.")
-        return local.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard, own=own)
+        return local.run_tasks(_pack_tasks(function, tasks), workers, unpack, heard, own=own)
     for k, task in tasks.items():
         more = (partial(heard, k),) if heard else ()
         try:
@@ -193,9 +198,8 @@ def _importable(function: Callable) -> Callable:
     return attrgetter(function.__qualname__)(import_module(spec.name))
 
 
-def _unpack_result(keep, k: int, packed: bytes | None, failure: str | None) -> None:
+def _unpack_result(packed: bytes | None, failure: str | None) -> Member:
     try:
-        member = Member(None, failure) if packed is None else Member(pickle.loads(packed), None)
+        return Member(None, failure) if packed is None else Member(pickle.loads(packed), None)
     except Exception as problem:
-        member = Member(None, f"its result cannot be read here ({describe_error(problem)})")
-    keep(k, member)
+        return Member(None, f"its result cannot be read here ({describe_error(problem)})")

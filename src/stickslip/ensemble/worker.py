@@ -1,8 +1,9 @@
 """A worker process that runs tasks one after another: it receives them on stdin and sends results on stdout.
 
-It is a plain child process rather than a `multiprocessing` process, because Dask workers are daemons, which may not
-have such children. Dask workers need a child process because compiled kernels hold the interpreter's lock while they
-run, and a worker that is silent for minutes is considered dead. A worker process ends when its parent is gone.
+It is a plain child process rather than a `multiprocessing` process, as those of pebble, loky and `concurrent.futures`
+are: these import the user's script, and Dask workers are daemons, which may not have such children. Dask workers need a
+child process because compiled kernels hold the interpreter's lock while they run, and a worker that is silent for
+minutes is considered dead. A worker process ends when its parent is gone.
 """
 
 import math
@@ -10,16 +11,17 @@ import os
 import pickle
 import queue
 import signal
-import struct
 import subprocess
 import sys
 import threading
 import time
 import traceback
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 from .. import __version__
 
+TRIES = 2  # attempts for a task whose process dies
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 IDLE = 60.0  # a process ends after this time without a task [s]
@@ -72,7 +74,7 @@ class WorkerProcess:
         ----------
         packed : bytes of (function, arguments)
         pause : shortest time between two progress messages; None if the function reports no progress [s]
-        heard : called as heard(share, words)
+        heard : called as heard(stage, share, text)
 
         Raises
         ------
@@ -80,15 +82,15 @@ class WorkerProcess:
             if the process ends before it has answered.
         """
         try:
-            _send(self.process.stdin, pickle.dumps((__version__, pause, packed)))
+            _send(self.process.stdin, (__version__, pause, packed))
             while True:
-                kind, *rest = pickle.loads(_receive(self.process.stdout))
+                kind, *rest = pickle.load(self.process.stdout)
                 if kind == DONE:
                     return rest[0], None
                 if kind == FAILED:
                     return None, rest[0]
                 heard(*rest)
-        except (OSError, EOFError, ValueError):
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
             raise WorkerDiedError(f"worker died ({self._describe_exit()})") from None
 
     def _describe_exit(self) -> str:
@@ -100,16 +102,21 @@ class WorkerProcess:
             return "killed, or out of memory"
         return signal.strsignal(-code).lower() if code < 0 and signal.strsignal(-code) else f"exit code {code}"
 
-    def end(self) -> None:
-        """Kill the process."""
+    def kill(self) -> None:
+        """Kill the process, whatever it is doing."""
         self.process.kill()
+
+    def end(self) -> None:
+        """Kill the process and wait until it has ended."""
+        self.kill()
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout):
             with suppress(OSError):  # buffered data cannot be sent any more
                 pipe.close()
 
 
-_idle: list[WorkerProcess] = []  # processes that wait for another task; starting one takes a second
+# processes that wait for another task; starting one takes a second. They end after a minute, or with this process
+waiting_processes: list[WorkerProcess] = []
 
 
 def _origin() -> tuple:
@@ -117,36 +124,32 @@ def _origin() -> tuple:
     return os.getpid(), os.getcwd(), list(sys.path), dict(os.environ)
 
 
-def take_idle() -> WorkerProcess:
-    """Return an idle process that inherited what a new one would, or start a new one."""
-    while _idle:
-        worker = _idle.pop()
-        if worker.process.poll() is None and worker.origin == _origin():
-            return worker
-        worker.end()
+def _take(waiting: list[WorkerProcess]) -> WorkerProcess:
+    """Return a waiting process that inherited what a new one would, or start a new one."""
+    with suppress(IndexError):
+        while True:
+            process = waiting.pop()
+            if process.process.poll() is None and process.origin == _origin():
+                return process
+            process.end()
     return WorkerProcess()
 
 
-def give_back(worker: WorkerProcess) -> None:
-    """Keep a process for later tasks; it ends after a minute without one, or with this process."""
-    _idle.append(worker)
+@contextmanager
+def borrowed(waiting: list[WorkerProcess]) -> Iterator[WorkerProcess]:
+    """Context manager for a process that waits, or a new one; afterwards it waits again, or is ended after an error."""
+    process = _take(waiting)
+    try:
+        yield process
+    except BaseException:
+        process.end()
+        raise
+    waiting.append(process)
 
 
-def _send(stream, data: bytes) -> None:
-    stream.write(struct.pack("<Q", len(data)))
-    stream.write(data)
+def _send(stream, message: tuple) -> None:
+    pickle.dump(message, stream, protocol=5)
     stream.flush()
-
-
-def _receive(stream) -> bytes:
-    return _read_exactly(stream, struct.unpack("<Q", _read_exactly(stream, 8))[0])
-
-
-def _read_exactly(stream, size: int) -> bytes:
-    data = stream.read(size)
-    if len(data) < size:
-        raise EOFError
-    return data
 
 
 def serve() -> None:
@@ -185,14 +188,14 @@ def _serve() -> None:
             answer = _run_task(packed, () if pause is None else (_make_reporter(out, pause),))
         else:
             answer = FAILED, f"this worker has stickslip {__version__}, the client {version}: install the same version"
-        _send(out, pickle.dumps(answer, protocol=5))
+        _send(out, answer)
 
 
 def _listen(stream, asked) -> None:
     """Queue incoming tasks; end this process, whatever it is doing, when the stream ends."""
     try:
         while True:
-            asked.put(pickle.loads(_receive(stream)))
+            asked.put(pickle.load(stream))
     finally:
         os._exit(0)
 
@@ -206,17 +209,13 @@ def _run_task(packed: bytes, more: tuple) -> tuple:
 
 
 def _make_reporter(out, pause: float):
-    """Return tell(share, words), which sends the first message at once and later ones only after a pause.
+    """Return report(stage, share, text), which sends the first message at once and later ones only after a pause."""
+    last = -math.inf
 
-    If the share is None, the last reported share is repeated.
-    """
-    last, known = -math.inf, 0.0
-
-    def tell(share: float | None, words: str) -> None:
-        nonlocal last, known
-        known = known if share is None else float(share)
+    def report(stage: str, share: float, text: str) -> None:
+        nonlocal last
         if time.monotonic() - last >= pause:
             last = time.monotonic()
-            _send(out, pickle.dumps((SAID, known, str(words))))
+            _send(out, (SAID, str(stage), float(share), str(text)))
 
-    return tell
+    return report

@@ -3,14 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from ..core.progress import Report, silent
 from ..data.checkpoint import Checkpoint
-from ..ensemble import Member, Workers, run_members
-
-Report = Callable[[str, float, str], None]
-
-
-def silent(*_) -> None:
-    """Report nothing."""
+from ..ensemble import Workers, run_members
 
 
 class Task(NamedTuple):
@@ -65,10 +60,6 @@ class Realizations(NamedTuple):
         return results
 
 
-def _describe(member: Member) -> str:
-    return member.failure or "done"
-
-
 def run_realizations(
     function: Callable,
     tasks: Sequence[Task],
@@ -76,17 +67,14 @@ def run_realizations(
     stage: str,
     workers: Workers = None,
     report: Report = silent,
-    describe: Callable[[Member], str] = _describe,
+    **options,
 ) -> Realizations:
     """Run a function for every task that has no saved result, and save each result as soon as it is available.
 
     Parameters
     ----------
-    function : called as function(*arguments, tell), with tell(share of this task done, words); importable by name
-    stage : name of the work, for `report`
-    workers : number of processes, or the address of a Dask scheduler; the results do not depend on it
-    report : called as report(stage, share done, words)
-    describe : outcome of a finished task in a few words
+    function : called as function(*arguments, report), to which it tells its own progress; importable by name
+    stage, workers, report, options : as for `run_members`
 
     Raises
     ------
@@ -108,13 +96,8 @@ def run_realizations(
             place.save(name, result)
             place.of(name).clear()  # pieces of the unfinished task
 
+    arguments = [task.arguments for task in tasks]
     members = run_members(
-        function,
-        [task.arguments for task in tasks],
-        workers=workers,
-        live=lambda share, message: report(stage, share, message),
-        report=lambda done, total, member: report(stage, done / total, f"{done} of {total}, {describe(member)}"),
-        load=load,
-        save=save,
+        function, arguments, workers=workers, stage=stage, report=report, load=load, save=save, **options
     )
     return Realizations([m.result for m in members], [task.label for task in tasks], [m.failure for m in members])

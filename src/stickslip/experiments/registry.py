@@ -3,11 +3,11 @@
 import json
 import re
 import tomllib
-from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 
 from ..core.arguments import checked
+from ..core.progress import Report, silent
 from ..core.text import read_text, shortened
 from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
@@ -40,7 +40,7 @@ def simulate(
     *,
     folder: str | Path | None = None,
     workers: Workers = None,
-    report: Callable = lambda stage, share, message: None,
+    report: Report = silent,
     **more,
 ):
     """Run a scenario of any kind and return the result of its experiment.
@@ -50,7 +50,7 @@ def simulate(
     scenario : from `scenario(...)` or `read_scenario`
     folder : where finished parts are saved during the run; with the same folder, an interrupted run continues
     workers : processes, or the address of a Dask scheduler, for independent realizations (threads for a flow)
-    report : called as report(stage, fraction done, text with the main quantities)
+    report : called as report(stage, share done, text with the main quantities)
     more : other options of the experiment
 
     Returns

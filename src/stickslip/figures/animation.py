@@ -1,6 +1,5 @@
 """Movies of a packing as GIF or MP4: frames of a run, or one period of a mode."""
 
-from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
@@ -12,6 +11,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
 
 from ..core.arguments import Requirement, require_filled, require_shape
+from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
 from ..extras import require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
@@ -30,7 +30,7 @@ WHITE = 247  # least value of colours shown as white: Pillow would take some of 
 def movie(
     frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
     mode: Mode | None = None, colour: str | None = None,
-    fps: int = FPS, report: Callable[[str, float, str], None] | None = None,
+    fps: int = FPS, report: Report = silent,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
 
@@ -42,7 +42,7 @@ def movie(
     mode : the mode that the frames show, for the colour "mode displacement"
     colour : one of `quantities`
     fps : frames per second
-    report : called with (stage, share, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -77,8 +77,7 @@ def movie(
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
                     draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
                 writer.grab_frame()
-                if report:
-                    report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
+                report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
     plt.close(figure)
     return path
 

@@ -187,12 +187,10 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
     figure, grid = plt.subplots(rows, width, figsize=(WIDTH * width, 3.9 * rows), squeeze=False)
     for axes, skills, title in zip(grid.flat, panels, titles, strict=False):
         for skill in skills:
-            label, color = PREDICTORS[skill.predictor]
+            (label, color), roc = PREDICTORS[skill.predictor], skill.roc
             x = np.linspace(0, 1, skill.band.shape[1])
             axes.fill_between(x, *skill.band, color=color, alpha=0.15, lw=0)
-            axes.plot(
-                skill.roc.false_alarms, skill.roc.hits, color=color, label=f"{label} {_area(skill)}", clip_on=False
-            )
+            axes.plot(roc.false_alarms, roc.hits, color=color, label=f"{label} {_area(skill)}", clip_on=False)
         axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
         axes.set(xlim=(0, 1), ylim=(0, 1))
         label_axes(axes, x="share of false alarms", y="share of announced events")

@@ -4,12 +4,12 @@ The time step follows from the embedded Runge–Kutta formula DOP853 of order 8,
 `python -m benchmarks.fault` compares it with the solvers of SciPy at equal error.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.arguments import checked, require_positive
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from .fault import Fault, check_fault
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
@@ -72,7 +72,7 @@ def simulate_fault(
     start: FaultState | None = None,
     recording: Recording | None = None,
     tolerance: float = TOLERANCE,
-    report: Callable[[float, str], None] | None = None,
+    report: Report = silent,
 ) -> FaultHistory:
     """Simulate earthquakes and aseismic slip.
 
@@ -85,7 +85,7 @@ def simulate_fault(
     start : default: `initial_state(fault)`; with the `state` of a history, that simulation is continued bit for bit
     recording : what is recorded; default: no stations, profiles of slip every 5 years and every second of an event
     tolerance : error of each step in slip over D_c, and in ln θ
-    report : called as report(share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -163,9 +163,9 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
             ),
         )
         recorder.step(before, now)
-        if report is not None and steps % REPORTED == 0:
-            progress = f"{time / YEAR:.1f} years, fastest slip {now.fastest:.1e} m/s"
-            report(min(1.0, time / until), progress)
+        if steps % REPORTED == 0:
+            text = f"{time / YEAR:.1f} years, fastest slip {now.fastest:.1e} m/s"
+            report("fault", min(1.0, time / until), text)
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
         recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,

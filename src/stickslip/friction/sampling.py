@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.arguments import Seed, checked
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..extras import require
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
@@ -52,13 +53,7 @@ class Posterior(NamedTuple):
 
 
 def posterior(
-    data: Data | list[Data],
-    *,
-    walkers: int = 32,
-    steps: int = 4000,
-    seed: int = 0,
-    report: Callable[[float, str], None] = lambda share, message: None,
-    **options,
+    data: Data | list[Data], *, walkers: int = 32, steps: int = 4000, seed: int = 0, report: Report = silent, **options
 ) -> Posterior:
     """Sample the posterior distribution of the parameters of a fit.
 
@@ -73,7 +68,7 @@ def posterior(
     walkers : number of parallel chains, even and at least twice the number of parameters
     steps : largest number of steps of each chain
     seed : of the proposals
-    report : called as report(fraction done, text with acceptance and autocorrelation time)
+    report : called as report(stage, share done, text with acceptance and autocorrelation time)
 
     Raises
     ------
@@ -118,8 +113,8 @@ def posterior(
         tau = sampler.get_autocorr_time(tol=0)
         length = sampler.iteration - int(np.ceil(BURN * tau.max()))
         ratio, acceptance = length / tau.max(), float(np.mean(sampler.acceptance_fraction))
-        progress = f"acceptance {acceptance:.2f}, autocorrelation time τ = {tau.max():.1f} steps"
-        report(min(max(ratio, 0.0) / LONG, 1.0), f"{progress}, {sampler.iteration} steps")
+        words = f"acceptance {acceptance:.2f}, autocorrelation time τ = {tau.max():.1f} steps"
+        report("posterior", min(max(ratio, 0.0) / LONG, 1.0), f"{words}, {sampler.iteration} steps")
         if (ratio >= LONG and length >= LEAST) or sampler.iteration >= steps:
             break
     if not ratio >= LONG:
@@ -133,7 +128,7 @@ def posterior(
 
 
 @checked
-def _check_options(walkers: int, steps: int, seed: Seed, report: Callable) -> None:
+def _check_options(walkers: int, steps: int, seed: Seed, report: Report) -> None:
     """Check the types of the options that `fit` does not have."""
 
 

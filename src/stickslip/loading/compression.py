@@ -1,6 +1,5 @@
 """Frictional packings: loose grains compressed slowly, with friction, until they carry a given pressure."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..core.laws.builtin import Law, hertz_mindlin
 from ..core.measure import coordination, packing_fraction, volume
 from ..core.measure import pressure as pressure_of
 from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.progress import Report, silent
 from ..core.scales import natural_scales
 from ..core.state import State, assembly, box, disks, loads
 from ..solve.equilibrate import BALANCED
@@ -55,7 +55,7 @@ def compressed(
     law: Law | None = None,
     seed: Seed = 0,
     tolerance: float | None = None,
-    report: Callable | None = None,
+    report: Report = silent,
 ):
     """Frictional packing in a periodic box, compressed slowly from a loose state until it carries a pressure.
 
@@ -71,8 +71,8 @@ def compressed(
     mu : friction coefficient, not negative, of the law `hertz_mindlin(mu=mu)`; give this or a law
     dim, radius, mass, i0, seed, tolerance : as in `jammed`
     law : Law with which to compress
-    report : called as report(share, words) during the compression, with the share of the pressure that was reached,
-        and words that give pressure, unbalanced force, contact number and packing fraction
+    report : called as report(stage, share, text) during the compression, with the share of the pressure that was
+        reached, and a text that gives pressure, unbalanced force, contact number and packing fraction
 
     Returns
     -------
@@ -178,8 +178,7 @@ def _compress(state: State, law: Law, pressure: float, scales: _Scales, toleranc
     level = next(levels)
     for _ in range(STEPS // block):
         state, _, outcome = run(state, law, block, scales.dt, drag=CRITICAL / scales.time, tolerance=level)
-        if report:
-            report(*_progress(state, law, pressure, outcome))
+        report("compression", *_progress(state, law, pressure, outcome))
         if outcome.broken or packing_fraction(state) > DENSEST or _width(state) < state.grains.radius.max():
             break
         if outcome.ok:

@@ -184,9 +184,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
     kind, row of the contact in the list, eigenvalues with that contact sliding or open; None without such a contact
     """
     response, drag = last.response, last.judge.drag
-    for row, mode in dict.fromkeys(
-        [*_next_changes(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]
-    ):
+    for row, mode in dict.fromkeys([*_upcoming(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):
         values = response.eigenvalues_if(row, mode)
         near = mode == OPEN or response.mobilisation[row] > ALMOST
         if near and _grows(values, drag):
@@ -199,12 +197,12 @@ def _grows(values: np.ndarray, drag: float) -> bool:
     return margin(values, drag) < -REAL_BELOW * np.abs(values).max()
 
 
-def _next_changes(last: Point, upper: float):
+def _upcoming(last: Point, upper: float):
     """Yield rows and new modes of supported contacts that open or slide along the linear motion, in their order."""
     state, response, law = last.state, last.response, last.judge.law
     for widths in BEYOND:
         advance = widths * (upper - last.strain)
-        there = displaced(last.ahead(last.strain + advance), response.free, _coordinates(response, advance))
+        there = displaced(last.strained_to(last.strain + advance), response.free, _coordinates(response, advance))
         there = with_neighbor_list(there, law)
         line, key = linearise(there, law, memory=FREE), there.contacts.key[: there.contacts.count[0]].tolist()
         contacts = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
@@ -223,7 +221,7 @@ def loss_ahead(point: Point, strain: float) -> float:
     from their change over a small part of `strain`. The contacts that are lost first are tried, one by one.
     """
     response, state, part = point.response, point.state, PROBE * strain
-    there = displaced(point.ahead(point.strain + part), response.free, _coordinates(response, part))
+    there = displaced(point.strained_to(point.strain + part), response.free, _coordinates(response, part))
     there = with_neighbor_list(there, point.judge.law)
     known, keys = there.contacts.key[: there.contacts.count[0]].tolist(), state.contacts.key
     later = dict(zip(known, _margins(there, point), strict=True))
@@ -266,7 +264,7 @@ def motion_growth(point: Point, strain: float, judge: Judge) -> float:
 
     It is a mean over the last rise of K from 1 % to 50 % of its maximum.
     """
-    start = point.ahead(strain)
+    start = point.strained_to(strain)
     dt = TIME_STEP * stable_time_step(start, judge.law)
     _, record, outcome = run(start, judge.law, RUN, dt, drag=judge.drag, spin_drag=judge.drag, every=SAMPLE, threads=1)
     energy = record.kinetic_energy

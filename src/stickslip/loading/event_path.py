@@ -128,18 +128,18 @@ class Point:
         sigma = np.einsum("ca,cb->ab", force, branch) / volume(self.state)
         return -float(sigma[0, 1]), float(np.trace(sigma)) / dim
 
-    def ahead(self, strain: float) -> State:
+    def strained_to(self, strain: float) -> State:
         """State strained affinely from here to a given strain, not in equilibrium."""
         return sheared(self.state, strain - self.strain, slip=self.judge.slip)
 
     def newton(self, strain: float, *, thorough: bool = False) -> "Point | None":
         """Equilibrium of Newton's method at another strain, in one step; None if it fails."""
-        end = self.judge.newton(self.ahead(strain), thorough=thorough)
+        end = self.judge.newton(self.strained_to(strain), thorough=thorough)
         return None if end is None else Point(strain, end, self.judge)
 
     def equilibrium(self, strain: float) -> "Point | None":
         """Equilibrium at another strain by `equilibrate`, whose damped dynamics helps where grains become loose."""
-        state, judge = self.ahead(strain), self.judge
+        state, judge = self.strained_to(strain), self.judge
         end, outcome = equilibrate(state, judge.law, tolerance=BALANCED * judge.force, keep=judge.keep, check="nothing")
         return Point(strain, end, judge) if outcome.ok else None
 
@@ -247,7 +247,7 @@ def fall(point: Point, strain: float) -> Point | None:
 
     If it oscillates without end around an equilibrium, the result is that equilibrium; otherwise None.
     """
-    end, rested = point.judge.rest(point.ahead(strain))
+    end, rested = point.judge.rest(point.strained_to(strain))
     if rested:
         return settle(Point(strain, end, point.judge))
     centre = point.judge.newton(end, thorough=True)

@@ -1,13 +1,12 @@
 """Events of quasi-static shear: discontinuities of the path of equilibria, bracketed, classified and measured."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..core.arguments import checked, require_positive
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.outcome import NotInEquilibriumError
+from ..core.progress import Report, silent
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
@@ -41,7 +40,7 @@ SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 def find_events(
     state: State, law: Law, *, to: float, drag: float, step: float = 4e-4, resolution: float = 1e-6,
     most: int | None = None, smallest: float = SMALLEST, prune: float = PRUNE,
-    report: Callable[[float, str], None] | None = None,
+    report: Report = silent,
 ) -> Events:  # fmt: skip
     """Shear a packing quasi-statically and find the discontinuities of its path.
 
@@ -64,7 +63,7 @@ def find_events(
         jump is an event; smaller ones are part of the path, such as the stick-slip of a single contact
     most : number of events after which the search ends, with the strain step in which it is reached
     prune : share of the mean overlap below which a contact supports nothing; see `solve.shear_response`
-    report : called as report(share done, words) after each strain step
+    report : called as report(stage, share done, text) after each strain step
 
     Raises
     ------
@@ -93,8 +92,7 @@ def find_events(
         if not search.advance(goal):
             end = f"at strain {search.point.strain:.6g} dynamics did not come to rest"
             break
-        if report:
-            report(goal / to, f"strain {goal:.4g}, {len(search.events)} events")
+        report("search for events", goal / to, f"strain {goal:.4g}, {len(search.events)} events")
     steps = StrainStep(*np.array(search.rows).reshape(-1, len(StrainStep._fields)).T)
     return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
 

@@ -11,6 +11,7 @@ from ..core.arguments import Seed, Series, Several, checked, require_not_negativ
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
@@ -114,19 +115,21 @@ class Protocol(NamedTuple):
 
 @checked
 def ramp(
-    state: State, loads: Series, protocol: Protocol, report: Callable | None = None, *, kept: Checkpoint | None = None
+    state: State, loads: Series, protocol: Protocol, report: Report = silent, *, kept: Checkpoint | None = None
 ) -> list[Equilibrium]:
-    """Equilibria along a path of loads, each found from the one before it; `report(equilibrium)` is called after each.
+    """Equilibria along a path of loads, each found from the one before it.
 
+    `report` is called as report(stage, share done, text) after each.
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
     one to within the tolerance of the solver.
     """
     path = []
     for k, load in enumerate(loads):
-        path.append(solve_point(state, load, protocol, kept, f"{k:06d}"))
-        state = path[-1].state
-        if report:
-            report(path[-1])
+        point = solve_point(state, load, protocol, kept, f"{k:06d}")
+        modes = f"{len(point.spectrum.pairs)} pairs, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
+        report("ramp", (k + 1) / len(loads), f"load {load:.4g}, {modes}, unbalanced {point.outcome.residual:.0e}")
+        path.append(point)
+        state = point.state
     return path
 
 
@@ -193,18 +196,18 @@ def follow_pair(
 
 
 @checked
-def track_pairs(
-    path: list[Equilibrium], protocol: Protocol, report: Callable = lambda share, message: None
-) -> list[Family]:
+def track_pairs(path: list[Equilibrium], protocol: Protocol, report: Report = silent) -> list[Family]:
     """Track all complex pairs along a path, with births and deaths.
 
-    Call `report(share done, words)` before each pair.
+    Call `report(stage, share done, text)` before each pair.
     """
     chains, out = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR), []
     for k, members in enumerate(chains):
         first = path[min(members)]
         rate = first.spectrum.growth_rate[members[min(members)]]
-        report(k / len(chains), f"pair {k + 1} of {len(chains)}, load {first.load:.4g}, growth rate {rate:.2e}")
+        report(
+            "pairs", k / len(chains), f"pair {k + 1} of {len(chains)}, load {first.load:.4g}, growth rate {rate:.2e}"
+        )
         out.append(follow_pair(path, members, protocol))
     return out
 

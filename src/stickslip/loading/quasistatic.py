@@ -98,23 +98,21 @@ class Watch:
         """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
         off = self._distance(start, point)
         unstable, left = instability(point.spectrum, point.state, self.law, self.drag), off != 0
-        problems = [str(unstable)] if unstable else []
-        problems += (
-            [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
-        )
-        if not problems:
+        notes = [str(unstable)] if unstable else []
+        notes += [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
+        if not notes:
             return point
         if self.choice == "stop":
-            raise LeftPathError(f"at strain {point.load:g} {' and '.join(problems)}: use smaller steps, or dynamics")
+            raise LeftPathError(f"at strain {point.load:g} {' and '.join(notes)}: use smaller steps, or dynamics")
         if self.choice == "follow-dynamics":
             point, followed = self._follow(start, point, left)
-            problems += ["damped dynamics led to another state"] if followed else []
+            notes += ["damped dynamics led to another state"] if followed else []
         if not self.warned and (left or unstable.negative):  # pairs are seen in the spectrum
             self.warned = True
             more = "further warnings are in the outcomes of the path"
-            said = f"at strain {point.load:g} {'; '.join(problems)}; {more}"
+            said = f"at strain {point.load:g} {'; '.join(notes)}; {more}"
             warnings.warn(said, UnstableEquilibriumWarning, stacklevel=3)
-        warning = "; ".join(filter(None, [point.outcome.warning, *problems]))
+        warning = "; ".join(filter(None, [point.outcome.warning, *notes]))
         return point._replace(outcome=point.outcome._replace(warning=warning, unstable=unstable is not None, left=left))
 
     def _distance(self, start: State, point: Equilibrium) -> float:

@@ -1,6 +1,5 @@
 """Newtonian dynamics from an unstable equilibrium of a packing, with its spectrum followed until failure."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.measure import rattlers
 from ..core.outcome import NotInEquilibriumError
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.scales import natural_scales
 from ..core.state import State
@@ -122,7 +122,7 @@ def release(
     dt: float | None = None,
     velocity: float | None = None,
     snapshots: int = 40,
-    report: Callable[[float, str], None] | None = None,
+    report: Report = silent,
 ) -> Released:
     """Run undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times.
 
@@ -135,7 +135,7 @@ def release(
     least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time, see `relax` [time]
     seed, velocity : of the initial perturbation: random velocities in all resisted modes, with this standard deviation,
         by default 1e-13 smallest diameters per natural unit of time [length/time]
-    report : called as report(share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -177,8 +177,8 @@ def release(
         if snapshots:
             now = spectrum(with_neighbor_list(here), law, modes=False)
             taken.append((record.time[-1], msd[-1], now.eigenvalues, now.im_lambda.max()))
-        if report:
-            report(sum(chunks[: k + 1]) / sum(chunks), f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")
+        text = f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}"
+        report("release", sum(chunks[: k + 1]) / sum(chunks), text)
     table = np.concatenate(series, axis=1)
     time, msd = table[:2]
     growth = fit_growth(

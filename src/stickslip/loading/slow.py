@@ -1,6 +1,5 @@
 """Slow dynamics of a packing under a changing load, with dashpots and drag, in small steps of the load."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from ..core.control import between
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import Law
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import Control, State
 
@@ -29,7 +29,7 @@ class SlowRun(NamedTuple):
 
 @checked
 def slow_dynamics(
-    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report: Callable | None = None
+    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report: Report = silent
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
@@ -39,7 +39,7 @@ def slow_dynamics(
     time : duration of each leg [time]
     until : load at which to stop, in legs
     drag : drag on translations and rotations [1/time]
-    report : called as report(share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -62,6 +62,5 @@ def slow_dynamics(
         loads.append(load)
         states.append(here)
         energy.append(float(record.kinetic_energy.max(initial=0.0)))
-        if report:
-            report(load / until, f"load {load:.4f}, kinetic energy {energy[-1]:.1e}")
+        report("slow dynamics", load / until, f"load {load:.4f}, kinetic energy {energy[-1]:.1e}")
     return SlowRun(time, np.array(loads), tuple(states), np.array(energy))

@@ -8,7 +8,6 @@ runs last the longer they are. The shares of both rise with the load; a logistic
 likelihood. Runs have independent random numbers, as the likelihood requires.
 """
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from ..core.dynamics.run import run
 from ..core.dynamics.timestep import check_time_step
 from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.scales import natural_scales
 from ..core.sizes import Size, require_sizes
@@ -111,15 +111,15 @@ def _describe_arrest(threshold: KineticThreshold) -> list[str]:
     count, stopped = len(threshold.arrest), np.isfinite(threshold.arrest[:, 0])
     if not count:
         return [] if threshold.lasting.any() else ["no run slides on, from which the load could be lowered"]
-    sentences = []
+    lines = []
     if stopped.any():
         low, high = threshold.arrest[stopped, 0].min(), threshold.arrest[stopped, 1].max()
-        sentences.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
+        lines.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
     if not stopped.all():
-        sentences.append(
+        lines.append(
             f"{(~stopped).sum()} of {count} still slide at {threshold.loads[0]:.4g}, the lowest of these loads"
         )
-    return sentences
+    return lines
 
 
 class _Dynamics(NamedTuple):
@@ -136,7 +136,7 @@ class _Dynamics(NamedTuple):
 def kinetic_threshold(
     path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: float,
     dt: float, loads=None, distance: float = SLID, ramps: int = 3, drag: float = 0.0,
-    seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Callable | None = None,
+    seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Report = silent,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
 
@@ -159,7 +159,7 @@ def kinetic_threshold(
         sample slows down. The sample has stopped unless it slides throughout, as a run that lasts
     drag : of all runs [1/time]
     kept : where finished runs are saved; runs that it has are not repeated
-    report : called as report(share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -213,7 +213,7 @@ def kinetic_threshold(
     ]  # fmt: skip
     done = run_members(
         _kick, [(*start, how) for start in starts], workers=workers,
-        report=report and (lambda count, total, trial: report(count / total, _describe_run(trial))),
+        stage="kicked runs", report=report, describe=_describe_run,
         load=lambda k: kept.load(f"kick-{k:06d}") if kept and kept.has(f"kick-{k:06d}") else None,
         save=lambda k, result: kept and kept.save(f"kick-{k:06d}", result),
     )  # fmt: skip
@@ -362,10 +362,10 @@ def _describe_run(member) -> str:
     return f"slid after {time:.4g} and {'slides on' if lasts else 'stopped'}" if np.isfinite(time) else "did not slide"
 
 
-def _kick(state: State, kick: float, seed: int, how: _Dynamics) -> np.ndarray:
+def _kick(state: State, kick: float, seed: int, how: _Dynamics, report: Report) -> np.ndarray:
     """(2,) time until a kicked sample has slid, NaN if it does not, and 1 if it then lasts, else 0."""
     end, time = _run_until_slid(perturbed(state, seed, kick), how)
-    return np.array([time, np.isfinite(time) and len(_slide_on(end, how)[1]) > 0])
+    return np.array([time, np.isfinite(time) and len(_continue_slide(end, how)[1]) > 0])
 
 
 def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
@@ -378,7 +378,7 @@ def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
     return end, np.nan
 
 
-def _slide_on(start: State, how: _Dynamics) -> tuple[State, list[float]]:
+def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
     """State of a sliding sample after a further duration and its travel in each window; none if it no longer slides."""
     end, ways = start, []
     for _ in range(WINDOWS):
@@ -424,9 +424,8 @@ def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynam
     for point in points[-2::-1]:
         state, ways = protocol.apply(state, point.load), [np.inf, 0.0]
         while ways and ways[-1] < SLOWING * ways[0]:
-            state, ways = _slide_on(state, how)
-        if report:
-            report(1.0, f"ramp down, load {point.load:.4g}: {'slides' if ways else 'stopped'}")
+            state, ways = _continue_slide(state, how)
+        report("kicked runs", 1.0, f"ramp down, load {point.load:.4g}: {'slides' if ways else 'stopped'}")
         if not ways:
             return np.array([point.load, moving])
         moving = point.load

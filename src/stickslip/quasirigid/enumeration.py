@@ -154,11 +154,9 @@ def _same_rates(solution: Solution, other: Solution) -> bool:
     return bool((np.abs(solution.rate - other.rate) <= BLUR * (solution.error + other.error) + SAME * largest).all())
 
 
-def _solution_in_units(problem: ScaledProblem, solution: Solution) -> Solution:
-    unit = np.where(solution.slides, problem.slip_unit, problem.gap_unit)
-    return solution._replace(
-        slip=problem.slip_unit * solution.slip, rate=unit * solution.rate, error=unit * solution.error
-    )
+def _solution_in_units(problem: ScaledProblem, end: Solution) -> Solution:
+    unit = np.where(end.slides, problem.slip_unit, problem.gap_unit)
+    return end._replace(slip=problem.slip_unit * end.slip, rate=unit * end.rate, error=unit * end.error)
 
 
 def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:

@@ -146,7 +146,7 @@ def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     """Combinations with some of the lone bodies released, and whether the list is complete."""
     if len(lone) <= COMBINED:
         return _try_all_groups(search, lone)
-    return _release_as_many_as_possible(search, lone), False
+    return _release_most(search, lone), False
 
 
 def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
@@ -159,7 +159,7 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     return choices, complete
 
 
-def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
+def _release_most(search: _Search, released: np.ndarray) -> list:
     """Combinations that release all bodies except those that others would drag along."""
     while True:
         good, caught, _ = _choices_with_released(search, released)

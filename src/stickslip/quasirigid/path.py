@@ -9,7 +9,6 @@ the rotation of contacts.
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import KT, Law
 from ..core.measure import mean_normal_force, rattlers, touching
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
@@ -99,12 +99,7 @@ class LoadPath(NamedTuple):
 
 @checked
 def load_path(
-    state: State,
-    law: Law,
-    *legs: Control,
-    increment: float = 0.01,
-    geometric: bool = True,
-    report: Callable | None = None,
+    state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report: Report = silent
 ) -> LoadPath:
     """Follow a packing while its control changes linearly from one given control to the next.
 
@@ -115,7 +110,7 @@ def load_path(
     legs : Control at the end of each leg; forces, torques, gravity and stress change linearly within each leg
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg
     geometric : whether k includes the geometric stiffness
-    report : called as report(share done, words) after every increment
+    report : called as report(stage, share done, text) after every increment
 
     Raises
     ------
@@ -203,8 +198,7 @@ def _follow_leg(
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
         left = wedged - share if not len(wedge) else 0.0
         size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
-        if report:
-            report((number + share) / legs, _progress_message(point))
+        report("load path", (number + share) / legs, _progress_message(point))
         if way.since > CROWD:
             return place, Verdict.NO_PROGRESS
     return place, Verdict.CONSISTENT

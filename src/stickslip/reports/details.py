@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.laws.builtin import Law
+from ..core.progress import Report, silent
 from ..core.state import State
 from ..core.units import unit_name, with_unit
 from ..solve.density import participation_ratio
@@ -28,8 +29,8 @@ class Details(NamedTuple):
     contacts: ContactSensitivity | str
 
 
-def compute_details(state: State, law: Law, result: Stability, *, report=None) -> Details:
-    """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
+def compute_details(state: State, law: Law, result: Stability, *, report: Report = silent) -> Details:
+    """Compute everything beyond the spectrum; progress is reported as report(stage, share done, text)."""
     participation = participation_ratio(result.modes, result.free)
     if not result.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
@@ -150,10 +151,8 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
     names = ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then")
     table = new_table(*names, *["∂/∂ln s"] * bool(slope))
     for k in range(len(s.contact))[:CONTACTS]:
-        after, verdict = (
-            (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
-        )
+        after, text = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
         other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"
-        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, verdict]
+        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, text]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
     show_table(table)

@@ -94,23 +94,23 @@ def progress(*, transient: bool = False):
     console.is_interactive = can_redraw()
     with _Bars(*_columns(), console=console, disable=not can_redraw(), transient=transient, expand=True) as bar:
 
-        def update(stage: str, share: float, message: str, left: float | None = None) -> None:
+        def update(stage: str, share: float, text: str) -> None:
             if stage not in stages:
                 for task in stages.values():
                     bar.update(task, total=1.0, completed=1.0, left="")
-                stages[stage] = bar.add_task(stage, total=1.0, message=message, left="")
+                stages[stage] = bar.add_task(stage, total=1.0, words=text, left="")
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
             history = past.setdefault(stage, [])
             if len(history) > 1000:
                 history[:] = history[::2]
             history.append((spent, share))
-            left = estimate_left(history) if left is None else left
+            left = estimate_left(history)
             shown = f"{share:.0%}" if 0 < share < 1 else ""
             bar.update(
-                task, completed=share, message=message, left=shown if left is None else f"{format_duration(left)} left"
+                task, completed=share, words=text, left=shown if left is None else f"{format_duration(left)} left"
             )
             if plain_line:
-                plain_line(stage, share, message, left)
+                plain_line(stage, share, text, left)
 
         yield update
         for task in stages.values():
@@ -134,7 +134,7 @@ def _plain_progress(transient: bool):
     """Return a function that prints each stage when it starts, and its progress from time to time."""
     known, last = set(), time.monotonic()
 
-    def line(stage: str, share: float, message: str, left: float | None) -> None:
+    def line(stage: str, share: float, text: str, left: float | None) -> None:
         nonlocal last
         if stage not in known:
             known.add(stage)
@@ -144,7 +144,7 @@ def _plain_progress(transient: bool):
         elif time.monotonic() - last >= LINES:
             last = time.monotonic()
             rest = f"; {format_duration(left)} left" if left else ""
-            console.print(f"  {share:.0%}: {message}{rest}", soft_wrap=True)
+            console.print(f"  {share:.0%}: {text}{rest}", soft_wrap=True)
 
     return line
 

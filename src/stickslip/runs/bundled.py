@@ -128,8 +128,6 @@ def page(name: str) -> str:
     """
     known = pages()
     if name not in known:
-        near = (
-            [other for other in known if name.rpartition("/")[2] in other] or get_close_matches(name, known, 3) or known
-        )
+        near = [key for key in known if name.rpartition("/")[2] in key] or get_close_matches(name, known, 3) or known
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
     return (PAGES / f"{name}.md").read_text(encoding="utf-8")

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..core.contacts.neighbors import with_neighbor_list
+from ..core.progress import Report, silent
 from ..core.units import in_readable_units, unit_name, with_unit
 from ..data import archive
 from ..data.checkpoint import UNFINISHED
@@ -67,7 +68,8 @@ class PageContent(NamedTuple):
 
 
 def load_content(
-    place: Path, *, modes: Path | None, options: dict, settle: bool = False, dashpots: bool = True, report=None,
+    place: Path, *, modes: Path | None, options: dict, settle: bool = False, dashpots: bool = True,
+    report: Report = silent,
     search: bool | None = True, trust: bool = False,
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
@@ -89,7 +91,7 @@ def load_content(
 
 
 def folder_content(
-    folder: Path, *, frame: str | None = None, search: bool = True, trust: bool = False, report=None
+    folder: Path, *, frame: str | None = None, search: bool = True, trust: bool = False, report: Report = silent
 ) -> PageContent:
     """Load the content for the folder of a finished run or sweep.
 
@@ -99,7 +101,7 @@ def folder_content(
         there are at most `SMALL` grains
     search : if False, no modes are computed
     trust : True if the law file of the run may be executed
-    report : called as report(stage, fraction done, text)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -223,8 +225,7 @@ def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, 
         at = k if asked else at
         if law is None or (frame is not None and not asked) or (not asked and len(state.grains.radius) > SMALL):
             continue
-        if report:
-            report("unstable modes", k / len(states), name)
+        report("unstable modes", k / len(states), name)
         try:
             if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
                 why = f"{name}: {no_equilibrium_message(rest)}" if asked else why
@@ -340,7 +341,7 @@ def _sweep_content(folder: Path) -> PageContent:
 
 def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
-    dashpots: bool = True, search: bool | None = True, report=None,
+    dashpots: bool = True, search: bool | None = True, report: Report = silent,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -432,7 +433,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
         inside = scene.page_view(
             shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour
         )  # fmt: skip
-        view = page.paragraph(_what_one_sees(shown))
+        view = page.paragraph(_describe_view(shown))
         view += page.embedded_document(inside, "the packing in three dimensions")
         view += page.paragraph(HELP, kind="soft")
     warning = shown.warning[:1].upper() + shown.warning[1:]
@@ -445,7 +446,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
         part.write_bytes(text.encode())
 
 
-def _what_one_sees(shown: PageContent) -> str:
+def _describe_view(shown: PageContent) -> str:
     """Sentences that describe the view."""
     several = len(shown.frames) > 1
     sentences = []
@@ -497,7 +498,7 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
 
 def write_movie(
     shown: PageContent, path: Path, *, colour: str | None = None, fps: int = film.FPS, count: int = 48,
-    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, report=None,
+    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, report: Report = silent,
 ) -> Path:  # fmt: skip
     """Write the frames of a run, or one period of a mode, as a GIF or MP4.
 

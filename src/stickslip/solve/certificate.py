@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, eig, lu_factor, lu_solve
 
-from .windows import Basis, Report, symmetric_basis
+from ..core.progress import Report, silent
+from .windows import STAGE, Basis, symmetric_basis
 
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
 WORK = 40.0  # time of a certificate over that of n³ floating-point operations of a matrix product; 38 to 44 measured
@@ -56,14 +57,14 @@ def format_seconds(seconds: float) -> str:
     )
 
 
-def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
+def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, report: Report) -> Certificate:
     """Certificate from the discs of A, after similarity passes that reduce its off-diagonal part quadratically."""
     n = matrix.shape[0]
     if not n:
         return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
     if basis is None:
-        basis = symmetric_basis(matrix, np.float64, lambda share, message: None)
-    centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, tell)
+        basis = symmetric_basis(matrix, np.float64, silent)
+    centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, report)
     real, certain, undecided, loose = 0, [], [], []
     for group in _overlapping_groups(centres, radii):
         c, r = centres[group], radii[group]
@@ -86,7 +87,7 @@ def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero:
     return Certificate(n, real, zero, len(certain), centre, np.array([m for _, m in undecided], int), consistent)
 
 
-def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
+def _discs(B: np.ndarray, scale: float, report: Report, passes: int = 6):
     """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
 
     Modes that are too close together for a pass keep their coupling. At the end, each group of such modes is
@@ -94,7 +95,7 @@ def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
     """
     n = len(B)
     for k in range(passes):
-        tell(0.85 + 0.02 * k, f"certificate, similarity pass {k + 1} of at most {passes}")
+        report(STAGE, 0.85 + 0.02 * k, f"certificate, similarity pass {k + 1} of at most {passes}")
         d = np.diag(B).copy()
         W = d - d[:, None]
         W[np.abs(B) >= CLUSTER * np.abs(W)] = np.inf

@@ -5,6 +5,7 @@ from scipy import sparse
 from scipy.linalg import eig
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
+from ..core.progress import Report
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom
 from .linear import suitable_threads
 
@@ -28,7 +29,7 @@ def check_damped_method(method: str, size: int) -> None:
 
 
 def growing_exponents(
-    pull, dampers, free: Freedom, undamped: np.ndarray, method: str, report
+    pull, dampers, free: Freedom, undamped: np.ndarray, method: str, report: Report
 ) -> tuple[np.ndarray, np.ndarray, complex | None, str]:
     """Growing exponents s of exp(st) with dashpots, each contact held in its mode.
 
@@ -97,13 +98,12 @@ def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndar
     shifts = [1e-3, *(complex(s.real, abs(s.imag)) for s in chosen)]
     values, vectors = np.zeros(0, complex), np.zeros((n, 0), complex)
     for k, shift in enumerate(shifts):
-        if report:
-            report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
-        exponents, modes = _exponents_near(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
-        exponents = np.where(np.abs(exponents.imag) <= PAIR_ABOVE, exponents.real, exponents)  # round-off of a real one
-        exponents, modes = exponents[_is_growing(exponents)], modes[:, _is_growing(exponents)]
-        new = [not np.any(np.abs(values - s) < 1e-8) for s in exponents]
-        values, vectors = np.append(values, exponents[new]), np.hstack([vectors, modes[:, new]])
+        report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
+        found, modes = _exponents_near(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
+        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # round-off of a real one
+        found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
+        new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
+        values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])
     return values, _normalise_columns(vectors)
 
 

@@ -1,6 +1,5 @@
 """Density of states and participation ratio of modes."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.sparse.linalg import eigsh
 
 from ..core.arguments import Seed, checked
 from ..core.laws.builtin import Law
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
@@ -88,7 +88,7 @@ class DensityOfStates(NamedTuple):
 @checked
 def density_of_states(
     state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: Seed = 0,
-    report: Callable | None = None,
+    report: Report = silent,
 ) -> DensityOfStates:  # fmt: skip
     """Density of states D(ω) = (1/n) Σ_k δ(ω − ω_k), ω_k = |Re √λ_k| of the n eigenvalues of −M⁻¹J.
 
@@ -103,7 +103,7 @@ def density_of_states(
         form. It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts negative λ and zero modes
         other than translations in the lowest bin. "auto": dense up to 2500 coordinates
     probes, seed : number of random vectors of ±1, and their seed; the error falls as 1/√(probes n)
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Source
     ------
@@ -184,7 +184,7 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
     for k in range(1, order):
         moments[k] = np.einsum("ij,ij->j", vectors, now)
         before, now = now, 2 / half * (matrix @ now - centre * now) - before
-        if report and k % 50 == 0:
+        if k % 50 == 0:
             report("density of states", k / order, f"{k} of {order} polynomials")
     moments *= (n - rigid.shape[1]) / moments[0]
     angle = np.arccos(np.clip((edges**2 - centre) / half, -1.0, 1.0))
@@ -202,15 +202,13 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
 
 def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
     """Interval that contains all real parts and zero, from the symmetric part with a margin."""
-    symmetric, identity = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
+    symmetric, eye = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
 
     def top(of) -> float:
         return float(eigsh(of, k=1, which="LA", tol=0.1 * MARGIN, v0=start, return_eigenvectors=False)[0])
 
     high = top(symmetric)
-    low = min(
-        high - top(high * identity - symmetric), 0.0
-    )  # the smallest may be zero, where a relative tolerance fails
+    low = min(high - top(high * eye - symmetric), 0.0)  # the smallest may be zero, where a relative tolerance fails
     return low - MARGIN * (high - low), high + MARGIN * (high - low)
 
 

@@ -4,7 +4,6 @@ Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the 
 modes are computed by shift and invert, and their number is checked. What lies higher is searched by tangent dynamics.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from scipy.sparse.linalg import eigsh
 
 from ..core.arguments import Seed, checked, require_positive
 from ..core.laws.builtin import Law
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
 from .freedom import Freedom, dynamical_matrix, freedom
@@ -110,7 +110,7 @@ def fastest_pair(
     rate: float = 1e-4,
     probes: int = 16,
     seed: Seed = 0,
-    report: Callable | None = None,
+    report: Report = silent,
     dense_below: int = DENSE_BELOW,
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system.
@@ -128,7 +128,7 @@ def fastest_pair(
     rate : float, slowest growth rate sought above the bottom [1/time]; the run time is inversely proportional to it
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
     dense_below : number of coordinates below which LAPACK computes all eigenvalues
 
     Notes
@@ -154,8 +154,7 @@ def fastest_pair(
     start = rng.standard_normal(len(touched))
     symmetric = sparse.csr_array((matrix + matrix.T) / 2)
     norm = float(eigsh(symmetric, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
-    if report:
-        report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
+    report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
     order = dissect(state, free, touched, matrix)
     windows = ShiftWindows(matrix, norm, order, rng)
     if len(touched) < dense_below:
@@ -234,9 +233,8 @@ def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longe
     windows.narrow = [(value, width) for value, width in windows.narrow if width < 4 * run.resolution(value)]
     while True:
         run.advance()
-        if report:
-            progress = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
-            report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), progress)
+        text = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
+        report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), text)
         if len(run.spectra) == 1:
             continue
         peaks = _hopeful_peaks(run, windows)

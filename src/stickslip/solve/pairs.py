@@ -9,6 +9,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.arguments import checked
 from ..core.laws.builtin import Law
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
 from .certificate import Certificate, certificate_seconds, format_seconds, gershgorin_certificate
@@ -17,9 +18,9 @@ from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
 from .windows import (
     NEAR_PAIR,
+    STAGE,
     Basis,
     Cluster,
-    Report,
     Window,
     find_candidates,
     pair_margin,
@@ -58,7 +59,7 @@ class ComplexPairs(NamedTuple):
 
 @checked
 def complex_pairs(
-    state: State, law: Law, *, certificate: bool = False, report: Report | None = None, dense_below: int = DENSE_BELOW
+    state: State, law: Law, *, certificate: bool = False, report: Report = silent, dense_below: int = DENSE_BELOW
 ) -> ComplexPairs:
     """Find all complex pairs λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
 
@@ -72,7 +73,7 @@ def complex_pairs(
     ----------
     certificate : whether real eigenvalues are certified by Gershgorin discs; needs double precision and several times
         the run time, an estimate of which is reported first
-    report : called as report(share done, words)
+    report : called as report(stage, share done, text)
     dense_below : number of coordinates below which LAPACK is used
 
     Raises
@@ -91,7 +92,6 @@ def complex_pairs(
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """
-    tell = report or (lambda *_: None)
     free = freedom(state)
     n = len(free)
     if not n:
@@ -102,45 +102,47 @@ def complex_pairs(
             f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}{time}; use `fastest_pair` instead"
         )
     if certificate:
-        tell(0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")
+        report(STAGE, 0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")
     matrix = dynamical_matrix(state, law, free)
     # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]
     basis, clusters = None, None
     if len(held) >= dense_below:
-        basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, tell)
-        clusters = find_candidates(basis, tell)
+        basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, report)
+        clusters = find_candidates(basis, report)
     dense = clusters is None  # small, or K too strong
-    values, vectors, scale = _pairs_dense(matrix, tell) if dense else _refine_clusters(matrix, basis, clusters, tell)
+    values, vectors, scale = (
+        _pairs_dense(matrix, report) if dense else _refine_clusters(matrix, basis, clusters, report)
+    )
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
     residual = np.linalg.norm(matrix @ vectors - vectors * values, axis=0) / (scale or 1.0)
-    certified = gershgorin_certificate(matrix, basis, values, n - len(held), tell) if certificate else None
+    certified = gershgorin_certificate(matrix, basis, values, n - len(held), report) if certificate else None
     modes = np.zeros((n, len(values)), complex)
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
-    tell(1.0, f"{len(values)} complex pairs")
+    report(STAGE, 1.0, f"{len(values)} complex pairs")
     return ComplexPairs(values, modes, residual, free, certified)
 
 
-def _pairs_dense(matrix, tell: Report):
+def _pairs_dense(matrix, report: Report):
     """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, from LAPACK."""
-    tell(0.7, "dense eigenvalues")
+    report(STAGE, 0.7, "dense eigenvalues")
     with suitable_threads(matrix.shape[0]):
         values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
     upper = values.imag > 0
     return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
 
 
-def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
+def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], report: Report, sweeps: int = 20):
     """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, without duplicates, and the largest |λ|.
 
     Every sweep computes the residual R = AX − XB of each invariant subspace X and removes the error in X by applying
     an approximate inverse of A − σ in the modes of S. This takes two large matrix products for all clusters together,
     instead of one sparse factor for each.
     """
-    tell(0.8, f"refining {len(clusters)} candidates")
+    report(STAGE, 0.8, f"refining {len(clusters)} candidates")
     subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
     single = np.float32  # a correction needs only a few digits
     V = basis.vectors.astype(single, copy=False)
@@ -171,7 +173,7 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report
     for k in np.flatnonzero(last > ENOUGH):
         good += _search_by_arnoldi(matrix, subspaces[k], basis.scale)
     values, vectors = _extract_pairs(matrix, good, basis.scale)
-    tell(0.82, "comparing with the pairs found by the windows")
+    report(STAGE, 0.82, "comparing with the pairs found by the windows")
     lost = [clusters[k] for k in _unmatched_clusters(values, clusters, 2 * NEAR_PAIR * basis.scale)]
     if lost:  # refinement converged to a neighbour of the pair that it started from
         for cluster in lost:

@@ -1,6 +1,5 @@
 """Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from ..core.contacts.jacobian import Linearisation, blocks_of, contact_blocks, l
 from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import touching
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
@@ -93,7 +93,7 @@ class _ModeData(NamedTuple):
 
 @checked
 def contact_sensitivity(
-    state: State, law: Law, *, pair: int = 0, most: int | None = None, report: Callable | None = None
+    state: State, law: Law, *, pair: int = 0, most: int | None = None, report: Report = silent
 ) -> ContactSensitivity:
     """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 
@@ -111,7 +111,7 @@ def contact_sensitivity(
         those with the least predicted growth); default: as many as can be computed in about ten seconds, which means
         all of them in small packings. The prediction rests on first-order shifts of all modes and the coupling of
         neighbours, and may miss some changes
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -162,10 +162,9 @@ def contact_sensitivity(
         order = np.argsort(predicted if growth else -predicted, kind="stable")
         chosen = order[: _default_count(len(free), len(changes)) if most is None else most]
         after, verdicts = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
-        for k, index in enumerate(chosen):
-            if report:
-                report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[index], verdicts[index] = _assess(_eigenvalues_after(state, law, modes, free, *changes[index]))
+        for k, row in enumerate(chosen):
+            report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
+            after[row], verdicts[row] = _assess(_eigenvalues_after(state, law, modes, free, *changes[row]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""

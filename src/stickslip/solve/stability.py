@@ -1,7 +1,5 @@
 """Stability of an accepted state, with the modes that decide it."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +8,7 @@ from scipy.linalg import eig
 from ..core.arguments import checked
 from ..core.contacts.jacobian import blocks_of
 from ..core.laws.builtin import Law, damping_model, rescales
+from ..core.progress import Report, silent
 from ..core.readable import pluralize, readable
 from ..core.state import STICK, State
 from ..core.units import with_unit
@@ -163,7 +162,7 @@ def combine_motions(count: int, sliding, stuck) -> str:
 
 @checked
 def stability(
-    state: State, law: Law, *, method: str = "auto", dashpots: bool = True, report: Callable | None = None
+    state: State, law: Law, *, method: str = "auto", dashpots: bool = True, report: Report = silent
 ) -> Stability:
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
@@ -187,7 +186,7 @@ def stability(
         coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) name a way themselves. With dashpots,
         all exponents are computed of up to 1250 coordinates (with "dense", 4000); in larger packings, those near the
         exponents of the undamped motion, which are found with this method. There is no certificate then
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -211,17 +210,15 @@ def stability(
         raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
     here, has_dashpots = linearised(state, law), bool(damping_model(law))
     here = here.with_modes(modes_under(state, law, here.line))
-    sliding = _analyse(here, method, has_dashpots and dashpots, report)
+    slid = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:
-        sliding = sliding._replace(scope=join_scopes(sliding.scope, LEFT_OUT))
+        slid = slid._replace(scope=join_scopes(slid.scope, LEFT_OUT))
     rows = here.at_limit
-    if not len(rows) or sliding.method == "none":
-        return sliding
+    if not len(rows) or slid.method == "none":
+        return slid
     stuck = _analyse(here.with_modes(with_sticking(here.state, rows)), method, has_dashpots and dashpots, report)
-    sliding, undamped = (
-        _with_stuck(*both, len(rows)) for both in ((sliding, stuck), (sliding.undamped, stuck.undamped))
-    )
-    return sliding._replace(undamped=undamped)
+    slid, undamped = (_with_stuck(*both, len(rows)) for both in ((slid, stuck), (slid.undamped, stuck.undamped)))
+    return slid._replace(undamped=undamped)
 
 
 def join_scopes(*scope: str) -> str:
@@ -323,8 +320,8 @@ def _analyse_dense(matrix):
 def _analyse_large(state: State, law: Law, free: Freedom, method: str, report):
     """Pairs, their modes in the coordinates `free`, and the scope of the search."""
     if method in ("pairs", "certify"):
-        tell, certify = report and partial(report, "complex pairs"), method == "certify"
-        search = complex_pairs(state, law, certificate=certify, report=tell)
+        certify = method == "certify"
+        search = complex_pairs(state, law, certificate=certify, report=report)
         values, modes, scope = search.eigenvalues, search.modes, "all complex pairs that floating point can resolve"
         if certify:
             scope = f"{scope}; certificate: {search.certified}"

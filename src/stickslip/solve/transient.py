@@ -1,6 +1,5 @@
 """Transient growth of disturbances in a stable packing with non-normal dynamics."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from scipy.sparse.linalg import LinearOperator, svds
 from ..core.arguments import checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law, damping_model
+from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
@@ -72,7 +72,7 @@ def transient_growth(
     norm: str = "energy",
     duration: float | None = None,
     samples: int = 100,
-    report: Callable | None = None,
+    report: Report = silent,
 ) -> TransientGrowth:
     """Largest transient growth sup_t ‖exp(Bt)‖ of the motion M q̈ = J q + C q̇ of a packing with a stable spectrum.
 
@@ -91,7 +91,7 @@ def transient_growth(
         upper bound
     samples : number of evenly spaced times, in addition to a third as many early times and the times at which nearly
         coinciding modes are in opposite phase
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -298,15 +298,14 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
     times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), early[early < duration], beats]))
     amplitudes = np.empty(len(times))
     for k, t in enumerate(times):
-        if report and k % 10 == 0:
+        if k % 10 == 0:
             report("transient growth", 0.6 * k / len(times), f"{k} of {len(times)} times up to {duration:.4g}")
         amplitudes[k] = amplitude(t)
     # the envelope first, then the phase of the oscillation below it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
     starts = np.unique([*times[np.argsort(-amplitudes)[:2]], *beats[:1]])
     for k, t in enumerate(starts):
-        if report:
-            report("transient growth", 0.6 + 0.4 * k / len(starts), f"×{amplitudes.max():.4g} so far")
+        report("transient growth", 0.6 + 0.4 * k / len(starts), f"×{amplitudes.max():.4g} so far")
         for reach in reaches:
             near = np.clip(t + np.linspace(-reach, reach, FINE), 0.0, duration)
             values = np.array([amplitude(t) for t in near])

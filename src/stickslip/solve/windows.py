@@ -1,14 +1,14 @@
 """Candidate complex pairs of A = S + K, from windows of modes of S that are coupled by the skew part K."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eig, eigh, qr
 
+from ..core.progress import Report
 from .linear import one_thread
 
-Report = Callable[[float, str], None]
+STAGE = "complex pairs"  # of progress
 # modes treated together, and neighbours on either side; all others enter to second order
 WINDOW, HALO = 40, 40
 # assumed errors of windows: NEAR_PAIR of the largest |λ|, and MIXED mixing² of the half width; the largest errors seen
@@ -49,12 +49,12 @@ class Cluster(NamedTuple):
     expected: np.ndarray  # its complex eigenvalues with Im λ > 0 according to the window [1/time²]
 
 
-def symmetric_basis(matrix, precision, tell: Report) -> Basis:
+def symmetric_basis(matrix, precision, report: Report) -> Basis:
     """Modes of the symmetric part of a sparse matrix, in single or double precision."""
-    tell(0.0, f"modes of the symmetric part of {matrix.shape[0]} coordinates")
+    report(STAGE, 0.0, f"modes of the symmetric part of {matrix.shape[0]} coordinates")
     symmetric = ((matrix + matrix.T) / 2).toarray(order="F").astype(precision, copy=False)
     vectors = eigh(symmetric, driver="evd", overwrite_a=True, check_finite=False)[1]
-    tell(0.6, "coupling of these modes")
+    report(STAGE, 0.6, "coupling of these modes")
     vectors = np.ascontiguousarray(vectors)  # row-major, as sparse products need it
     double = vectors.astype(float, copy=False)
     image = matrix @ double
@@ -103,9 +103,9 @@ def regularise_gaps(gap: np.ndarray, scale: float) -> np.ndarray:
     return np.where(np.abs(gap) < least, least, gap)
 
 
-def find_candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
+def find_candidates(basis: Basis, report: Report) -> list[Cluster] | None:
     """Clusters that are or may be pairs; None if K is too strong for windows."""
-    tell(0.65, "windows")
+    report(STAGE, 0.65, "windows")
     clusters = []
     # an eigenvalue near the border of two windows is taken by both; duplicates are removed after refinement
     margin = 10 * NEAR_PAIR * basis.scale

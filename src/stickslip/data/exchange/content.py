@@ -139,11 +139,9 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
     return [len(names) - 1 if frame is None else names.index(frame)]
 
 
-def digits_note(tokens: Sequence[str]) -> list[str]:
+def digits_note(texts: Sequence[str]) -> list[str]:
     """Note on positions that are written with few digits; none if they have many."""
-    most = max(
-        (len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in tokens[:SAMPLED]), default=FEW_DIGITS + 1
-    )
+    most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in texts[:SAMPLED]), default=FEW_DIGITS + 1)
     few = f"few digits: positions have at most {most}, and overlaps are small differences of positions; {ALL_DIGITS}"
     return [Absent(few)] if most <= FEW_DIGITS else []
 

@@ -83,18 +83,14 @@ def law_to_dict(law: Law) -> dict:
     }  # fmt: skip
 
 
-def law_from_dict(entries: dict) -> Law:
+def law_from_dict(about: dict) -> Law:
     """Rebuild the law described by `law_to_dict`; ValueError, KeyError or TypeError if there is no such law."""
-    table = np.array(entries["table"], float)
+    table = np.array(about["table"], float)
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
-    damping = DAMPING[entries["damping"]] + (0 if entries["tension"] else NO_TENSION)
-    kind = (
-        restore_kind(int(entries["own"]["digest"], 16), entries["own"])
-        if "own" in entries
-        else NAMES.index(entries["law"])
-    )
-    return Law(kind, COULOMB[entries["coulomb"]], table, damping, entries.get("properties", 0))
+    damping = DAMPING[about["damping"]] + (0 if about["tension"] else NO_TENSION)
+    kind = restore_kind(int(about["own"]["digest"], 16), about["own"]) if "own" in about else NAMES.index(about["law"])
+    return Law(kind, COULOMB[about["coulomb"]], table, damping, about.get("properties", 0))
 
 
 def lower_triangular_vectors(state: State, name: str) -> np.ndarray:

@@ -359,17 +359,15 @@ def _counters(count: np.ndarray) -> np.ndarray:
     return np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
 
 
-def restore_memory(state: State, law: Law, restart: Restart) -> State:
+def restore_memory(state: State, law: Law, saved: Restart) -> State:
     """State with the memory of a restart file: the grains of `state`, which are already where LAMMPS had them."""
     n = len(state.grains.radius)
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin), instant=None)
     bare = accept(bare, forces(bare, law)[1])
     listed, count = bare.contacts, int(bare.contacts.count[0])
     key = listed.i[:count].astype(np.int64) * state.n_bodies + listed.j[:count]
-    theirs = np.append(restart.i * state.n_bodies + restart.j, restart.grain * state.n_bodies + n + restart.wall)
-    values, more = (
-        np.concatenate(parts) for parts in ((restart.slip, restart.wall_slip), (restart.more, restart.wall_more))
-    )
+    theirs = np.append(saved.i * state.n_bodies + saved.j, saved.grain * state.n_bodies + n + saved.wall)
+    values, more = (np.concatenate(parts) for parts in ((saved.slip, saved.wall_slip), (saved.more, saved.wall_more)))
     order = np.argsort(theirs)
     place = np.searchsorted(theirs, key, sorter=order)
     place = order[np.minimum(place, len(order) - 1)] if len(order) else place
@@ -479,12 +477,12 @@ class Places(NamedTuple):
         return cls(3 + first + 3 * rolls + 3 * twists, first if rolls else -1, first + 3 * rolls if twists else -1)
 
 
-def wall_values(restart: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def wall_values(saved: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mask of the contacts with walls that exist, their slip, and the values after it.
 
     Of laws with bonds, a number that tells whether they exist comes first.
     """
-    values = np.hstack([restart.wall_slip, restart.wall_more, np.zeros((len(restart.wall), 1))])
+    values = np.hstack([saved.wall_slip, saved.wall_more, np.zeros((len(saved.wall), 1))])
     return (values[:, 0] > 0) | (not bonds), values[:, bonds : bonds + 3], values[:, bonds + 3 :]
 
 

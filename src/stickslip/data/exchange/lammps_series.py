@@ -60,7 +60,7 @@ def find_dumps(folder: Path, known: dict[Path, Dump], pattern: str = "*") -> dic
             dumps[path] = before
         elif (before and stat.st_size >= before.size) or _is_dump(path):
             kept = before if before and stat.st_size >= before.size else Dump((), 0, 0, 0)
-            dumps[path] = _read_on(path, kept, stat.st_mtime_ns)
+            dumps[path] = _read_new_frames(path, kept, stat.st_mtime_ns)
     return dumps
 
 
@@ -94,7 +94,7 @@ def find_compressed(folder: Path) -> Path | None:
     return None
 
 
-def _read_on(path: Path, before: Dump, modified: int) -> Dump:
+def _read_new_frames(path: Path, before: Dump, modified: int) -> Dump:
     """Find the frames that were written after those of an earlier look."""
     with path.open("rb") as file:
         frames = (*before.frames, *_frames_from(file, path, before.read))
@@ -113,7 +113,7 @@ def _is_blank(path: Path, start: int, stop: int) -> bool:
 def _frames_from(file: BinaryIO, path: Path, start: int) -> Iterator[DumpFrame]:
     """Complete and damaged frames from a position on; stops before one that is still being written."""
     file.seek(start)
-    while (at := _find_begin(file)) is not None:
+    while (at := _find_time_step(file)) is not None:
         file.seek(at)
         frame = _next_frame(file, path)
         if frame is None:
@@ -122,7 +122,7 @@ def _frames_from(file: BinaryIO, path: Path, start: int) -> Iterator[DumpFrame]:
         file.seek(frame.stop)
 
 
-def _find_begin(file: BinaryIO) -> int | None:
+def _find_time_step(file: BinaryIO) -> int | None:
     """Position of the next ITEM: TIMESTEP."""
     while line := file.readline():
         if (at := line.find(BEGIN)) >= 0 and line.endswith(b"\n"):
@@ -180,7 +180,7 @@ def _read_head(file: BinaryIO, digest) -> tuple[int, str, int] | None:
 
 def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, damage: str) -> DumpFrame | None:
     """Damaged frame, which ends where the next one begins; None if there is none yet."""
-    stop = _find_begin(file)
+    stop = _find_time_step(file)
     place = f"{path.name}, step {step}" if step >= 0 else f"{path.name}, byte {start}"
     return None if stop is None else DumpFrame(step, "", path, start, stop, "", f"{place}: {damage}")
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
+from ...core.progress import Report, silent, within
 from ...core.readable import pluralize
 from ...data.checkpoint import checkpoint_in
 from ...ensemble import Member, Workers, reach
@@ -15,7 +16,7 @@ from ...loading.packing import PackingInfo
 from ..contact_law import make_law
 from ..experiment import result_of
 from ..jammed_packing import make_packing
-from ..realizations import Report, Task, run_realizations, silent
+from ..realizations import Task, run_realizations
 from . import EXPERIMENT
 from .scenario import CatalogueScenario
 
@@ -55,7 +56,7 @@ def simulate_catalogue(
     ----------
     folder : run folder, in which each packing is saved as soon as it is finished
     workers : number of processes, or the address of a Dask scheduler
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -88,10 +89,10 @@ def simulate_catalogue(
     return CatalogueResult(scenario, make_law(scenario.law), samples, failures)
 
 
-def shear_sample(scenario: CatalogueScenario, seed: int, tell) -> Sample:
-    """Pack one sample and find its events; `tell` is called as tell(share done, words)."""
+def shear_sample(scenario: CatalogueScenario, seed: int, report: Report) -> Sample:
+    """Pack one sample and find its events."""
     law, shear = make_law(scenario.law), scenario.shear
-    tell(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
+    report(f"packing {seed}", 0.0, f"packing {scenario.packing.grains} grains")
     state, packed = make_packing(scenario.packing, law, seed)
     events = find_events(
         state,
@@ -101,7 +102,7 @@ def shear_sample(scenario: CatalogueScenario, seed: int, tell) -> Sample:
         step=shear.step,
         resolution=shear.resolution,
         most=scenario.events,
-        report=lambda share, message: tell(share, f"packing {seed}: {message}"),
+        report=within(report, stage=f"packing {seed}"),
     )
     return Sample(seed, packed, events)
 

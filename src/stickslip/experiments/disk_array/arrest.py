@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.measure import touching
+from ...core.progress import Report, silent
 from ...data.checkpoint import checkpoint_in, load_or_compute
 from ...ensemble import Workers
 from ...loading.protocols import free_run, perturbed
 from ...loading.threshold import KineticThreshold, kinetic_threshold
 from ...solve.spectrum import spectrum
-from ..realizations import Report, silent
 from .simulate import DiskArrayResult, make_protocol, point_at_load
 
 LATE_STATES = 8  # of a run, relaxed
@@ -79,7 +79,7 @@ def kick_array(
         result.path, make_protocol(scenario, result.law), loads=FEWER_LOADS if quick else KICKED_LOADS, kicks=KICK,
         realizations=REALIZATIONS[quick], duration=scenario.sliding.duration,
         dt=2 * scenario.dynamics.dt, seed=scenario.seed, workers=workers, kept=kept and kept.of("threshold"),
-        report=lambda share, message: report("kicked runs", share, message),
+        report=report,
     )  # fmt: skip
 
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from ...core.progress import Report, silent, within
 from ...core.readable import pluralize
 from ...ensemble import Workers
 from ...loading.protocols import stable_window
 from ...loading.threshold import KineticThreshold
 from ...reports.claims import Claim, claim
-from ..realizations import Report, Task, run_realizations, silent
+from ..realizations import Task, run_realizations
 from .arrest import ARREST_LOADS, Arrest
 from .claims_of_fronts import backward_claims, evaluate_fronts
 from .claims_of_modes import evaluate_modes
@@ -37,7 +38,7 @@ def evaluate_claims(
     Parameters
     ----------
     arrests, threshold : of the main scenario
-    report : called as report(stage, share done, words) during the ramps with other load steps
+    report : called as report(stage, share done, text) during the ramps with other load steps
     """
     suffix = "@quarter"
     tasks = [
@@ -55,14 +56,11 @@ def evaluate_claims(
     ]  # fmt: skip
 
 
-def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, tell) -> list[Claim]:
+def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report: Report) -> list[Claim]:
     protocol, paths = make_protocol(result.scenario, result.law), {}
     for k, step in enumerate(COARSER):
-
-        def pass_on(_, share: float, message: str, k=k, step=step) -> None:
-            tell((k + share) / len(COARSER), f"load step {step:g}{suffix}: {message}")
-
-        paths[step] = push_disk_array(result.scenario, step=step, report=pass_on)[2]
+        part = within(report, k / len(COARSER), (k + 1) / len(COARSER), stage=f"load step {step:g}{suffix}")
+        paths[step] = push_disk_array(result.scenario, step=step, report=part)[2]
     step = result.scenario.load.step
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}

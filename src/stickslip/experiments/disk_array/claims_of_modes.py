@@ -27,7 +27,7 @@ UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 def evaluate_modes(main: DiskArrayResult) -> list[Claim]:
     """Evaluate the statements on the spectra of the main scenario."""
-    return [_always(), *_births(main), _coalescence(main), _growing(main), *_mode_claims(main), *_wave_claims(main)]
+    return [_variants(), *_births(main), _coalescence(main), _growing(main), *_mode_claims(main), *_wave_claims(main)]
 
 
 def first_pair(**change) -> float | None:
@@ -46,7 +46,7 @@ def first_pair(**change) -> float | None:
     return None
 
 
-def _always() -> Claim:
+def _variants() -> Claim:
     births = {", ".join(f"{k} {v:g}" for table in change.values() for k, v in table.items()): first_pair(**change)
               for change in VARIED}  # fmt: skip
     lost, never = ([name for name, push in births.items() if push == value] for value in (0.0, None))

@@ -10,12 +10,13 @@ I0 = 1. It is labelled as a hypothesis everywhere.
 
 from typing import NamedTuple
 
+from ...core.progress import Report, silent, within
 from ...data.checkpoint import UNFINISHED, Checkpoint
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...loading.threshold import KineticThreshold
 from ...reports.claims import Claim, note_quick_run
-from ..realizations import Report, Task, run_realizations, silent
+from ..realizations import Task, run_realizations
 from .arrest import Arrest, find_arrests, kick_array
 from .claims import evaluate_claims
 from .printed import FRONT_LOADS, STABLE_LOAD
@@ -80,7 +81,7 @@ def reproduce(
     quick : use fewer realizations and shorter runs
     seed : seed of all random velocities
     workers : number of processes for the realizations, or the address of a Dask scheduler
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
     """
     ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)
     folders = folder, folder and folder / UNFINISHED / "quarter"
@@ -89,9 +90,7 @@ def reproduce(
     report(PUSHED, 0.0, f"models: {', '.join(MODELS)}")
     main, quarter = run_realizations(_before_sliding, tasks, stage=PUSHED, workers=workers, report=report).complete
     main = add_sliding(main, kept[0], workers, report)
-    quarter = add_sliding(
-        quarter, kept[1], workers, lambda stage, share, message: report(f"{stage} (quarter)", share, message)
-    )
+    quarter = add_sliding(quarter, kept[1], workers, within(report, prefix="quarter: "))
     threshold = kick_array(main, quick=quick, folder=folder, workers=workers, report=report)
     arrests = find_arrests(main, folder)
     report("claims", 0.0, "births by bisection, for four load steps")
@@ -99,9 +98,8 @@ def reproduce(
     return Reproduction(main, quarter, arrests, threshold, note_quick_run(claims) if quick else claims)
 
 
-def _before_sliding(name: str, scenario: DiskArrayScenario, kept: Checkpoint | None, tell) -> DiskArrayResult:
-    def report(stage: str, share: float, message: str) -> None:
-        begin, end = SHARES[stage]
-        tell(begin + (end - begin) * share, f"{name}: {stage}, {message}")
+def _before_sliding(name: str, scenario: DiskArrayScenario, kept: Checkpoint | None, report: Report) -> DiskArrayResult:
+    def tell(stage: str, share: float, text: str) -> None:
+        within(report, *SHARES[stage], prefix=f"{name}: ")(stage, share, text)
 
-    return simulate_before_sliding(scenario, kept, report=report)
+    return simulate_before_sliding(scenario, kept, report=tell)

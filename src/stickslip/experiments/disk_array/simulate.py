@@ -7,6 +7,7 @@ import numpy as np
 
 from ...core.laws.builtin import Law
 from ...core.outcome import Outcome, Status
+from ...core.progress import Report, silent, within
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Workers
@@ -25,7 +26,7 @@ from ...loading.protocols import (
 from ...solve.spectrum import Spectrum, spectrum
 from ..contact_law import make_law
 from ..experiment import result_of
-from ..realizations import Report, Task, run_realizations, silent
+from ..realizations import Task, run_realizations
 from . import EXPERIMENT, fronts
 from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
 from .scenario import DiskArrayScenario
@@ -108,26 +109,14 @@ def push_disk_array(
     state, law = press(scenario)
     through = (*scenario.dynamics.loads, *scenario.sliding.loads)
     loads = load_path(scenario.load.push, step or scenario.load.step, through)
-    seen = []
-
-    def tell(point: Equilibrium):
-        seen.append(point)
-        fastest = point.spectrum.growth_rate.max()
-        progress = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
-        report(RAMP, len(seen) / len(loads), f"{progress}, unbalanced {point.outcome.residual:.0e}")
-
-    return state, law, ramp(state, loads, make_protocol(scenario, law), tell, kept=kept)
+    return state, law, ramp(state, loads, make_protocol(scenario, law), within(report, stage=RAMP), kept=kept)
 
 
 def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
     """Track the pairs on the path with twice the load step."""
-
-    def pass_on(_, share: float, message: str) -> None:
-        report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {message}")
-
-    path = push_disk_array(scenario, step=2 * scenario.load.step, report=pass_on)[2]
-    last = lambda share, message: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {message}")  # noqa: E731
-    return track_pairs(path, make_protocol(scenario, law), last)
+    ramping, tracking = (within(report, *ends, stage=f"{BIRTHS}, twice the load step") for ends in ((0, 0.8), (0.8, 1)))
+    path = push_disk_array(scenario, step=2 * scenario.load.step, report=ramping)[2]
+    return track_pairs(path, make_protocol(scenario, law), tracking)
 
 
 def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
@@ -192,8 +181,8 @@ def _describe_member(member) -> str:
     return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
 
 
-def _transition_task(state, law, load, seed, options, tell):
-    tell(0.0, f"push {load:g}, seed {seed} started")
+def _transition_task(state, law, load, seed, options, report):
+    report(f"push {load:g}, seed {seed}", 0.0, "started")
     return fronts.run_transition(state, law, seed, **options)
 
 
@@ -214,7 +203,7 @@ def simulate_disk_array(
     workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
         not depend on it
     sensitivity : also track the pairs on the same path with twice the load step, to see how much births depend on it
-    report : called as report(stage, share done, words with the relevant quantities)
+    report : called as report(stage, share done, text with the relevant quantities)
 
     Raises
     ------
@@ -252,8 +241,8 @@ def simulate_before_sliding(
     kept = kept and kept.if_visible()
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
-    pass_on = lambda share, message: report(BIRTHS, 0.5 * share, message)  # noqa: E731
-    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), pass_on))
+    tracking = within(report, stage=BIRTHS)
+    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), tracking))
     coarse = []
     if sensitivity:
         coarse = load_or_compute(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))

@@ -6,10 +6,10 @@ Erickson et al. 2020, doi:10.1785/0220190248; description by B. Erickson and J. 
 from pathlib import Path
 from typing import NamedTuple
 
+from ...core.progress import Report, silent, within
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...reports.claims import Claim, note_quick_run
-from ..realizations import Report, silent
 from .claims import evaluate_claims
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
@@ -36,11 +36,7 @@ def reproduce(
     main = simulate_cycles(paper_scenario(quick=quick, seed=seed), folder=folder, report=report)
     coarser = []
     for cell in (100.0,) if quick else (50.0, 100.0):
-
-        def tell(stage, share, message, cell=cell):
-            report(f"cells of {cell:g} m", share, message)
-
         scenario = paper_scenario(quick=quick, seed=seed, cell=cell)
-        coarser.append(simulate_cycles(scenario, folder=folder, report=tell))
+        coarser.append(simulate_cycles(scenario, folder=folder, report=within(report, stage=f"cells of {cell:g} m")))
     claims = evaluate_claims(main, tuple(coarser))
     return Reproduction(main, tuple(coarser), note_quick_run(claims) if quick else claims)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.progress import Report, silent, within
 from ...data.checkpoint import checkpoint_in
 from ...data.schema import ScenarioError
 from ...friction.fault import Fault
@@ -13,7 +14,6 @@ from ...friction.fault_record import YEAR, FaultEvents, Recording
 from ...friction.fault_state import FaultState, initial_state
 from ...friction.fault_theory import Nucleation, nucleation
 from ..experiment import result_of
-from ..realizations import Report, silent
 from . import EXPERIMENT
 from .scenario import FaultScenario
 
@@ -52,7 +52,7 @@ def simulate_cycles(
     ----------
     folder : run folder, in which the history is saved every 50 simulated years; a run that was killed resumes from it
         and is bitwise the same
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Examples
     --------
@@ -81,7 +81,7 @@ def simulate_cycles(
         if kept is None or not kept.has(name):
             part = simulate_fault(
                 fault, until, start=state, recording=_recording(scenario), tolerance=scenario.run.tolerance,
-                report=lambda share, message, until=until: report("fault", share * until / scenario.run.years, message),
+                report=within(report, end=until / scenario.run.years),
             )  # fmt: skip
             if kept:
                 kept.save(name, part)

@@ -14,13 +14,13 @@ from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import own_engine
 from ...core.laws.builtin import Law
 from ...core.measure import contact_forces, coordination, elastic_energy, least_supports, touching
+from ...core.progress import Report, silent
 from ...core.readable import readable
 from ...core.state import SLIDE, State
 from ...core.units import Fields
 from ...data.archive import ArchiveError
 from ...data.checkpoint import Checkpoint, checkpoint_in
 from ..experiment import result_of
-from ..realizations import Report, silent
 from . import EXPERIMENT
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
@@ -99,7 +99,7 @@ def simulate_flow(
     folder : where frames are saved during the run. An interrupted run continues from the saved frames, and its result
         is bitwise the same as that of an uninterrupted run
     threads : as in `run`
-    report : called as report(stage, fraction done, text) after every sample
+    report : called as report(stage, share done, text) after every sample
 
     Raises
     ------

@@ -95,7 +95,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
     before = measures.holds(main)[-1]
     curve = measures.hold_curve(main, before)
     last = float(curve.x[-1])
-    rate, end = measures.slope_per_efold(curve), curve.at(last)
+    rate, end = measures.per_efold(curve), curve.at(last)
     expected = predict_per_efold(main, before, curve.x, "slip")
     laws = {law: float(change[-1]) for law, (_, change) in predict_hold(main, before, curve.x).items()}
     points = ", ".join(f"{_interval(curve.at(t))} after {t:g} s" for t in (1e-2, 1e-1, 1.0) if t <= last * 1.01)
@@ -122,7 +122,7 @@ def _compaction(main: GougeResult) -> Claim:
     before, size = measures.holds(main)[-1], main.scenario.grains.mean
     curve = measures.hold_curve(main, before, "thickness")
     curve = curve._replace(rows=-curve.rows / size)
-    rate, end = measures.slope_per_efold(curve), curve.at(curve.x[-1])
+    rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
     return _statement(
         "compaction-in-holds", "Text: not in the supplement", _is_positive(rate),
         f"thickness lost per e-fold of hold time: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
@@ -224,7 +224,7 @@ def _compare_dampings(first: GougeResult, second: GougeResult) -> dict[str, tupl
     cut = [c._replace(x=c.x[c.x <= last * 1.01], rows=c.rows[:, c.x <= last * 1.01]) for c in curves]
     return {
         f"change in friction over {last:.2g} s": tuple(c.at(last) for c in cut),
-        "per e-fold": tuple(measures.slope_per_efold(c) for c in cut),
+        "per e-fold": tuple(measures.per_efold(c) for c in cut),
         "steady friction": tuple(measures.mean_friction(result, before) for result in (first, second)),
     }
 

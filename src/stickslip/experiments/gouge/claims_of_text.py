@@ -161,7 +161,7 @@ def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spr
 
 def _law_of_holds(main: GougeResult) -> Claim:
     before = measures.holds(main)[-1]
-    curve, rate = measures.hold_curve(main, before), measures.slope_per_efold(measures.hold_curve(main, before))
+    curve, rate = measures.hold_curve(main, before), measures.per_efold(measures.hold_curve(main, before))
     made = compare_hold_laws(curve.x, curve.mean, before, stiffness(main.scenario) / main.scenario.load.normal_stress)
     expected = {law: predict_per_efold(main, before, curve.x, law) for law in ("slip", "aging")}
     inside = {law: abs(rate.value - value) <= rate.half for law, value in expected.items()}

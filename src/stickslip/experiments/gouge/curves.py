@@ -26,7 +26,7 @@ def predict_hold(result: GougeResult, before: float, times) -> dict:
 
 
 def predict_per_efold(result: GougeResult, before: float, times, law: str) -> float:
-    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.slope_per_efold`."""
+    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.per_efold`."""
     time, change = predict_hold(result, before, times)[law]
     late = time >= min(measures.EARLIEST, time[-1] / 10)
     return float(np.polyfit(np.log(time[late]), change[late], 1)[0])

@@ -18,14 +18,14 @@ BEFORE = 0.02  # slip over which the value before a hold is averaged [D]
 SMOOTH = 0.02  # slip over which curves are averaged before the peak is determined [D]
 
 
-def steady_friction(sample: Realization, velocity: float, window: float) -> Mean | None:
+def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
     """Mean steady friction of a realization at a velocity; None if it was never steady there.
 
     The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
     halves of slides and steps that changed to it. The error accounts for the correlation of friction along the
     slip; see `friction.measure.steady_mean`.
     """
-    pieces = _steady_pieces(sample, velocity, window, "friction")
+    pieces = _steady_pieces(found, velocity, window, "friction")
     return steady_mean(np.concatenate(pieces)) if pieces else None
 
 
@@ -151,11 +151,11 @@ def direct_effect(curve: Curve, before: float, after: float) -> Number:
 
     See `Response.impedance`.
     """
-    jump, size = early_mean(curve), np.log(after / before)
+    jump, size = just_after(curve), np.log(after / before)
     return jump._replace(value=jump.value / size, error=jump.error / abs(size), draws=jump.draws / size)
 
 
-def early_mean(curve: Curve) -> Number:
+def just_after(curve: Curve) -> Number:
     """Mean over slips up to `EARLY`; the window is fixed, as the maximum of a fluctuating curve is biased upward."""
     near = curve.x <= EARLY
     return curve.read(lambda mean: mean[near].mean())
@@ -257,7 +257,7 @@ def sliding_energy_ratio(result: GougeResult, velocity: float) -> Number:
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
 
 
-def slope_per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
+def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
     """Slope of a curve against the logarithm of the hold time, from `earliest` [s] on."""
     late = curve.x >= min(earliest, curve.x[-1] / 10)
     x = np.log(curve.x[late])

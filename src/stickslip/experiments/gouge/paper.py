@@ -5,10 +5,10 @@ ns, which would take months on one core. Here, only a tenth as many grains are u
 second. The scenario in `examples/gouge_paper.toml` has the scale of the paper.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from ...core.progress import Report, silent, within
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...reports.claims import Claim, note_quick_run
@@ -25,8 +25,6 @@ DAMPINGS = {  # keys are the names used in claims and figures
 }
 MAIN, LOW, CALIBRATED = DAMPINGS
 STIFF = 425.0  # the paper's stiffness, interpreted as k D/σ
-
-Report = Callable[[str, float, str], None]
 
 
 class Reproduction(NamedTuple):
@@ -104,7 +102,7 @@ def reproduce(
     seed: int = 0,
     folder: Path | None = None,
     workers: Workers = None,
-    report: Report = lambda stage, share, message: None,
+    report: Report = silent,
 ) -> Reproduction:
     """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
 
@@ -118,10 +116,8 @@ def reproduce(
     more = full_scenarios(seed) if full else {}
     announce(*chosen.values(), *more.values())
 
-    def run(name, scenario):
-        return simulate_gouge(
-            scenario, folder=folder, workers=workers, report=lambda stage, *rest: report(f"{name}: {stage}", *rest)
-        )
+    def run(name, one):
+        return simulate_gouge(one, folder=folder, workers=workers, report=within(report, prefix=f"{name}: "))
 
     holds = {name: run(name, scenario) for name, scenario in chosen.items()}
     rest = {name: run(name, scenario) for name, scenario in more.items()}

@@ -4,7 +4,6 @@ The trunk is prepared, slid until friction is steady, and taken through the slid
 start from copies of its state, so they can run in parallel.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from ...core.dynamics.record import Record
 from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
 from ...core.measure import elastic_energy, overlaps, touching
+from ...core.progress import Report, within
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, load_or_compute
 from ...friction.measure import steady_mean
@@ -27,7 +27,6 @@ DECADE = 20  # samples of a hold in each decade of time
 TRUNK = "trunk"  # name of the pieces of an unfinished trunk
 CHUNK = 100  # samples between two progress reports
 SKIN = 0.02  # of LAMMPS's neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
-Tell = Callable[[float, str], None]
 
 
 class Series(NamedTuple):
@@ -106,7 +105,9 @@ class Realization(NamedTuple):
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
 
-def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Checkpoint | None = None) -> Trunk:
+def run_trunk(
+    scenario: GougeScenario, seed: int, engine: Engine, report: Report, kept: Checkpoint | None = None
+) -> Trunk:
     """Prepare one sample and take it through the slides of the protocol.
 
     Parameters
@@ -120,23 +121,19 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
         If the sample does not settle, does not become steady, or becomes unstable.
     """
     kept = kept and kept._replace(nouns=(Gouge, Series))
-    return slide_trunk(scenario, settled_sample(scenario, seed, tell, kept), engine, tell, kept)
+    return slide_trunk(scenario, settled_sample(scenario, seed, report, kept), engine, report, kept)
 
 
-def settled_sample(scenario: GougeScenario, seed: int, tell: Tell, kept: Checkpoint | None) -> Gouge:
+def settled_sample(scenario: GougeScenario, seed: int, report: Report, kept: Checkpoint | None) -> Gouge:
     """Return the sample at rest; arguments as in `run_trunk`."""
-    return load_or_compute(
-        kept,
-        "settled",
-        lambda: prepare_sample(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}")),
-    )
+    return load_or_compute(kept, "settled", lambda: prepare_sample(scenario, seed, report=within(report, 0.0, 0.0)))
 
 
 def slide_trunk(
-    scenario: GougeScenario, gouge: Gouge, engine: Engine, tell: Tell, kept: Checkpoint | None = None
+    scenario: GougeScenario, gouge: Gouge, engine: Engine, report: Report, kept: Checkpoint | None = None
 ) -> Trunk:
     """Take a settled sample through the slides of the protocol; arguments as in `run_trunk`."""
-    legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration, f"{scenario.seed}/{TRUNK}")
+    legs = _LegRunner(scenario, engine, report, kept, scenario.trunk_duration, f"{scenario.seed}/{TRUNK}")
     place, tests, found = gouge, [], []
     states, velocity = {"settled": gouge.state}, 0.0
     place, test = _slide_to_steadiness(legs, place)
@@ -156,7 +153,7 @@ def slide_trunk(
 
 
 def run_branch(
-    scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Checkpoint | None = None
+    scenario: GougeScenario, start: Branch, engine: Engine, report: Report, kept: Checkpoint | None = None
 ) -> tuple[Test, ...]:
     """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
 
@@ -168,7 +165,7 @@ def run_branch(
     kept = kept and kept._replace(nouns=(Gouge, Series))
     part = scenario.protocol[start.part]
     duration, name = sum(part.branch(start.before, scenario.grains.mean)), f"branch-{start.part}-{start.number}"
-    legs = _LegRunner(scenario, engine, tell, kept, duration, f"{scenario.seed}/{name}")
+    legs = _LegRunner(scenario, engine, report, kept, duration, f"{scenario.seed}/{name}")
     make = _run_steps if isinstance(part, VelocitySteps) else _run_holds
     return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
 
@@ -271,9 +268,15 @@ class _LegRunner:
     """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
     def __init__(
-        self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Checkpoint | None, duration: float, name: str
+        self,
+        scenario: GougeScenario,
+        engine: Engine,
+        report: Report,
+        kept: Checkpoint | None,
+        duration: float,
+        name: str,
     ):
-        self.scenario, self.engine, self.tell, self.kept, self.name = scenario, engine, tell, kept, name
+        self.scenario, self.engine, self.report, self.kept, self.name = scenario, engine, report, kept, name
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
     def run(self, place, velocity: float, seconds: float, words: str):
@@ -312,9 +315,10 @@ class _LegRunner:
         """Report progress and the current state of the sample."""
         self.done += steps
         self.total = max(self.total, self.done)
-        self.tell(
+        self.report(
+            words,
             self.done / self.total,
-            f"{words}: load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
+            f"load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
             f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
             f"{series.sliding_fraction[-1]:.0%} of contacts slide",
         )

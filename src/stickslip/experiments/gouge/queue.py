@@ -11,6 +11,7 @@ from pathlib import Path
 from ...core.dynamics.engine import Engine, Leg
 from ...core.dynamics.record import Record
 from ...core.dynamics.run import record_of
+from ...core.progress import silent
 from ...core.state import State
 from ...data.checkpoint import LEGS, checkpoint_in
 from ...data.exchange.lammps_restart import is_complete
@@ -20,7 +21,6 @@ from ...lammps.process import require_lammps
 from ...lammps.run import read_leg, sample_path, with_records, write_start
 from ...lammps.script import write_input
 from ...lammps.supported import check_leg
-from ..realizations import silent
 from .protocol import TRUNK, run_branch, settled_sample, slide_trunk
 from .sample import Gouge
 from .scenario import GougeScenario

@@ -5,7 +5,6 @@ grains of the pressed sample form the plates, which are rigid bodies that do not
 upper plate is pressed along y, fixed along z, and fixed, driven or pulled by a spring along x.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import DAMPING_N, Law, with_values
 from ...core.measure import contact_forces, elastic_energy, touching
+from ...core.progress import Report, silent
 from ...core.state import Grains, State, assembly, box, flat_walls, loads, spheres
 from ...data.schema import ScenarioError
 from ..contact_law import make_law
@@ -56,9 +56,6 @@ class Gouge(NamedTuple):
         return float(y[group == TOP].mean() - y[group == BOTTOM].mean())
 
 
-Report = Callable[[str, float, str], None]
-
-
 def gouge_law(scenario: GougeScenario, mu: float) -> Law:
     """Return the contact law of a scenario with friction `mu`."""
     chosen, meeting = scenario.law, {}
@@ -72,7 +69,7 @@ def damping(scenario: GougeScenario) -> float:
     return float(gouge_law(scenario, 0.0).table[0, 0, DAMPING_N])
 
 
-def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, message: None) -> Gouge:
+def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = silent) -> Gouge:
     """Prepare a sample with friction, at rest under its normal stress and not yet sheared.
 
     Raises

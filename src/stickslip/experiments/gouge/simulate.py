@@ -8,14 +8,15 @@ from typing import NamedTuple
 from ... import __version__
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import own_engine
+from ...core.progress import Report, silent, within
 from ...data import archive
 from ...data.checkpoint import Checkpoint, checkpoint_in
 from ...ensemble import Workers
 from ..experiment import result_of
-from ..realizations import Realizations, Report, Task, run_realizations, silent
+from ..realizations import Realizations, Task, run_realizations
 from . import EXPERIMENT
 from .dimensionless import Range
-from .protocol import TRUNK, Branch, Realization, Series, Tell, Test, Trunk, make_realization, run_branch, run_trunk
+from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk
 from .sample import Gouge
 from .scenario import GougeScenario
 
@@ -43,7 +44,7 @@ def simulate_gouge(
         ones; saved parts are not run again
     workers : number of processes, or the address of a Dask scheduler; by default, as many as there are cores, over the
         number of MPI ranks of each
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -129,7 +130,7 @@ class _Ensemble:
             tasks,
             stage=f"realizations ({len(self.alone)} to run)",
             workers=self.workers,
-            report=lambda stage, share, words: self.report(stage, begin + (end - begin) * share, words),
+            report=within(self.report, begin, end),
         )
 
     def _save(self, one: GougeScenario, result: Realization) -> None:
@@ -161,16 +162,16 @@ def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
     return lammps_engine(scenario.ranks)
 
 
-def _trunk_task(text: str, kept: Checkpoint | None, tell: Tell) -> Trunk:
+def _trunk_task(text: str, kept: Checkpoint | None, report: Report) -> Trunk:
     """Run one trunk, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return run_trunk(one, one.seed, find_engine(one, kept and kept.run), tell, kept and kept.if_visible())
+    return run_trunk(one, one.seed, find_engine(one, kept and kept.run), report, kept and kept.if_visible())
 
 
-def _branch_task(text: str, start: Branch, kept: Checkpoint | None, tell: Tell) -> tuple[Test, ...]:
+def _branch_task(text: str, start: Branch, kept: Checkpoint | None, report: Report) -> tuple[Test, ...]:
     """Run one branch, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return run_branch(one, start, find_engine(one, kept and kept.run), tell, kept and kept.if_visible())
+    return run_branch(one, start, find_engine(one, kept and kept.run), report, kept and kept.if_visible())
 
 
 def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:

@@ -32,8 +32,8 @@ def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
         if (made := sliding_state(state, sample.law, load))
     ]
     return [
-        *_growth(), _null_modes(main), _geometric(main, quick), _hundreds(main, quick), _least_stable(states),
-        _shares(states), _close(states), *_vibrations(pairs[::LOOKS] if quick else pairs), _linear_law(),
+        *_growth(), _null_modes(main), _geometric(main, quick), _critical_contacts(main, quick), _least_stable(states),
+        _shares(states), _sliding_share(states), *_vibrations(pairs[::LOOKS] if quick else pairs), _linear_law(),
     ]  # fmt: skip
 
 
@@ -104,7 +104,7 @@ def _geometric(main: QuasiResult, quick: bool) -> Claim:
     )  # fmt: skip
 
 
-def _hundreds(main: QuasiResult, quick: bool) -> Claim:
+def _critical_contacts(main: QuasiResult, quick: bool) -> Claim:
     id = "hundreds-of-critical-contacts"
     source = 'Sec. II C: "it is common to have hundreds of critical contacts" with "thousands of particles"'
     if quick:
@@ -147,7 +147,7 @@ def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
     )  # fmt: skip
 
 
-def _close(states: list[tuple[int, SlidingState]]) -> Claim:
+def _sliding_share(states: list[tuple[int, SlidingState]]) -> Claim:
     """Claim that nearly all critical contacts slide; the reversal of the load is a counterexample."""
     share = np.array([s.slide / s.critical for _, s in states])
     back = [(s.reverse / s.critical, seed, s.critical, s.reverse) for seed, s in states if s.critical > 1]

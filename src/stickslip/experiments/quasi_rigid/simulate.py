@@ -12,6 +12,7 @@ from ...core.contacts.memory import HELD
 from ...core.control import between, stress_controlled
 from ...core.laws.builtin import KN, Law
 from ...core.measure import branch_vectors, contact_forces, touching
+from ...core.progress import Report, silent, within
 from ...core.state import Control, State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Workers
@@ -29,7 +30,7 @@ from ...quasirigid.uniqueness import certificate
 from ...solve.freedom import Freedom, displaced, residual_vector
 from ...solve.linear import suitable_threads
 from ..experiment import result_of
-from ..realizations import Report, Task, run_realizations, silent
+from ..realizations import Task, run_realizations
 from . import EXPERIMENT
 from .scenario import QuasiScenario
 
@@ -109,7 +110,7 @@ def simulate_quasi(
     folder : run folder, in which samples, and the path and runs of each, are saved as soon as they finish; a run that
         was killed resumes from them
     workers : number of processes, one sample each, or the address of a Dask scheduler; the results do not depend on it
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
     """
     kept = checkpoint_in(
         folder,
@@ -153,16 +154,17 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
 
 
 def simulate_sample(
-    scenario: QuasiScenario, seed: int, kept: Checkpoint | None = None, tell=lambda share, message: None
+    scenario: QuasiScenario, seed: int, kept: Checkpoint | None = None, report: Report = silent
 ) -> SampleResult:
     """Load one sample by path and by slow dynamics; each of these is saved as soon as it finishes."""
     load, slow = scenario.loading, scenario.dynamics
     kept = kept and kept.if_visible()
-    tell(0.0, f"sample {seed}: equilibrating")
+    name = f"sample {seed}"
+    report(name, 0.0, "equilibrating")
     state, law, end = load_or_compute(kept, "prepared", lambda: prepare(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}
-    heard = lambda s, w: tell(0.3 * s, f"sample {seed}: {w}")  # noqa: E731
-    path = load_or_compute(kept, "path", lambda: load_path(state, law, end, report=heard, **options))
+    loading = within(report, 0.0, 0.3, stage=name)
+    path = load_or_compute(kept, "path", lambda: load_path(state, law, end, report=loading, **options))
     curve, back = stress_strain_curve(path.states, path.load, scenario), None
     if load.unload:
         turn = load.turn * path.load[-1]
@@ -175,8 +177,8 @@ def simulate_sample(
         back = Curve(*(values[1:] for values in back))
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
     for k, time in enumerate(slow.times if until > 0 else ()):
-        heard = lambda s, w, k=k: tell(0.3 + 0.6 * (k + s) / len(slow.times), f"sample {seed}: {w}")  # noqa: E731
-        follow = partial(slow_dynamics, state, law, end, time=time, until=until, drag=slow.drag, report=heard)
+        part = within(report, *(0.3 + 0.6 * n / len(slow.times) for n in (k, k + 1)), stage=name)
+        follow = partial(slow_dynamics, state, law, end, time=time, until=until, drag=slow.drag, report=part)
         run = load_or_compute(kept, f"slow-{k}", follow)
         followed = stress_strain_curve([state, *run.states], np.append(0.0, run.load), scenario)
         runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(curve, followed)))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.progress import within
 from ...core.tables import format_table, heading_of
 from ...core.text import parse_integer
 from ...data.manifest import find_foreign, write_file
@@ -74,9 +75,7 @@ def fit_record(
     solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
     fits = tuple(map(build_fit, solutions))
     comparison = compare_laws(*fits) if len(fits) == 2 else None
-    best = [
-        solution for solution in solutions if comparison is None or comparison.preferred in (None, solution.task.law)
-    ]
+    best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
     result = RecordFits(file, record, fits, comparison, remedies=_remedies(raw, record, best))
     return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
 
@@ -106,7 +105,7 @@ def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int) -> Pos
     with progress() as tell:
         return posterior(
             result.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
-            report=lambda share, message: tell(f"posterior, {law} law", share, message),
+            report=within(tell, stage=f"posterior, {law} law"),
         )  # fmt: skip
 
 

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.progress import Report, silent
 from ...friction.loads import LoadStep
 from ...friction.ratestate import SlipHistory, Spring, spring_slider
 from ...friction.stability import Sliding, steady_sliding
 from ..experiment import result_of
-from ..realizations import Report, silent
 from . import EXPERIMENT
 from .scenario import RateStateScenario
 

@@ -6,12 +6,13 @@ k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fractio
 
 from typing import NamedTuple
 
+from ...core.progress import Report, silent
 from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...reports.claims import Claim, note_quick_run
 from .claims import evaluate_claims
 from .scenario import ShearScenario
-from .simulate import Report, ShearResult, silent, simulate_shear
+from .simulate import ShearResult, simulate_shear
 
 
 class Reproduction(NamedTuple):

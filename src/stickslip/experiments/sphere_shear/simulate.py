@@ -11,6 +11,7 @@ from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import Law
 from ...core.measure import pressure, stress, touching
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
+from ...core.progress import Report, silent
 from ...core.readable import readable
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
@@ -24,7 +25,7 @@ from ...solve.spectrum import spectrum
 from ..contact_law import make_law
 from ..experiment import result_of
 from ..jammed_packing import make_packing
-from ..realizations import Realizations, Report, Task, run_realizations, silent
+from ..realizations import Realizations, Task, run_realizations
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
@@ -116,20 +117,17 @@ class Step(NamedTuple):
 
 
 def shear_packing(
-    scenario: ShearScenario,
-    seed: int,
-    kept: Checkpoint | None = None,
-    report: Callable[[float, str], None] = lambda share, message: None,
+    scenario: ShearScenario, seed: int, kept: Checkpoint | None = None, report: Report = silent
 ) -> ShearPath:
     """Pack one sample and shear it; if no equilibrium is found, the path ends early and the reason is given.
 
     Parameters
     ----------
     kept : storage for the packing and the points of the path
-    report : called as report(share done, words)
+    report : called as report(stage, share done, text)
     """
     law, kept = make_law(scenario.law), kept and kept.if_visible()
-    report(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
+    report(f"packing {seed}", 0.0, f"packing {scenario.packing.grains} grains")
     shear = scenario.shear
     state, packed = load_or_compute(kept, "packing", lambda: make_packing(scenario.packing, law, seed, shear.tolerance))
     protocol = aqs(
@@ -146,10 +144,8 @@ def shear_packing(
             break
         path.append(step)
         state, (pairs, _, _, rate, *_, residual) = step.state, step.row
-        progress = (
-            f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
-        )
-        report((k + 1) / len(loads), progress)
+        text = f"strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
+        report(f"packing {seed}", (k + 1) / len(loads), text)
     if not path:
         raise RuntimeError(stopped)
     numbers = [step.row[0] for step in path]
@@ -229,7 +225,7 @@ def simulate_shear(
     folder : run folder, in which runs and points of paths are saved as soon as each is finished; a run that was killed
         resumes from them and agrees with an uninterrupted run to within the tolerance of the solver
     workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
-    report : called as report(stage, share done, words with the relevant quantities)
+    report : called as report(stage, share done, text with the relevant quantities)
 
     Examples
     --------

@@ -9,6 +9,7 @@ from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
 from ...core.measure import pressure
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
+from ...core.progress import Report, silent
 from ...core.state import State
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.schema import ScenarioError
@@ -21,7 +22,6 @@ from ..disk_array import simulate as disk_array
 from ..experiment import result_of
 from ..gouge.sample import Gouge, prepare_sample
 from ..jammed_packing import make_packing
-from ..realizations import Report, silent
 from . import EXPERIMENT
 from .scenario import ArraySample, GougeSample, Kicks, PackingSample, ThresholdScenario
 
@@ -143,7 +143,7 @@ def simulate_threshold(
         resumes from them
     workers : number of processes for the kicked runs, or the address of a Dask scheduler; the result does not depend
         on it
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -182,7 +182,6 @@ def simulate_threshold(
     threshold = kinetic_threshold(
         path, protocol, loads=tried, kicks=how.velocities, realizations=how.realizations, duration=how.duration, dt=dt,
         distance=how.distance, ramps=how.ramps if how.ramp_down else 0, drag=how.drag, seed=scenario.seed,
-        workers=workers, kept=kept and kept.of("runs"),
-        report=lambda share, message: report("kicked runs", share, message),
+        workers=workers, kept=kept and kept.of("runs"), report=report,
     )  # fmt: skip
     return ThresholdResult(scenario, protocol.law, path, strength, threshold)

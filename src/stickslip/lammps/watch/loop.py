@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from ...core.progress import Report, silent
 from ...data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
 from ...data.sample import MemoryNote, PackingError
 from .measures import Row, measure_frame
@@ -32,7 +33,7 @@ class Progress(NamedTuple):
 
 def watch(
     source: Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
-    until_idle: float | None = None, interval: float = INTERVAL, report=None,
+    until_idle: float | None = None, interval: float = INTERVAL, report: Report = silent,
 ) -> Iterator[Progress]:  # fmt: skip
     """Compute every frame that is not `known`, and yield what is known before and after each.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...core.laws.builtin import Law
 from ...core.measure import coordination, least_supports, stress
+from ...core.progress import Report, silent
 from ...core.state import SLIDE, State
 from ...reports.packing import to_dict
 from ...solve.balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
@@ -58,7 +59,7 @@ class Row(NamedTuple):
 
 
 def measure_frame(
-    step: int, digest: str, state: State, law: Law, *, memory: bool, method: str = "auto", report=None
+    step: int, digest: str, state: State, law: Law, *, memory: bool, method: str = "auto", report: Report = silent
 ) -> Row:
     """Measure a frame.
 
@@ -66,7 +67,7 @@ def measure_frame(
     ----------
     memory : whether the slip of its contacts is known
     method : one of `METHODS`; with "auto", the spectrum of more than 1500 coordinates is computed only in equilibrium
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
     """
     here, mode = linearised(state, law), state.contacts.mode[: state.contacts.count[0]]
     row = Row(

@@ -47,7 +47,7 @@ class _Live:
         self.said, self.done, self.stage = max(self.said, len(done.notes)), done, ""
         self._draw()
 
-    def report(self, stage: str, share: float, message: str, left: float | None = None) -> None:
+    def report(self, stage: str, share: float, text: str) -> None:
         self.stage = f"{stage} {share:.0%}"
         self._draw()
 
@@ -97,7 +97,7 @@ class _Lines:
         if done.fresh:
             console.print(_align(_line(done.fresh)), soft_wrap=True)
 
-    def report(self, stage: str, share: float, message: str, left: float | None = None) -> None:
+    def report(self, stage: str, share: float, text: str) -> None:
         """Nothing: a frame has one line."""
 
 

@@ -1,15 +1,110 @@
-"""Swept keys: the entries of a [sweep] table, each a list of values or a table that describes them."""
+"""Swept keys: the entries of a [sweep] table, each a list of values or a table that describes them; and its options."""
 
-from typing import Any, NamedTuple
+from collections import Counter
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from ...core.sizes import MOST
-from ...data.schema import LARGEST, ScenarioError
+from ...data.schema import LARGEST, Finite, Listed, Positive, ScenarioError, ScenarioTable, validate_table
 from .points import generator, quantiles
 
 SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
 KINDS = (*SPACED, *DRAWN, "column", "count")
+Count = Annotated[int, Field(ge=1, le=MOST)]
+
+
+def _require(holds: Callable, remedy: str) -> AfterValidator:
+    """Validator that refuses values for which `holds` is false; `remedy` ends the sentence."""
+
+    def check(value):
+        if not holds(value):
+            raise PydanticCustomError("value", remedy)
+        return value
+
+    return AfterValidator(check)
+
+
+def _are_numbers(ends) -> bool:
+    plain = isinstance(ends, tuple) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in ends)
+    return plain and len(ends) == 2 and all(abs(v) <= LARGEST for v in ends)
+
+
+def _about(text: str):
+    return Field(None, description=text)
+
+
+Ends = Annotated[Any, Listed, _require(_are_numbers, f"use two numbers up to {LARGEST:g} as the two ends")]
+Rising = _require(lambda ends: ends[0] < ends[1], "the first end must be below the second")
+BothPositive = _require(lambda ends: min(ends) > 0, "both ends must be positive")
+BothWhole = _require(lambda ends: all(isinstance(v, int) for v in ends), "use two whole numbers, both included")
+
+
+class Normal(ScenarioTable):
+    """Normal distribution."""
+
+    mean: Finite
+    sd: Positive
+
+
+class Values(ScenarioTable):
+    """Table of a swept key, with one of KINDS."""
+
+    linspace: Ends | None = _about("evenly spaced, including both ends")
+    geomspace: Annotated[Ends, BothPositive] | None = _about("evenly spaced in the logarithm, including both ends")
+    uniform: Annotated[Ends, Rising] | None = _about("random, uniform between two ends")
+    loguniform: Annotated[Ends, Rising, BothPositive] | None = _about("random, its logarithm uniform between ends")
+    integers: Annotated[Ends, Rising, BothWhole] | None = _about("random, both ends included")
+    normal: Normal | None = _about("random, with mean and standard deviation")
+    column: str | None = _about("a column of `draws`, multiplied by f (default 1); all columns vary together")
+    count: Count | None = _about("for `seed` only: the scenario's seed and the following ones")
+    number: Count | None = None
+    times: Annotated[Finite, _require(bool, "use a number other than 0")] | None = None
+
+    @property
+    def kinds(self) -> list[str]:
+        """Those of KINDS that were given: one, in a valid table."""
+        return [kind for kind in KINDS if getattr(self, kind) is not None]
+
+    @model_validator(mode="after")
+    def _check_kind(self):
+        if len(self.kinds) != 1:
+            remedy = f"give one of {', '.join(KINDS)}"
+            raise PydanticCustomError("kind", f"it has {len(self.kinds)} kinds of values: {remedy}")
+        if self.times is not None and self.column is None:
+            raise PydanticCustomError("kind", "times is only for a column, as a factor for its values: leave it out")
+        return self
+
+
+class Options(ScenarioTable):
+    """Options of a [sweep] table."""
+
+    mode: Literal["grid", "zip", "sample"] = Field(
+        "grid", description="all combinations, first values together, or random points"
+    )
+    number: Count | None = Field(None, description='number of points of a sample, or of every key with `mode = "zip"`')
+    draw: Literal["latin-hypercube", "sobol"] = Field(
+        "latin-hypercube", description="points of a sample: a Latin hypercube, or a scrambled Sobol' sequence"
+    )
+    draw_seed: Annotated[int, Field(ge=0)] = Field(0, description="seed of all random values")
+    where: Any = Field(None, description="conditions on swept keys; points that do not satisfy them are refused")
+    draws: Any = Field(None, description="table whose rows are points, for keys with a `column`")
+
+    @model_validator(mode="after")
+    def _check_points(self):
+        if self.mode == "sample" and self.number is None:
+            raise ValueError('sweep.mode = "sample" needs the number of points: give sweep.number')
+        if self.mode == "grid" and self.number is not None:
+            raise ValueError("sweep.number is only for zip and sample: in a grid, give each distribution its number")
+        if self.mode != "sample" and "draw" in self.model_fields_set:
+            raise ValueError('sweep.draw was given, but only points of a sample are drawn: set sweep.mode = "sample"')
+        return self
+
+
+OPTIONS = tuple(Options.model_fields)
 
 
 class Axis(NamedTuple):
@@ -18,128 +113,75 @@ class Axis(NamedTuple):
     key: str
     values: tuple
     kind: str  # "list", or one of KINDS
-    entry: Any  # of the table
+    parameters: Any = None  # of a distribution: its two ends, or Normal
 
 
-def flatten_entries(table: dict, above: str = "") -> dict:
-    """Flatten tables to dotted keys: [sweep.law] mu = … is the same as "law.mu" = …"""
+def flatten(table: dict, ends: Callable[[dict], bool] = lambda inner: False, above: str = "") -> dict:
+    """Flatten tables to dotted keys, except those at which `ends` is true; [law] mu = … is the same as "law.mu" = …"""
     out = {}
     for key, value in table.items():
-        if isinstance(value, dict) and not _is_distribution(value):
-            out |= flatten_entries(value, f"{above}{key}.")
-        else:
-            out[above + key] = value
+        inner = isinstance(value, dict) and not ends(value)
+        out |= flatten(value, ends, f"{above}{key}.") if inner else {above + key: value}
     return out
+
+
+def swept_entries(table: dict) -> dict:
+    """Return the entries of the swept keys of a [sweep] table."""
+    return flatten({key: value for key, value in table.items() if key not in OPTIONS}, _is_distribution)
 
 
 def _is_distribution(value: dict) -> bool:
     return not value or not all(isinstance(item, list | dict) for item in value.values()) or bool(set(value) & {*KINDS})
 
 
-def parse_axis(key: str, entry, base: dict, table: dict) -> Axis:
-    """Parse the entry of a swept key; the values of a sample are drawn later."""
-    mode, number, seed = table.get("mode", "grid"), table.get("number"), table.get("draw_seed", 0)
-    if isinstance(entry, list):
-        if not entry:
-            raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
-        if mode == "grid" and (twice := _find_duplicate(entry)):
-            raise ScenarioError(f"sweep.{key} contains {twice} twice: give each value once")
-        return Axis(key, tuple(entry), "list", entry)
-    if not isinstance(entry, dict):
+def parse_entry(key: str, entry) -> list | Values:
+    """Return a list as it is, and a table as `Values`."""
+    if isinstance(entry, dict) and "logspace" not in entry:
+        return validate_table(Values, entry, f"sweep.{key}")
+    if isinstance(entry, dict):
+        raise ScenarioError(f"sweep.{key}.logspace was given: use geomspace, which takes the end values themselves")
+    if not isinstance(entry, list):
         raise ScenarioError(f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
-    kind, many = _values_kind(key, entry), entry.get("number", number)
+    if not entry:
+        raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
+    return entry
+
+
+def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dict) -> Axis:
+    """Return the axis of a swept key; `seed` is that of the scenario, `draws` the columns of a table."""
+    if isinstance(entry, list):
+        value, count = Counter(map(str, entry)).most_common(1)[0]
+        if options.mode == "grid" and count > 1:
+            raise ScenarioError(f"sweep.{key} contains {value} more than once: give each value once")
+        return Axis(key, tuple(entry), "list")
+    (kind,) = entry.kinds
+    parameters = getattr(entry, kind)
     if kind == "count":
-        if key != "seed":
-            raise ScenarioError(
-                f"sweep.{key} has count, which is valid only for seed: use a list, linspace or a distribution"
-            )
-        first = base.get("seed", 0)
-        count = check_integer("sweep.seed.count", entry["count"], 1, MOST)
-        return Axis(key, tuple(range(check_integer("seed", first, 0), first + count)), kind, entry)
-    _check_parameters(key, kind, entry[kind])
-    if mode == "sample":
-        if "number" in entry:
-            raise ScenarioError(
-                f"sweep.{key}.number was given: a sample has one number for all keys, given by sweep.number"
-            )
-        return Axis(key, (), kind, entry)
+        return Axis(key, _seeds(key, seed, parameters), kind)
+    if options.mode == "sample" and entry.number is not None:
+        raise ScenarioError(f"sweep.{key}.number was given: a sample has one number for all keys, sweep.number")
     if kind == "column":
-        return Axis(key, column_values(entry, table["draws"]), kind, entry)
-    if many is None:
+        return Axis(key, tuple((entry.times or 1.0) * value for value in draws[parameters]), kind)
+    if options.mode == "sample":
+        return Axis(key, (), kind, parameters)
+    number = entry.number or options.number
+    if number is None:
         raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
-    many = check_integer(f"sweep.{key}.number", many, 1, MOST)
     if kind in SPACED:
-        return Axis(key, _spaced_values(kind, *entry[kind], many), kind, entry)
-    draws = generator(seed, key).random(many)
-    return Axis(key, quantiles(kind, entry[kind], np.sort(draws) if mode == "grid" else draws), kind, entry)
+        return Axis(key, _spaced_values(kind, *parameters, number), kind)
+    share = generator(options.draw_seed, key).random(number)
+    return Axis(key, quantiles(kind, parameters, np.sort(share) if options.mode == "grid" else share), kind)
 
 
-def _find_duplicate(values: list) -> str | None:
-    """Return the first value that occurs twice in a list, or None."""
-    seen = set()
-    for words in map(str, values):
-        if words in seen:
-            return words
-        seen.add(words)
-    return None
-
-
-def _values_kind(key: str, entry: dict) -> str:
-    """Return the kind of values that a table in [sweep] defines."""
-    kinds, unknown = [k for k in entry if k in KINDS], [k for k in entry if k not in (*KINDS, "number", "times")]
-    if unknown:
-        hint = "did you mean 'geomspace', which takes the end values themselves?" if unknown[0] == "logspace" else None
-        raise ScenarioError(f"sweep.{key} has no key {unknown[0]!r}: {hint or 'it has ' + ', '.join(KINDS)}")
-    if len(kinds) != 1:
-        raise ScenarioError(f"sweep.{key} has {len(kinds)} kinds of values: give one of {', '.join(KINDS)}")
-    if "times" in entry and kinds[0] != "column":
-        raise ScenarioError(f"sweep.{key}.times was given with {kinds[0]}: it is a factor for the values of a column")
-    if "times" in entry and not (_is_number(entry["times"]) and entry["times"] != 0):
-        raise ScenarioError(f"sweep.{key}.times = {entry['times']!r} was given: use a number other than 0")
-    return kinds[0]
-
-
-def _check_parameters(key: str, kind: str, entry) -> None:
-    """Check the parameters of a distribution: two ends in order, or mean and sd."""
-    if kind == "column":
-        return  # checked with the table of draws
-    if kind == "normal":
-        right = isinstance(entry, dict) and set(entry) == {"mean", "sd"} and all(map(_is_number, entry.values()))
-        if not (right and entry["sd"] > 0):
-            raise ScenarioError(
-                f"sweep.{key}.normal = {entry} was given: use {{mean = 0.4, sd = 0.1}} with sd > 0, up to {LARGEST:g}"
-            )
-        return
-    if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry))):
-        raise ScenarioError(
-            f"sweep.{key}.{kind} = {entry} was given: use two numbers up to {LARGEST:g} as the two ends"
-        )
-    if not entry[0] < entry[1] and kind in DRAWN:
-        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: the first end must be below the second")
-    if kind in ("geomspace", "loguniform") and min(entry) <= 0:
-        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: both ends must be positive")
-    if kind == "integers" and not all(isinstance(value, int) for value in entry):
-        raise ScenarioError(f"sweep.{key}.integers = {entry} was given: use two whole numbers, both included")
-
-
-def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
-
-
-def check_integer(name: str, value, least: int, most: int | None = None) -> int:
-    """Return a whole number of a [sweep] table, or raise ScenarioError."""
-    if not isinstance(value, int) or isinstance(value, bool) or value < least or (most and value > most):
-        beyond = f" to {most}" if most else " or more"
-        raise ScenarioError(f"{name} = {value!r} was given: use a whole number, {least}{beyond}")
-    return value
+def _seeds(key: str, first, count: int) -> tuple:
+    if key != "seed":
+        raise ScenarioError(f"sweep.{key} has count, which is only for seed: use a list, linspace or a distribution")
+    if type(first) is not int or first < 0:
+        raise ScenarioError(f"seed = {first!r} was given: use a whole number, 0 or more")
+    return tuple(range(first, first + count))
 
 
 def _spaced_values(kind: str, first, last, number: int) -> tuple:
     values = getattr(np, kind)(float(first), float(last), number)
     whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
     return tuple((values.astype(int) if whole else values).tolist())
-
-
-def column_values(entry: dict, draws: dict) -> tuple:
-    """Return the values of a key that takes them from a column of `draws`."""
-    return tuple(entry.get("times", 1.0) * value for value in draws[entry["column"]])

@@ -46,12 +46,12 @@ def parse_conditions(where, keys) -> tuple[Condition, ...]:
     texts = where if isinstance(where, list | tuple) else [where]
     if not texts or not all(isinstance(text, str) for text in texts):
         raise ScenarioError(f"sweep.where = {shortened(str(where))!r} was given: use a condition such as 'b > a'")
-    return tuple(one for text in texts for one in _parse(text, tuple(keys)))
+    return tuple(part for text in texts for part in _parse(text, tuple(keys)))
 
 
 def find_broken(values: dict, conditions) -> str | None:
     """Return the text of the first condition that a point does not satisfy, or None."""
-    return next((one.text for one in conditions if not one.holds(values)), None)
+    return next((condition.text for condition in conditions if not condition.holds(values)), None)
 
 
 def _parse(text: str, keys: tuple[str, ...]) -> list[Condition]:
@@ -143,11 +143,11 @@ def _dotted_name(node: ast.AST) -> str | None:
 
 
 def _find_key(name: str, text: str, keys: tuple[str, ...]) -> str:
-    found = [key for key in keys if key == name] or [key for key in keys if key.endswith(f".{name}")]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise _refusal(text, f"{name!r} may be {' or '.join(found)}", "give the whole name")
+    matches = [key for key in keys if key == name] or [key for key in keys if key.endswith(f".{name}")]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise _refusal(text, f"{name!r} may be {' or '.join(matches)}", "give the whole name")
     raise _refusal(text, f"{shortened(name)!r} is not a swept key", f"the keys are {shortened(', '.join(keys))}")
 
 

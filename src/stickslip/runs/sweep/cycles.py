@@ -19,24 +19,24 @@ MOST = 500  # members that are drawn
 BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # times of the figure, in median recurrence times, and their number
 
 
-def write_cycles(folder: Path, chosen: Sweep, names: list[str], found: list[dict | None]) -> Path | None:
+def write_cycles(folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None]) -> Path | None:
     """Write the figure into the folder of a sweep, if at least three members of its experiment have cycles."""
     experiment = EXPERIMENTS[scenario_class(chosen.base).model_fields["experiment"].default]
     if experiment.cycles is None:
         return None
-    known = {name: _recurrence(one) for name, one in zip(names, found, strict=True)}
+    known = {name: _recurrence(output) for name, output in zip(names, outputs, strict=True)}
     known = {name: time for name, time in known.items() if np.isfinite(time)}
     if len(known) < 3:
         return None
     recurrence = np.array(list(known.values()))
     since = np.linspace(-BEFORE, SPAN, POINTS) * np.median(recurrence)
     histories = (experiment.cycles(archive.read(folder / MEMBERS / name / NUMBERS)) for name in list(known)[:MOST])
-    curves = [curve for one in histories if (curve := repeated_slip(*one, since)) is not None]
+    curves = [curve for history in histories if (curve := repeated_slip(*history, since)) is not None]
     if len(curves) < 3:
         return None
     write_file(folder, FIGURE, png(cycles(since, np.array(curves), recurrence, without=len(names) - len(known))))
     return folder / FIGURE
 
 
-def _recurrence(one: dict | None) -> float:
-    return one["measures"].get("recurrence", (np.nan,))[0] if one else np.nan
+def _recurrence(output: dict | None) -> float:
+    return output["measures"].get("recurrence", (np.nan,))[0] if output else np.nan

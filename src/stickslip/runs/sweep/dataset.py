@@ -20,7 +20,7 @@ from .definition import Sweep
 
 DATASET = "sweep.nc"
 POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
-WORDS = 300  # characters of a failure message that are saved
+LONGEST = 300  # characters of a failure message that are saved
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -49,25 +49,25 @@ def open_sweep(folder: str | Path) -> xr.Dataset:
     path = path / DATASET if path.is_dir() else path
     try:
         check_regular_file(path, "give the folder of a finished sweep")
-        with xr.open_dataset(path, engine="scipy") as found:
-            return found.load()
+        with xr.open_dataset(path, engine="scipy") as dataset:
+            return dataset.load()
     except (OSError, TypeError, ValueError):
         raise ValueError(f"{path} does not contain a sweep: give the folder of a finished sweep") from None
 
 
-def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> None:
+def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> None:
     """Write the dataset atomically.
 
     Parameters
     ----------
     names : folder of each member, in order
-    found : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
+    outputs : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
     failures : error message of each member, or an empty string
     """
-    write_file(folder, DATASET, bytes(build_dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+    write_file(folder, DATASET, bytes(build_dataset(chosen, names, outputs, failures).to_netcdf(engine="scipy")))
 
 
-def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
+def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> xr.Dataset:
     """Build the dataset of a sweep; arguments are those of `write_sweep`."""
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
@@ -78,14 +78,14 @@ def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], fai
     def shaped(values, **attributes):
         return dims, np.reshape(values, chosen.shape), attributes
 
-    units = {name: unit for one in found if one for name, (_, unit) in one["measures"].items()}
-    variables = {name: shaped([_value(one, name) for one in found], units=unit) for name, unit in units.items()}
-    spent = [one["seconds"] if one else np.nan for one in found]
+    units = {name: unit for output in outputs if output for name, (_, unit) in output["measures"].items()}
+    variables = {name: shaped([_value(output, name) for output in outputs], units=unit) for name, unit in units.items()}
+    spent = [output["seconds"] if output else np.nan for output in outputs]
     variables["seconds"] = shaped(spent, units="s", long_name="run time of the member")
-    variables["finished"] = shaped(np.array([one is not None for one in found], np.int8))
+    variables["finished"] = shaped(np.array([output is not None for output in outputs], np.int8))
     variables["member"] = shaped(np.array(names), long_name="folder in members/")
     if any(failures):
-        variables["failure"] = shaped(np.array([words[:WORDS] for words in failures]))
+        variables["failure"] = shaped(np.array([failure[:LONGEST] for failure in failures]))
     about = {
         "title": f"sweep of {kind.model_fields['experiment'].default}",
         "source": f"stickslip {__version__}",
@@ -111,9 +111,9 @@ def _labels(axis: Axis) -> np.ndarray:
 
 def _attributes(description: str | None) -> dict:
     """Return the attributes of a scenario key: its description, and the unit in the description's last brackets."""
-    words, unit = split_unit(description)
-    return ({"units": unit} if unit else {}) | ({"long_name": words} if words else {})
+    meaning, unit = split_unit(description)
+    return ({"units": unit} if unit else {}) | ({"long_name": meaning} if meaning else {})
 
 
-def _value(one: dict | None, name: str) -> float:
-    return one["measures"][name][0] if one and name in one["measures"] else np.nan
+def _value(output: dict | None, name: str) -> float:
+    return output["measures"][name][0] if output and name in output["measures"] else np.nan

@@ -19,19 +19,17 @@ import numpy as np
 
 from ...core.arguments import checked
 from ...core.readable import format_value, pluralize, readable
-from ...core.sizes import MOST, Size, require_sizes
+from ...core.sizes import Size, require_sizes
 from ...data.dotted_keys import field_at, with_value
 from ...data.law_file import trust_law_files, with_checksums
-from ...data.schema import ScenarioBase, ScenarioError, split_unit
+from ...data.schema import ScenarioBase, ScenarioError, split_unit, validate_table
 from ...experiments.registry import read_tables, scenario, scenario_class
-from .axes import Axis, check_integer, column_values, flatten_entries, parse_axis
+from .axes import OPTIONS, Axis, Options, flatten, make_axis, parse_entry, swept_entries
 from .condition import find_broken, parse_conditions
 from .draws import read_draws
-from .points import DRAWS, check_effort, describe_refusals, latin_hypercubes, quantiles, sobol_points
+from .points import BATCHES, check_effort, describe_refusals, quantiles
 
-MODES = ("grid", "zip", "sample")
 FEWER = "use fewer values"
-OPTIONS = ("mode", "number", "draw", "draw_seed", "where", "draws")
 
 
 @readable(head=lambda chosen: _describe(chosen), rows=lambda chosen: _rows(chosen))
@@ -57,11 +55,10 @@ class Sweep(NamedTuple):
     @property
     def groups(self) -> tuple[tuple[Axis, ...], ...]:
         """Axes that vary together, for each dimension."""
-        if self.mode == "grid":
-            columns = tuple(axis for axis in self.axes if axis.kind == "column")
-            return tuple(filter(None, (columns, *((axis,) for axis in self.axes if axis.kind != "column"))))
-        points = tuple(axis for axis in self.axes if axis.kind != "count")
-        return tuple(group for group in (points, *((a,) for a in self.axes if a.kind == "count")) if group)
+        together = [axis.kind == "column" if self.mode == "grid" else axis.kind != "count" for axis in self.axes]
+        first = tuple(axis for axis, joined in zip(self.axes, together, strict=True) if joined)
+        others = ((axis,) for axis, joined in zip(self.axes, together, strict=True) if not joined)
+        return tuple(filter(None, (first, *others)))
 
     @property
     def count(self) -> int:
@@ -72,8 +69,8 @@ class Sweep(NamedTuple):
     def refusals(self) -> str:
         """One sentence on the points that were refused; empty if there are none."""
         count = sum(many for _, many in self.refused)
-        words = f"{count} of {self.tried} points were refused: {describe_refusals(dict(self.refused))}."
-        return words if count else ""
+        sentence = f"{count} of {self.tried} points were refused: {describe_refusals(dict(self.refused))}."
+        return sentence if count else ""
 
     @property
     def digest(self) -> str:
@@ -133,7 +130,7 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     ...     experiment="rate-state",
     ...     sweep={"surface.a": [0.01, 0.02], "seed": {"count": 3}},
     ... )
-    >>> grid.count, [one.values for one in members(grid)][1]
+    >>> grid.count, [member.values for member in members(grid)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """
     if trust:
@@ -143,22 +140,22 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a [sweep] table whose keys have lists of values, or distributions")
     kind = scenario_class(base)
-    mode = _check_options(table)
-    entries = flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})
+    options = validate_table(Options, {key: table[key] for key in OPTIONS if key in table}, "sweep")
+    entries = {key: parse_entry(key, entry) for key, entry in swept_entries(table).items()}
     if not entries:
         raise ScenarioError('[sweep] contains no keys: give one, such as "law.mu" = [0.2, 0.4]')
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
             raise ScenarioError(f"sweep.{key} was given, but law files cannot be swept: make one sweep for each file")
-    table = _embed_draws(table, entries, kind)
-    tables = tables | {"sweep": table}
-    axes = tuple(parse_axis(key, entry, base, table) for key, entry in entries.items())
-    if mode == "zip":
+    draws = read_draws(options.draws, entries, kind)
+    text = json.dumps(tables | {"sweep": table | ({"draws": draws} if draws else {})}, indent=1, default=str)
+    axes = tuple(make_axis(key, entry, base.get("seed", 0), options, draws) for key, entry in entries.items())
+    if options.mode == "zip":
         _check_same_length(axes)
-    found = _select_points(Sweep(base, axes, mode, json.dumps(tables, indent=1, default=str)), table)
-    require_sizes([Size("[sweep] defines", found.count, "members", FEWER)], ScenarioError)
-    return found
+    chosen = _select_points(Sweep(base, axes, options.mode, text), options)
+    require_sizes([Size("[sweep] defines", chosen.count, "members", FEWER)], ScenarioError)
+    return chosen
 
 
 def members(chosen: Sweep) -> Iterator[Member]:
@@ -180,139 +177,85 @@ def member(chosen: Sweep, k: int) -> Member:
     places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
     values = {axis.key: axis.values[place] for place, group in places for axis in group}
     try:
-        one = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
+        validated = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
-    return Member(_member_name(values, one), values, one)
+    return Member(_member_name(values, validated), values, validated)
 
 
 def describe_differences(old: dict, new: dict) -> str:
     """Describe how the tables of two sweeps differ; the result is empty if only the values of swept keys differ."""
     (base, keys, mode), (its_base, its_keys, its_mode) = map(_split_tables, (old, new))
-    words = []
+    differences = []
     if set(keys) != set(its_keys):
-        words.append(f"the old sweep has keys {', '.join(keys)}, the new one {', '.join(its_keys)}")
+        differences.append(f"the old sweep has keys {', '.join(keys)}, the new one {', '.join(its_keys)}")
     if mode != its_mode:
-        words.append(f"the mode was {mode} and is now {its_mode}")
+        differences.append(f"the mode was {mode} and is now {its_mode}")
     changed = [key for key in dict.fromkeys((*base, *its_base)) if base.get(key) != its_base.get(key)]
     for key in changed[:3]:
-        there, here = (json.dumps(one[key])[:60] if key in one else "not given" for one in (base, its_base))
-        words.append(f"{key} was {there} and is now {here}")
+        there, here = (json.dumps(keys[key])[:60] if key in keys else "not given" for keys in (base, its_base))
+        differences.append(f"{key} was {there} and is now {here}")
     if len(changed) > 3:
-        words.append(f"{len(changed) - 3} more keys differ")
-    return ", ".join(words)
+        differences.append(f"{len(changed) - 3} more keys differ")
+    return ", ".join(differences)
 
 
 def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     """Return the dotted keys of the base with their values, the swept keys, and the mode."""
     table = tables.get("sweep", {})
-    base = {"experiment": "disk-array"} | _flatten({k: v for k, v in tables.items() if k != "sweep"})
-    return base, list(flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
+    base = {"experiment": "disk-array"} | flatten({k: v for k, v in tables.items() if k != "sweep"})
+    return base, list(swept_entries(table)), table.get("mode", "grid")
 
 
-def _flatten(table: dict, above: str = "") -> dict:
-    out = {}
-    for key, value in table.items():
-        out |= _flatten(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
-    return out
+def _member_name(values: dict, scenario: ScenarioBase) -> str:
+    label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
+    return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{scenario.digest[:10]}"
 
 
-def _member_name(values: dict, one: ScenarioBase) -> str:
-    words = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
-    return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"
-
-
-def _check_options(table: dict) -> str:
-    """Check the options of a [sweep] table and return its mode."""
-    mode, number, draw = table.get("mode", "grid"), table.get("number"), table.get("draw")
-    if mode not in MODES:
-        raise ScenarioError(f"sweep.mode = {mode!r} was given: use {', '.join(map(repr, MODES))}")
-    if number is not None:
-        check_integer("sweep.number", number, 1, MOST)
-    if mode == "sample" and number is None:
-        raise ScenarioError('sweep.mode = "sample" needs the number of points: give sweep.number')
-    if mode == "grid" and number is not None:
-        raise ScenarioError("sweep.number is only for zip and sample: in a grid, give each distribution its own number")
-    if draw is not None and draw not in DRAWS:
-        raise ScenarioError(f"sweep.draw = {draw!r} was given: use {', '.join(map(repr, DRAWS))}")
-    if draw is not None and mode != "sample":
-        raise ScenarioError('sweep.draw was given, but only points of a sample are drawn: set sweep.mode = "sample"')
-    check_integer("sweep.draw_seed", table.get("draw_seed", 0), 0)
-    return mode
-
-
-def _embed_draws(table: dict, entries: dict, kind) -> dict:
-    """Return the table with the columns of `draws` that are used, instead of the name of their file."""
-    users = {k: v for k, v in entries.items() if isinstance(v, dict) and "column" in v}
-    if "draws" not in table:
-        if users:
-            raise ScenarioError(f"sweep.{next(iter(users))} names a column: give the file with sweep.draws")
-        return table
-    return table | {"draws": read_draws(table["draws"], users, kind)}
-
-
-def _select_points(found: Sweep, table: dict) -> Sweep:
+def _select_points(chosen: Sweep, options: Options) -> Sweep:
     """Draw the points of a sample, and leave out the points that do not satisfy the conditions."""
-    free = [axis for axis in found.axes if axis.kind != "count"]
-    conditions = parse_conditions(table["where"], [axis.key for axis in free]) if "where" in table else ()
-    if found.mode == "sample" and free:
-        return _draw_sample(found, free, table, conditions)
-    if not conditions:
-        return found
-    many = math.prod(n for group, n in zip(found.groups, found.shape, strict=True) if group[0].kind != "count")
-    require_sizes([Size("[sweep] defines", many, "points", FEWER)], ScenarioError)
-    groups = [group for group in found.groups if group[0].kind != "count"]
-    rows = product(*(zip(*(axis.values for axis in group), strict=True) for group in groups))
+    groups = [group for group in chosen.groups if group[0].kind != "count"]
     keys = [axis.key for group in groups for axis in group]
-    points = [dict(zip(keys, sum(row, ()), strict=True)) for row in rows]
-    broken = [find_broken(point, conditions) for point in points]
-    counts = {one.text: broken.count(one.text) for one in conditions}
-    kept = [point for point, words in zip(points, broken, strict=True) if words is None]
-    if not kept:
-        raise ScenarioError(f"sweep.where refuses all {many} points: {describe_refusals(counts)}")
-    return _with_points(found, kept)._replace(mode="zip", tried=many, refused=tuple(counts.items()))
+    conditions = () if options.where is None else parse_conditions(options.where, keys)
+    sampled = chosen.mode == "sample" and bool(keys)
+    if not (sampled or conditions):
+        return chosen
+    if sampled:
+        number, rows = options.number, _sample_rows(groups[0], options)
+    else:
+        number = math.prod(len(group[0].values) for group in groups)
+        require_sizes([Size("[sweep] defines", number, "points", FEWER)], ScenarioError)
+        rows = (sum(row, ()) for row in product(*(zip(*(a.values for a in group), strict=True) for group in groups)))
+    points, refused = [], {condition.text: 0 for condition in conditions}
+    for tried, row in enumerate(rows, start=1):
+        broken = find_broken(dict(zip(keys, row, strict=True)), conditions)
+        if broken is None:
+            points.append(row)
+        else:
+            refused[broken] += 1
+        if len(points) == number:
+            break
+        if sampled and tried % number == 0:
+            check_effort(len(points), tried, refused)
+    if not points:
+        raise ScenarioError(f"sweep.where refuses all {number} points: {describe_refusals(refused)}")
+    values = dict(zip(keys, zip(*points, strict=True), strict=True))
+    axes = tuple(axis._replace(values=values.get(axis.key, axis.values)) for axis in chosen.axes)
+    mode, tried = "sample" if sampled else "zip", tried if conditions else 0
+    return chosen._replace(axes=axes, mode=mode, tried=tried, refused=tuple(refused.items()))
 
 
-def _with_points(found: Sweep, points: list[dict]) -> Sweep:
-    axes = (
-        axis if axis.kind == "count" else axis._replace(values=tuple(p[axis.key] for p in points))
-        for axis in found.axes
-    )
-    return found._replace(axes=tuple(axes))
+def _sample_rows(axes: tuple[Axis, ...], options: Options) -> Iterator[tuple]:
+    """Yield random points without end; the columns of a table of draws share a coordinate, which chooses the row."""
+    names = ["draws" if axis.kind == "column" else axis.key for axis in axes]
+    for share in BATCHES[options.draw](list(dict.fromkeys(names)), options.number, options.draw_seed):
+        yield from zip(*(_sample(axis, share[name]) for axis, name in zip(axes, names, strict=True)), strict=True)
 
 
-def _draw_sample(found: Sweep, free: list[Axis], table: dict, conditions) -> Sweep:
-    """Draw points until enough satisfy the conditions."""
-    number, points, tried = table["number"], [], 0
-    refused = dict.fromkeys((one.text for one in conditions), 0)
-    keys, names = [axis.key for axis in free], list(dict.fromkeys(_coordinate(axis) for axis in free))
-    batches = sobol_points if table.get("draw") == "sobol" else latin_hypercubes
-    for share in batches(names, number, table.get("draw_seed", 0)):
-        columns = [_sample_values(axis, share[_coordinate(axis)], table.get("draws")) for axis in free]
-        for row in zip(*columns, strict=True):
-            point, tried = dict(zip(keys, row, strict=True)), tried + 1
-            broken = find_broken(point, conditions)
-            if broken is not None:
-                refused[broken] += 1
-                continue
-            points.append(point)
-            if len(points) == number:
-                counts = tuple(refused.items())
-                return _with_points(found, points)._replace(tried=tried if conditions else 0, refused=counts)
-        check_effort(len(points), tried, refused)
-    raise AssertionError("batches do not end")
-
-
-def _coordinate(axis: Axis) -> str:
-    """Name of the random coordinate of an axis; the columns of a table of draws share one, which chooses the row."""
-    return "draws" if axis.kind == "column" else axis.key
-
-
-def _sample_values(axis: Axis, share: np.ndarray, draws: dict | None) -> tuple:
-    if axis.kind in ("list", "column"):
-        values = axis.entry if axis.kind == "list" else column_values(axis.entry, draws)
-        return tuple(values[int(s * len(values))] for s in share)
-    return quantiles(axis.kind, axis.entry[axis.kind], share)
+def _sample(axis: Axis, share: np.ndarray) -> tuple:
+    if axis.values:
+        return tuple(axis.values[int(s * len(axis.values))] for s in share)
+    return quantiles(axis.kind, axis.parameters, share)
 
 
 def _check_same_length(axes: tuple[Axis, ...]) -> None:

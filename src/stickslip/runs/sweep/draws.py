@@ -1,6 +1,5 @@
 """Tables of draws whose rows become the points of a sweep, such as the posterior of a fit."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -8,35 +7,38 @@ import numpy as np
 from ...core.tables import read_table, split_label
 from ...core.text import parse_number
 from ...data.dotted_keys import field_at
-from ...data.schema import LARGEST, ScenarioError
+from ...data.schema import LARGEST, ScenarioError, split_unit
+from .axes import Values
 
 MOST_ROWS = 100_000  # the values are part of the text of the sweep
 PLAIN = ("", "-", "1")  # units of numbers
 
 
-def read_draws(draws, entries: dict[str, dict], kind) -> dict[str, list[float]]:
+def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
     """Return the columns of a table of draws that a sweep uses, {name: values}.
 
     Parameters
     ----------
     draws : path of a CSV file with headers such as `dc [m]`, or {name: values}
-    entries : {key: {"column": name}} of the swept keys that take their values from the table
+    entries : those of all swept keys
     kind : class of the scenario; the unit in a header must be that of the key, unless the entry has a factor `times`
     """
-    if not entries:
+    columns = {key: entry for key, entry in entries.items() if isinstance(entry, Values) and entry.column is not None}
+    if draws is None:
+        if columns:
+            raise ScenarioError(f"sweep.{next(iter(columns))} names a column: give the file with sweep.draws")
+        return {}
+    if not columns:
         raise ScenarioError('sweep.draws was given, but no key uses it: give one, as "surface.a" = {column = "a"}')
-    table, units = (_read_file(Path(draws)), True) if isinstance(draws, str | Path) else (_check_table(draws), False)
-    out = {}
-    for key, entry in entries.items():
-        name = entry["column"]
-        if not isinstance(name, str):
-            raise ScenarioError(f"sweep.{key}.column = {name!r} was given: use the name of a column of sweep.draws")
+    of_file = isinstance(draws, str | Path)
+    table, out = _read_file(Path(draws)) if of_file else _check_table(draws), {}
+    for key, entry in columns.items():
+        name = entry.column
         if name not in table:
             raise ScenarioError(f"sweep.{key}: sweep.draws has no column {name!r}: its columns are {', '.join(table)}")
-        unit, values = table[name]
-        if units and "times" not in entry:
+        unit, out[name] = table[name]
+        if of_file and entry.times is None:
             _check_unit(key, name, unit, field_at(kind, key).description)
-        out[name] = values
     lengths = {name: len(values) for name, values in out.items()}
     if len(set(lengths.values())) > 1:
         raise ScenarioError(f"the columns of sweep.draws have different lengths: {lengths}")
@@ -87,8 +89,7 @@ def _check_table(draws) -> dict[str, tuple[str, list[float]]]:
 
 
 def _check_unit(key: str, name: str, unit: str, description: str | None) -> None:
-    found = re.search(r"\[([^\]]*)\]$", description or "")
-    wanted = found[1] if found else ""
+    wanted = split_unit(description)[1]
     if unit != wanted and not (unit in PLAIN and wanted in PLAIN):
         raise ScenarioError(
             f"sweep.{key}: column {name!r} is in [{unit or '-'}] and the key in [{wanted or '-'}]: give the factor "

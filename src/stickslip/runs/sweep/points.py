@@ -9,7 +9,6 @@ import numpy as np
 
 from ...data.schema import ScenarioError
 
-DRAWS = ("latin-hypercube", "sobol")
 FEWEST = 0.01  # share of accepted points below which drawing is given up
 LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # points drawn before that, and in all
 
@@ -42,16 +41,19 @@ def sobol_points(names, number: int, seed: int) -> Iterator[dict[str, np.ndarray
     while True:
         with warnings.catch_warnings():  # SciPy's advice on powers of two is in the documentation
             warnings.simplefilter("ignore", UserWarning)
-            yield {name: one.random(number)[:, -1] for name, one in zip(names, sequences, strict=True)}
+            yield {name: sobol.random(number)[:, -1] for name, sobol in zip(names, sequences, strict=True)}
 
 
-def quantiles(kind: str, entry, share: np.ndarray) -> tuple:
-    """Return the quantiles of a distribution at given probabilities."""
+BATCHES = {"latin-hypercube": latin_hypercubes, "sobol": sobol_points}
+
+
+def quantiles(kind: str, parameters, share: np.ndarray) -> tuple:
+    """Return the quantiles of a distribution at given probabilities; its parameters are two ends, or `Normal`."""
     if kind == "normal":
         from scipy.special import ndtri
 
-        return tuple((entry["mean"] + entry["sd"] * ndtri(np.clip(share, 1e-16, 1 - 1e-16))).tolist())
-    low, high = entry
+        return tuple((parameters.mean + parameters.sd * ndtri(np.clip(share, 1e-16, 1 - 1e-16))).tolist())
+    low, high = parameters
     if kind == "integers":
         return tuple(np.minimum(low + np.floor(share * (high - low + 1)), high).astype(int).tolist())
     if kind in ("loguniform", "geomspace"):

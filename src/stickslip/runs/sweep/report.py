@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.text import Text
 
+from ...core.progress import silent, within
 from ...core.units import in_readable_units
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
 from ...data.law_file import check_law_files
@@ -20,7 +21,7 @@ from ..resume import read_json
 from .cycles import FIGURE, write_cycles
 from .dataset import DATASET
 from .definition import Sweep, describe_differences, member
-from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
+from .run import MANY, SweepResult, estimate, is_same_sweep, read_finished, run_sweep, validate_members
 
 OURS = (SWEEP, OPTIONS, DATASET, FIGURE, MEMBERS)
 LISTED = 10  # failures that are listed
@@ -52,23 +53,18 @@ def run_with_progress(
         if not confirm():
             return None
     with progress() as report:
-        report_checks = (
-            (lambda share, words: report("checking scenarios", share, words)) if chosen.count > MANY else None
-        )
-        names = validate_members(chosen, report_checks)
-        if target != out:
-            _discard_other_sweep(target, chosen)
-        done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names)) if target.exists() else 0
+        names = validate_members(chosen, report if chosen.count > MANY else silent)
+        if target != out and not is_same_sweep(target / SWEEP, chosen.text):
+            shutil.rmtree(target, ignore_errors=True)
+        done = _count_finished(target, names)
         stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
-
-        def line(share: float, words: str, left: float | None) -> None:
-            report(stage, share, words, left)
-
-        line(0.0, f"on {where.words}", None)
+        report(stage, 0.0, f"on {where.words}")
         try:
-            swept = run_sweep(chosen, target, names=names, workers=workers, figures=figures, report=line)
+            swept = run_sweep(
+                chosen, target, names=names, workers=workers, figures=figures, report=within(report, stage=stage)
+            )
         except KeyboardInterrupt:
-            done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names))
+            done = _count_finished(target, names)
             console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
         write_cycles(target, chosen, swept.names, swept.found)
@@ -78,6 +74,10 @@ def run_with_progress(
         (target / READY).touch()
         _install_results(out, overwrite=True)
     return swept
+
+
+def _count_finished(folder: Path, names: list[str]) -> int:
+    return sum(read_finished(folder / MEMBERS / name) is not None for name in set(names))
 
 
 def _describe_size(chosen: Sweep) -> str:
@@ -120,16 +120,6 @@ def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
     return bool(differ)
 
 
-def _discard_other_sweep(target: Path, chosen: Sweep) -> None:
-    """Remove a folder unless an earlier call wrote it for the same sweep."""
-    try:
-        same = (target / SWEEP).read_text(encoding="utf-8") == chosen.text
-    except (OSError, ValueError):
-        same = False
-    if not same:
-        shutil.rmtree(target, ignore_errors=True)
-
-
 def _install_results(out: Path, overwrite: bool = False) -> None:
     """Move a complete sweep into place; if the process is killed during the move, the next call finishes it.
 
@@ -153,7 +143,7 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
 
 def show(swept: SweepResult) -> None:
     """Print the ranges of the measures, and the failures."""
-    rows = [one for one in swept.found if one]
+    rows = [output for output in swept.found if output]
     names = ("measure", "unit", "members", "least", "median", "greatest")
     title = f"Measures of {len(rows)} of {len(swept.names)} members"
     table = new_table(*names, title=title, left=("measure", "unit"))
@@ -163,9 +153,9 @@ def show(swept: SweepResult) -> None:
         table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
-    failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
-    for name, words in failed[:LISTED]:
-        console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
+    failed = [(name, failure) for name, failure in zip(swept.names, swept.failures, strict=True) if failure]
+    for name, failure in failed[:LISTED]:
+        console.print(Text.assemble((name, "yellow"), f": {failure}"), soft_wrap=True)
     if len(failed) > LISTED:
         console.print(f"… and {len(failed) - LISTED} more: see the variable `failure` of the dataset")
     if swept.reused:
@@ -175,14 +165,12 @@ def show(swept: SweepResult) -> None:
 
 def ranges(swept: SweepResult) -> dict[str, dict]:
     """Return {measure: unit, number of members that have it, minimum, median and maximum}."""
-    rows, out = [one for one in swept.found if one], {}
-    for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
-        values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
+    rows, out = [output for output in swept.found if output], {}
+    for name, unit in {name: unit for row in rows for name, (_, unit) in row["measures"].items()}.items():
+        values = np.array([row["measures"].get(name, (np.nan,))[0] for row in rows])
         values = values[np.isfinite(values)]
-        found = (values.min(), np.median(values), values.max()) if len(values) else (None, None, None)
-        out[name] = {"unit": unit, "members": len(values)} | dict(
-            zip(("least", "median", "greatest"), found, strict=True)
-        )
+        least, median, greatest = (f(values) if len(values) else None for f in (np.min, np.median, np.max))
+        out[name] = {"unit": unit, "members": len(values), "least": least, "median": median, "greatest": greatest}
     return out
 
 

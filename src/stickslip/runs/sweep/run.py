@@ -5,13 +5,13 @@ import math
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
 from ...core.arguments import checked
+from ...core.progress import Report, silent, within
 from ...core.readable import readable
 from ...data.archive import ArchiveError
 from ...data.atomic import write_atomically
@@ -19,9 +19,9 @@ from ...data.checkpoint import MEMBERS, SWEEP
 from ...data.checkpoint import remove_checkpoint as drop_pieces
 from ...data.manifest import add_to_manifest, write_file
 from ...data.run_files import NUMBERS, OPTIONS, list_files
-from ...ensemble import Workers, reach, run_members, trial
+from ...data.schema import ScenarioBase
+from ...ensemble import Workers, run_members, trial
 from ...experiments.experiment import named_measures
-from ...experiments.realizations import silent
 from ...experiments.registry import experiment_of
 from ...reports.terminal import format_duration
 from ..folder import staged_results
@@ -55,7 +55,7 @@ class SweepResult(NamedTuple):
     reused: int  # number of members that were already finished
 
 
-def validate_members(chosen: Sweep, report=None) -> list[str]:
+def validate_members(chosen: Sweep, report: Report = silent) -> list[str]:
     """Validate the scenarios of all members and return their names.
 
     Raises
@@ -66,8 +66,8 @@ def validate_members(chosen: Sweep, report=None) -> list[str]:
     names = []
     for k in range(chosen.count):
         names.append(member(chosen, k).name)
-        if report and (k + 1) % 500 == 0:
-            report((k + 1) / chosen.count, f"{k + 1} of {chosen.count}")
+        if (k + 1) % 500 == 0:
+            report("checking scenarios", (k + 1) / chosen.count, f"{k + 1} of {chosen.count}")
     return names
 
 
@@ -78,9 +78,9 @@ def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
     PROBE seconds in a local process.
     """
     some = (read_finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
-    known = [one["seconds"] for one in some if one]
+    known = [output["seconds"] for output in some if output]
     if known:
-        one, words = statistics.median(known), "finished members took {:.2g} s"
+        seconds, basis = statistics.median(known), "finished members took {:.2g} s"
     else:
         tried = trial(_time_first_member, (chosen.text,), PROBE)
         if tried is None:
@@ -88,8 +88,8 @@ def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
             return f"more than {format_duration(least)}, since the first member takes longer than {PROBE:g} s"
         if tried.failure:
             return f"unknown time, since the first member fails ({tried.failure})"
-        one, words = tried.result, "a trial run of the first member took {:.2g} s"
-    return f"about {format_duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
+        seconds, basis = tried.result, "a trial run of the first member took {:.2g} s"
+    return f"about {format_duration(seconds * chosen.count / max(1, slots))}: {basis.format(seconds)}"
 
 
 def _time_first_member(text: str) -> float:
@@ -129,7 +129,7 @@ def run_sweep(
     names: list[str] | None = None,
     workers: Workers = None,
     figures: bool = False,
-    report: Callable = lambda share, words, left: None,
+    report: Report = silent,
 ) -> SweepResult:
     """Run all members that are not in the folder yet, and write the dataset of all finished ones.
 
@@ -138,67 +138,38 @@ def run_sweep(
     names : names of all members, if already validated
     workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
     figures : whether each member also draws its figures
-    report : called as report(fraction of the pending work done, text, seconds left or None)
+    report : called as report(stage, share of the pending work done, text)
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
     write_file(folder, OPTIONS, json.dumps({"figures": figures}).encode())
     write_file(folder, SWEEP, chosen.text.encode())
     add_to_manifest(folder, MEMBERS)
-    found = [read_finished(folder / MEMBERS / name) for name in names]
+    outputs = [read_finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may contain a scenario twice
-    failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
-    watch = _Progress(len(missing), reach(workers).slots, report)
+    failures, missing = [""] * len(names), [k for k in first.values() if outputs[k] is None][::-1]
 
-    def keep(place: int, left: MemberOutput) -> None:
-        found[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], left)
-        watch.seconds += left.seconds
+    def save(place: int, output: MemberOutput) -> None:
+        outputs[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], output)
 
     tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), figures) for k in missing]
     try:
-        done = run_members(_run_member, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
-        for k, one in zip(missing, done, strict=True):
-            failures[k] = one.failure or ""
+        done = run_members(_run_member, tasks, workers=workers, report=report, save=save)
+        for k, result in zip(missing, done, strict=True):
+            failures[k] = result.failure or ""
     finally:
-        found = [found[first[name]] for name in names]
-        write_sweep(folder, chosen, names, found, failures)
-    return SweepResult(chosen, names, found, failures, len(first) - len(missing))
+        outputs = [outputs[first[name]] for name in names]
+        write_sweep(folder, chosen, names, outputs, failures)
+    return SweepResult(chosen, names, outputs, failures, len(first) - len(missing))
 
 
-class _Progress:
-    """Progress of a sweep and its estimated remaining time."""
-
-    def __init__(self, total: int, slots: int, report):
-        self.total, self.slots, self.callback = total, max(1, min(slots, total)), report
-        self.start, self.done, self.failed, self.seconds, self.last = time.monotonic(), 0, 0, 0.0, ""
-
-    def live(self, share: float, words: str) -> None:
-        self.last = words
-        failed = f", {self.failed} failed" if self.failed else ""
-        self.callback(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
-
-    def report(self, done: int, total: int, one) -> None:
-        self.done, self.failed = self.done + 1, self.failed + bool(one.failure)
-        self.live(0.0, one.failure or self.last)
-
-    def left(self) -> float | None:
-        """Return the estimated remaining seconds, or None if unknown.
-
-        The estimate uses the run times of finished members, and their rate once many have finished.
-        """
-        good, missing = self.done - self.failed, self.total - self.done
-        if self.done >= 3 * self.slots:
-            return missing * (time.monotonic() - self.start) / self.done
-        return missing * self.seconds / good / min(self.slots, missing) if good and missing else None
-
-
-def _store_output(folder: Path, left: MemberOutput) -> dict:
+def _store_output(folder: Path, output: MemberOutput) -> dict:
     """Write the files of a member to its folder, and finally its measures, which mark it as finished."""
-    if left.files:
+    if output.files:
         with staged_results(folder) as staging:
-            for name, data in left.files.items():
+            for name, data in output.files.items():
                 (staging / name).write_bytes(data)
-    known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
+    known = {"stickslip": __version__, "seconds": output.seconds, "measures": output.measures}
     write_atomically(folder / MEASURES, json.dumps(known, indent=1).encode())
     return known
 
@@ -210,43 +181,38 @@ def _parse_sweep(text: str) -> Sweep:
 
 def _run_member(text: str, k: int, folder: str, figures: bool, report) -> MemberOutput:
     """Run one member in any process, in its folder if the process can access it; otherwise return its files."""
-    one, place = member(_parse_sweep(text), k), Path(folder)
-    assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
-    words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
-    report(0.0, words)
-    if _is_same_sweep(place.parent.parent / SWEEP, text):
-        seconds, measures = _run_in_folder(one.scenario, place, figures, words, report)
-        return MemberOutput(seconds, measures, {})
+    chosen, place = member(_parse_sweep(text), k), Path(folder)
+    assert place.name in (chosen.name, FIRST), f"{place.name} is not {chosen.name}"
+    label = ", ".join(
+        f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in chosen.values.items()
+    )
+    report(label, 0.0, "started")
+    report = within(report, prefix=f"{label}: ")
+    if is_same_sweep(place.parent.parent / SWEEP, text):
+        return MemberOutput(*_run_in_folder(chosen.scenario, place, figures, report), {})
     with tempfile.TemporaryDirectory() as scratch:
-        seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, report)
-        files = list_files(Path(scratch) / place.name)
-        return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
+        folder = Path(scratch) / place.name
+        seconds, measures = _run_in_folder(chosen.scenario, folder, figures, report)
+        return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in list_files(folder)})
 
 
-def _is_same_sweep(path: Path, text: str) -> bool:
+def is_same_sweep(path: Path, text: str) -> bool:
+    """Return True if a file contains the text of a sweep."""
     try:
         return path.read_text(encoding="utf-8") == text
-    except OSError:
+    except (OSError, ValueError):
         return False
 
 
-def _run_in_folder(one, folder: Path, figures: bool, words: str, report) -> tuple[float, dict]:
+def _run_in_folder(scenario: ScenarioBase, folder: Path, figures: bool, report: Report) -> tuple[float, dict]:
     """Run a scenario, write its files, and return the seconds taken and the measures."""
-    start, experiment = time.perf_counter(), experiment_of(one)
-
-    def simulate():
-        return experiment.simulate(
-            one, folder=folder, workers=1, report=lambda *now: report(now[1], f"{words}: {now[0]}, {now[2]}")
-        )
-
+    start, experiment = time.perf_counter(), experiment_of(scenario)
+    simulate = partial(experiment.simulate, scenario, folder=folder, workers=1, report=report)
     try:
         result = simulate()
     except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
         drop_pieces(folder)
         result = simulate()
-    if figures:
-        write_result(folder, experiment, result)
-    else:
-        write_numbers(folder, experiment, result)
+    (write_result if figures else write_numbers)(folder, experiment, result)
     measures = {name: [value, unit] for name, (value, unit) in named_measures(experiment, result).items()}
     return time.perf_counter() - start, measures
