@@ -10,6 +10,9 @@ stable_window   range of loads without complex pairs nearest to a given load
 free_run        Newtonian dynamics from a state, with M(t) and events
 fit_growth      growth rate and frequency fitted to M(t)
 kinetic_threshold   load from which on kicked samples slide, and at which sliding ones stop
+response_envelope   response to small strains or stresses in all directions, and its second-order work
+Envelope        its result
+localisation    plane across which a shear band forms most easily
 find_events     discontinuities of quasi-static shear, bracketed and classified
 release         undamped run from an unstable state, with snapshots of its spectrum
 lammps_engine   LAMMPS as the engine of `run`

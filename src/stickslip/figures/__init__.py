@@ -11,6 +11,7 @@ Any packing
 What follows an instability
 
     growth_by_amplitude    growth rate of a pair at finite amplitude
+    response_envelopes     stress and second-order work of small strains in all directions
     bursts                 amplitude of a pair in a free run, with the predicted envelopes
     static_and_kinetic     share of kicked runs that slide and their lifetimes, with static thresholds
 

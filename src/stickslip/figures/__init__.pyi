@@ -8,8 +8,8 @@ from . import rate_state as rate_state
 from . import sphere_shear as sphere_shear
 from .animation import movie as movie
 from .claims import claims_chart as claims_chart
-from .grains import packing as packing
 from .envelopes import response_envelopes as response_envelopes
+from .grains import packing as packing
 from .instability import bursts as bursts
 from .instability import growth_by_amplitude as growth_by_amplitude
 from .instability import static_and_kinetic as static_and_kinetic

@@ -12,7 +12,7 @@ from .style import BLACK, COLORS, RED, WIDTH, axis_label, styled
 def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: tuple[str, str] = ("yy", "xx")):
     """Responses of several states to probes in one plane: stress per unit strain, and second-order work by direction.
 
-    Dashed curves are the elastic part, if contacts at the limit stick. Red wedges are directions of strain with negative
+    Dashed curves are the elastic part, if contacts at the limit stick. Red bands are directions of strain with negative
     second-order work.
 
     Parameters
@@ -35,6 +35,7 @@ def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: t
     left.axhline(0, color=BLACK, lw=0.4)
     left.axvline(0, color=BLACK, lw=0.4)
     left.set_aspect("equal", "datalim")
+    left.locator_params(nbins=5)
     left.set_xlabel(axis_label(f"dσ along {names[1]} per unit strain", "force/length"))
     left.set_ylabel(axis_label(f"dσ along {names[0]} per unit strain", "force/length"))
     right.axhline(0, color=BLACK, lw=0.4)

@@ -5,6 +5,7 @@ stiffness_matrix, damping_matrix, quadratic_form    matrices and energy derived 
 contact_status      status of all contacts under a load rate
 complementarity, status_map, consistent_statuses, statuses_at_apex  the underlying problem, and slower ways to solve it
 certificate         uniqueness of the status
+probe_statuses      contact status and strain under small stresses of a periodic cell
 mechanisms          motions that nothing resists
 load_path, with_load    piecewise-linear path from event to event
 slow_dynamics       the same path by slow dynamics
