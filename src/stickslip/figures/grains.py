@@ -267,7 +267,7 @@ def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = Tr
         handles.append(Line2D([], [], color=BLACK, lw=0.5, label="periodic cell"))
     if len(frame.state.walls.mass):
         handles.append(Line2D([], [], color="0.25", lw=0.9, label="walls"))
-    columns = int(axes.figure.get_figwidth() // LEGEND)
+    columns = max(1, int(axes.figure.get_figwidth() // LEGEND))
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), columns),
         columnspacing=1.2,

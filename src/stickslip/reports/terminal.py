@@ -64,7 +64,7 @@ class _Bars(Progress):
             return
         for task in self.tasks:
             yield self.make_tasks_table([task])
-            yield Text(f"  {task.fields['message']}", style="dim", no_wrap=True, overflow="ellipsis")
+            yield Text(f"  {task.fields['text']}", style="dim", no_wrap=True, overflow="ellipsis")
 
 
 def _columns():
@@ -77,7 +77,7 @@ def _columns():
     yield TextColumn("{task.fields[left]}", table_column=left)
     if console.width >= WIDE:
         column = Column(no_wrap=True, overflow="ellipsis", ratio=1)
-        yield TextColumn("{task.fields[message]}", table_column=column, markup=False)
+        yield TextColumn("{task.fields[text]}", table_column=column, markup=False)
 
 
 @contextmanager
@@ -98,7 +98,7 @@ def progress(*, transient: bool = False):
             if stage not in stages:
                 for task in stages.values():
                     bar.update(task, total=1.0, completed=1.0, left="")
-                stages[stage] = bar.add_task(stage, total=1.0, words=text, left="")
+                stages[stage] = bar.add_task(stage, total=1.0, text=text, left="")
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
             history = past.setdefault(stage, [])
             if len(history) > 1000:
@@ -107,7 +107,7 @@ def progress(*, transient: bool = False):
             left = estimate_left(history)
             shown = f"{share:.0%}" if 0 < share < 1 else ""
             bar.update(
-                task, completed=share, words=text, left=shown if left is None else f"{format_duration(left)} left"
+                task, completed=share, text=text, left=shown if left is None else f"{format_duration(left)} left"
             )
             if plain_line:
                 plain_line(stage, share, text, left)
