@@ -12,8 +12,9 @@ from ..solve.newton import Factorisation, approach, at_rest, newton
 from .compression import Scales, critical_mass, stopped
 
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
-LEVELS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+LEVELS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # at the last one, the sample is taken for at rest in any case
 DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
+OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
 
 
@@ -32,7 +33,8 @@ def settle(
     Returns
     -------
     State, Outcome
-        `outcome.fallback` is True if dynamics was needed
+        `outcome.fallback` is True if dynamics was needed. The residual is then at most 1e-8 of the force of a contact
+        that carries the pressure, even if Newton's method does not reach the tolerance
 
     Raises
     ------
@@ -44,17 +46,16 @@ def settle(
     if first.ok:
         return at_rest(point), first
     keep.solve, here, spent = None, state, 0
-    levels = [level for share in LEVELS if (level := share * scales.force) > tolerance]
-    for level in (*levels, 0.5 * tolerance):
-        here, outcome, steps = _damp(here, law, scales, level, LONGEST - spent)
+    for share in LEVELS:
+        here, outcome, steps = _damp(here, law, scales, share * scales.force, LONGEST - spent)
         spent += steps
-        if outcome.ok:
-            end, outcome = newton(stopped(here)._replace(time=state.time), law, tolerance=tolerance, patience=patience)
-        if outcome.ok:
-            return end, outcome._replace(how=f"damped dynamics, {spent} steps, then {outcome.how}", fallback=True)
-        if outcome.broken or spent >= LONGEST:
-            break
-    raise NotInEquilibriumError("the sample does not come to rest", outcome)
+        if not outcome.ok:
+            raise NotInEquilibriumError("the sample does not come to rest", outcome)
+        rest = stopped(here)._replace(time=state.time)
+        end, solved = newton(rest, law, tolerance=tolerance, patience=patience)
+        if solved.ok:
+            return end, solved._replace(how=f"damped dynamics, {spent} steps, then {solved.how}", fallback=True)
+    return rest, outcome._replace(how=f"damped dynamics, {spent} steps", fallback=True)
 
 
 def _damp(state: State, law: Law, scales: Scales, level: float, most: int) -> tuple[State, Outcome, int]:
@@ -67,10 +68,10 @@ def _damp(state: State, law: Law, scales: Scales, level: float, most: int) -> tu
             return state, outcome, spent
 
 
-def servo_mass(state: State, pressure: float, scales: Scales, rate: float, share: float) -> float:
-    """Mass of a cell that follows the stress to within a share of the pressure while it deforms at a rate [mass].
+def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0) -> float:
+    """Mass of a cell that follows the stress to within `OFFSET` of the pressure while it deforms at a rate [mass].
 
     Under the drag ν the stress exceeds the wanted one by M ℓ² ν L/V. The mass is at most the critical one.
     """
-    dim, drag = state.cell.dim, DRAG / scales.time
-    return min(share * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), critical_mass(state, pressure, scales))
+    dim, drag, most = state.cell.dim, DRAG / scales.time, critical_mass(state, pressure, scales)
+    return min(OFFSET * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), most) if rate else most

@@ -90,7 +90,9 @@ def work(series: ElementSeries) -> np.ndarray:
     """Work done on a sample over its initial volume, (T,), by the trapezoidal rule [energy/length^dim]."""
     normal = np.diagonal(series.stress, axis1=1, axis2=2)
     force = np.column_stack([normal, -series.stress[:, 0, 1]]) * np.exp(-series.strain[:, :3].sum(axis=1))[:, None]
-    steps = 0.5 * (force[1:] + force[:-1]) * np.diff(series.strain, axis=0)
+    change = np.diff(series.strain, axis=0)
+    change[:, 3] -= 0.5 * (series.strain[1:, 3] + series.strain[:-1, 3]) * change[:, 1]  # of the lean by its own height
+    steps = 0.5 * (force[1:] + force[:-1]) * change
     return np.append(0.0, np.cumsum(steps.sum(axis=1)))
 
 
@@ -106,7 +108,7 @@ class Leg(NamedTuple):
 
     def slope(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Slope of values against the load over some rows; NaN if they are too few."""
-        if rows.sum() < FEW:
+        if rows.sum() < FEW or not np.ptp(self.load[rows]) > 0:
             return np.full(values.shape[1:], NAN)
         return np.polyfit(self.load[rows], values[rows], 1)[0]
 

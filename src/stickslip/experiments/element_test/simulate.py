@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.contacts.forces import forces, unbalanced_forces
+from ...core.contacts.forces import accept, forces, unbalanced_forces
 from ...core.contacts.memory import FROZEN
 from ...core.control import strained_at
 from ...core.dynamics.cell_motion import strained
@@ -17,13 +17,13 @@ from ...core.laws.builtin import Law, with_values
 from ...core.measure import contact_forces, coordination, fabric, least_supports, packing_fraction, stress, touching
 from ...core.outcome import NotInEquilibriumError
 from ...core.readable import readable
-from ...core.state import SLIDE, State
+from ...core.state import SLIDE, State, loads
 from ...core.units import Fields
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.schema import ScenarioError
 from ...ensemble import Workers
 from ...loading.compression import Scales, check_pressure, compressed, compression_scales
-from ...loading.packing import PackingInfo
+from ...loading.packing import PackingInfo, packing_info
 from ...loading.settling import DRAG, servo_mass, settle
 from ...solve.moduli import elastic_moduli
 from ...solve.newton import Factorisation
@@ -37,7 +37,6 @@ from .scenario import FIRST, GROWTH, ElementTestScenario
 BALANCED = 1e-9  # tolerance of equilibria over p D^(dim−1)
 FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
 FOLLOWS = 30  # largest number of corrections of such a stress in a step
-OFFSET = 1e-3  # largest deviation of a controlled stress in dynamics due to the drag on the cell, over the pressure
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
 MODULI_UP_TO = 5000  # grains up to which elastic moduli are computed
@@ -224,7 +223,16 @@ def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, tell: Calla
         law=slippery, seed=seed, tolerance=BALANCED * sample.pressure * area,
         report=lambda share, words: tell(0.0, f"sample {seed}: compression, {words}"),
     )  # fmt: skip
-    return state, packed
+    if friction is None:
+        return state, packed
+    tolerance = BALANCED * sample.pressure * area
+    every = Drive(np.zeros((3, 3)), tuple(range(sample.dim)))
+    scales = compression_scales(state, law, sample.pressure, tolerance)
+    mass = servo_mass(state, sample.pressure, scales)
+    state = controlled(accept(state, forces(state, law)[1]), every, np.full(3, sample.pressure), mass)
+    end, _ = settle(state, law, scales, tolerance=tolerance, keep=Factorisation())
+    end = end._replace(control=loads(sample.grains))
+    return end, packing_info(end, law)
 
 
 def _small_strain(state: State, law: Law) -> SmallStrain:
@@ -256,7 +264,7 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
 
 def _follow(rig: Rig, kept: Checkpoint | None, tell: Callable) -> tuple[ElementSeries, State, str]:
     """Series along the path, its last state, and the reason for which it ended early."""
-    loads, pieces = loads_of(rig.scenario), []
+    wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}"))
     done = sum(len(piece.rows["load"]) for piece in pieces)
@@ -270,15 +278,17 @@ def _follow(rig: Rig, kept: Checkpoint | None, tell: Callable) -> tuple[ElementS
         rows.clear()
 
     move = quasi_static if rig.scenario.path.integrator == "quasi-static" else dynamic
-    steps = move(rig, state, loads, done)
+    steps = move(rig, state, wanted, done)
     try:
         for state, load, rearranged in steps:
             rows.append(_measure(rig, state, load, rearranged))
-            tell((done := done + 1) / len(loads), _words(rows[-1], rig.dim))
+            tell((done := done + 1) / len(wanted), _words(rows[-1], rig.dim))
             if time.monotonic() - saved > SAVE_EVERY:
                 keep()
                 saved = time.monotonic()
     except NotInEquilibriumError as problem:
+        if not (rows or pieces):
+            raise
         ended = str(problem)
     if rows:
         keep()
@@ -314,7 +324,7 @@ def _strained(state: State, drive: Drive, step: float) -> State:
 def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales) -> tuple[State, np.ndarray, bool]:
     """Equilibrium under the stresses that the path asks for, those stresses, and whether dynamics was needed."""
     path, p, dim = rig.scenario.path, rig.scenario.sample.pressure, rig.dim
-    mass, rearranged, share, before = _mass(rig, state, scales), False, 0.4, None
+    mass, rearranged, share, before = servo_mass(state, p, scales), False, 0.4, None
     for _ in range(FOLLOWS if depends_on_stress(path) else 1):
         state, outcome = settle(
             controlled(state, rig.drive, wanted, mass), rig.law, scales, tolerance=rig.tolerance, keep=rig.keep
@@ -333,11 +343,6 @@ def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales) -> tuple
     raise NotInEquilibriumError(f"the stresses of the path were not reached in {FOLLOWS} corrections", outcome)
 
 
-def _mass(rig: Rig, state: State, scales: Scales) -> float:
-    """Critical mass of the cell [mass]."""
-    return servo_mass(state, rig.scenario.sample.pressure, scales, 1e-300, OFFSET)
-
-
 def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
     """States at the loads from number `done` on of a test at a rate."""
     scenario = rig.scenario
@@ -345,7 +350,7 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
     isotropic = path.kind == "isotropic"
     rate = PRESSURE_RATE * rate if isotropic else rate
     scales = rig.scales(max(p, *(path.pressures or (p,))))
-    mass = servo_mass(rig.start, p, scales, scenario.rate, OFFSET)
+    mass = servo_mass(rig.start, p, scales, rate=scenario.rate)
     load = loads[max(done - 1, 0)]
     for k in range(done, len(loads)):
         steps = round(abs(loads[k] - load) / rate / scales.dt)
@@ -365,10 +370,10 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 
 def _measure(rig: Rig, state: State, load: float, rearranged: bool) -> dict:
     """Return one row of the series."""
-    loads, _ = forces(state, rig.law, memory=FROZEN)
+    load_now, _ = forces(state, rig.law, memory=FROZEN)
     rows = touching(state)
     between = np.linalg.norm(contact_forces(state, rig.law)[rows], axis=1).mean() if len(rows) else 0.0
-    pull = np.linalg.norm(unbalanced_forces(state, loads)[: len(state.grains.radius), :3], axis=1).mean()
+    pull = np.linalg.norm(unbalanced_forces(state, load_now)[: len(state.grains.radius), :3], axis=1).mean()
     principal = np.linalg.eigvalsh(fabric(state)[: rig.dim, : rig.dim])
     return {
         "load": load,
