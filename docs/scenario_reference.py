@@ -25,6 +25,7 @@ TITLES = {
     "catalogue": "Event catalogue scenarios",
     "fault": "Earthquake cycle scenarios",
     "threshold": "Threshold scenarios",
+    "element-test": "Element test scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 SWEEP = {

@@ -10,6 +10,7 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
+from stickslip.experiments.contact_law import make_law
 from stickslip.experiments.element_test import simulate as element
 from stickslip.experiments.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
 from stickslip.experiments.element_test.measures import (
@@ -45,7 +46,7 @@ def loaded(sample, **path):
 def spheres():
     """An isotropic sample of spheres, its scenario and its law."""
     chosen = scenario(SPHERES)
-    law = element.element_law(chosen)
+    law = make_law(chosen.law)
     state, _ = element._make_sample(chosen, law, 0, lambda *_: None)
     return chosen, law, state
 
@@ -175,7 +176,7 @@ def test_a_dynamic_undrained_test_keeps_its_volume():
 
 def test_friction_during_the_compression_controls_the_density():
     loose, dense = (
-        element._make_sample(chosen, element.element_law(chosen), 0, lambda *_: None)[1].packing_fraction
+        element._make_sample(chosen, make_law(chosen.law), 0, lambda *_: None)[1].packing_fraction
         for chosen in (scenario(DISKS | {"friction": mu, "grains": 100}) for mu in (1.0, 0.0))
     )
     assert dense > loose + 0.01
@@ -378,7 +379,7 @@ def test_a_pressure_that_grains_cannot_bear_is_refused_with_one_that_they_can(tm
     assert not list(tmp_path.iterdir())
     most = float(re.search(r"at most ([\d.e+]+)", str(caught.value))[1])
     chosen = scenario({"pressure": 0.99 * most})
-    element._check_pressures(chosen, element.element_law(chosen), None)
+    element._check_pressures(chosen, make_law(chosen.law), None)
 
 
 def test_a_law_with_more_friction_at_first_settles_under_its_own():

@@ -8,7 +8,6 @@ from matplotlib.ticker import PercentFormatter
 from ..core.arguments import Result
 from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, legend_above, styled
 
-STRESS = "force/length^(dim-1)"
 STRAINS = {
     "axial_strain": r"axial strain $\varepsilon_a$", "gamma": r"shear strain $\gamma$",
     "volumetric_strain": r"volumetric strain $\varepsilon_v$",
@@ -29,18 +28,19 @@ def _lines(axes, tables, x: str, y: str) -> None:
 
 
 @styled
-def stress_strain(tables: list[_Table], strain: str, halved: _Table | None = None):
+def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table | None = None):
     """Deviatoric stress and volumetric strain against the imposed strain, one line for each sample.
 
     Parameters
     ----------
     strain : name of the column of the imposed strain
+    unit : of stresses
     halved : series of the first sample in steps, or at a rate, half as large
     """
     figure, panels = column_axes(2, 3.8, sharex=True)
-    quantities = {"q": ("$q$", STRESS), "volumetric_strain": STRAINS["volumetric_strain"]}
+    quantities = {"q": ("$q$", unit), "volumetric_strain": STRAINS["volumetric_strain"]}
     if strain == "volumetric_strain":
-        quantities = {"p": ("$p$", STRESS), "void_ratio": "void ratio $e$"}
+        quantities = {"p": ("$p$", unit), "void_ratio": "void ratio $e$"}
     for axes, (name, words) in zip(panels, quantities.items(), strict=True):
         _lines(axes, tables, strain, name)
         if halved is not None:
@@ -53,23 +53,23 @@ def stress_strain(tables: list[_Table], strain: str, halved: _Table | None = Non
 
 
 @styled
-def stress_path(tables: list[_Table]):
+def stress_path(tables: list[_Table], unit: str):
     """Stress paths in the plane of mean and deviatoric stress."""
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
-    label_axes(axes, x=("$p$", STRESS), y=("$q$", STRESS))
+    label_axes(axes, x=("$p$", unit), y=("$q$", unit))
     legend_above(axes)
     return figure
 
 
 @styled
-def void_ratio(tables: list[_Table]):
+def void_ratio(tables: list[_Table], unit: str):
     """Void ratio against the logarithm of the mean stress."""
     figure, axes = column_axes()
     tables = [table | {"p": np.abs(table["p"])} for table in tables]
     _lines(axes, tables, "p", "void_ratio")
     axes.set_xscale("log")
-    label_axes(axes, x=("$p$", STRESS), y="void ratio $e$")
+    label_axes(axes, x=("$p$", unit), y="void ratio $e$")
     legend_above(axes)
     return figure
 
@@ -96,7 +96,7 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
     mass = diameter**dim
     axes.plot(curve.size, 100 * curve.passing, color=BLACK, lw=1.4, label="wanted")
     axes.step(diameter, 100 * np.cumsum(mass) / mass.sum(), where="post", color=BLUE, label=f"{len(diameter)} grains")
-    axes.set_xscale("log")
+    axes.set_xscale("log" if curve.size[-1] > 5 * curve.size[0] else "linear")
     label_axes(axes, x=("diameter", "length"), y="passing by mass")
     axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
     axes.set_ylim(0, 100)

@@ -21,7 +21,10 @@ def references(scenario: ElementTestScenario) -> dict[str, tuple[str, ...]]:
 
 SMALLEST = (
     {"sample": {"dim": 2, "grains": 50, "pressure": 100.0}, "path": {"strain": 2e-3, "step": 1e-3}},
-    {"sample": {"dim": 2, "grains": 50, "pressure": 100.0}, "path": {"strain": 1e-4, "integrator": "dynamic", "inertial_number": 1e-3}},
+    {
+        "sample": {"dim": 2, "grains": 50, "pressure": 100.0},
+        "path": {"strain": 1e-4, "integrator": "dynamic", "inertial_number": 1e-3},
+    },
 )
 
 EXPERIMENT = Experiment(

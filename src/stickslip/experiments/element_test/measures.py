@@ -12,7 +12,9 @@ from scipy.special import stdtrit
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries, ElementTestResult
 
-STEADY = 0.05  # largest dilatancy, and relative change of q/p and of p, over the last third of a leg at a critical state
+STEADY = (
+    0.05  # largest dilatancy, and relative change of q/p and of p, over the last third of a leg at a critical state
+)
 PEAK = 0.1  # share of the leg around the peak from which the dilatancy there is fitted
 BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
 FEW = 5  # rows that a slope needs

@@ -6,12 +6,23 @@ from pathlib import Path
 import numpy as np
 
 from ...core.tables import write_table
-from ...core.units import heading
+from ...core.units import heading, unit_name
 from ...data.nodes import archive_fields
 from ...data.run_files import SERIES
 from ...figures import element_test as figures_of
 from ...reports.terminal import console, new_table, show_table
-from .measures import MEANING, STRESS, UNITS, estimates, face_stress, friction_angle, invariants, measures, sentences, work
+from .measures import (
+    MEANING,
+    STRESS,
+    UNITS,
+    estimates,
+    face_stress,
+    friction_angle,
+    invariants,
+    measures,
+    sentences,
+    work,
+)
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementTestResult
 
@@ -43,14 +54,31 @@ def _tables(result: ElementTestResult) -> list[dict[str, np.ndarray]]:
     return [columns(run, result.scenario) for run in result.runs]
 
 
+def for_engineers(values, unit: str):
+    """Values and their unit for people: stresses in kPa instead of Pa."""
+    return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
+
+
+def _drawn(table: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Table of a series with stresses in the unit of figures."""
+    return {
+        name: for_engineers(values, unit_name(COLUMNS[name]))[0] if COLUMNS[name] == STRESS else values
+        for name, values in table.items()
+    }
+
+
 def figures(result: ElementTestResult):
     """Yield (file name, Figure) of a run."""
-    scenario, tables = result.scenario, _tables(result)
-    halved = result.checked and columns(result.checked, scenario)
+    scenario, tables, unit = (
+        result.scenario,
+        [_drawn(t) for t in _tables(result)],
+        for_engineers(0, unit_name(STRESS))[1],
+    )
+    halved = result.checked and _drawn(columns(result.checked, scenario))
     strain = {"simple-shear": "gamma", "isotropic": "volumetric_strain"}.get(scenario.path.kind, "axial_strain")
-    yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, halved)
-    yield "fig2_stress_path.png", figures_of.stress_path(tables)
-    yield "fig3_void_ratio.png", figures_of.void_ratio(tables)
+    yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved)
+    yield "fig2_stress_path.png", figures_of.stress_path(tables, unit)
+    yield "fig3_void_ratio.png", figures_of.void_ratio(tables, unit)
     yield "fig4_contacts.png", figures_of.contacts(tables, strain)
     curve, diameters = scenario.sample.grading.curve(), scenario.sample.diameters
     yield "fig5_grading.png", figures_of.grading(curve, diameters, scenario.sample.dim)
@@ -93,17 +121,10 @@ def show(result: ElementTestResult) -> None:
     scenario = result.scenario
     title = f"{scenario.path.kind} test of {len(result.runs)} samples of {scenario.sample.grains} grains"
     table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
-    units = {name: unit for name, (_, unit) in _named(result).items()}
     for name, found in estimates(result).items():
-        half = f"{found.half_width:.2g}" if np.isfinite(found.half_width) else "–"
-        table.add_row(name, f"{found.mean:.4g}", half, "" if units[name] == "1" else units[name], MEANING[name])
+        (mean, half), unit = for_engineers(np.array(found[:2]), unit_name(UNITS[name]))
+        width = f"{half:.2g}" if np.isfinite(half) else "–"
+        table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, MEANING[name])
     show_table(table)
     for sentence in (*sentences(result), *result.failures):
         console.print(f"  {sentence}", soft_wrap=True)
-
-
-def _named(result: ElementTestResult) -> dict[str, tuple[float, str]]:
-    from ..experiment import named_measures
-    from . import EXPERIMENT
-
-    return named_measures(EXPERIMENT, result)

@@ -112,7 +112,10 @@ class ElementSample(ScenarioTable):
     dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
     grading: Sizing = UniformSizes()
     density: Positive = Field(2650.0, description="of the grains [mass/length^dim]")
-    pressure: Positive = Field(1e5, description="isotropic pressure of the sample; a layer of disks of 1 mm under 100 kPa bears 100 N/m [force/length^(dim−1)]")
+    pressure: Positive = Field(
+        1e5,
+        description="isotropic pressure of the sample; a layer of disks of 1 mm under 100 kPa bears 100 N/m [force/length^(dim−1)]",
+    )
     friction: NotNegative | None = Field(
         None,
         description="friction coefficient during the compression, which controls the density: 0 makes the densest "
@@ -144,19 +147,25 @@ class ElementSample(ScenarioTable):
 
 @takes(
     "hertz_mindlin_reff", "hertz_mindlin", "linear", coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5,
-    damping=None, damping_n=None, damping_t=None, damping_ratio=None, restitution=None, speed=None, lever=None,
-    memory=None, rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,
+    damping="coeff_restitution", damping_n=0.3, damping_ratio=0.5, lever=None, memory=None, rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,
     gamma_twist=None, tension=False, file=None, parameters={}, checksum=None,
 )  # fmt: skip
 class ElementLaw(LawTable):
-    """Contact law; a restitution is that of two grains of the size D50."""
+    """Contact law. Dashpots bring grains to rest; equilibria do not depend on them."""
 
 
 class Loading(ScenarioTable):
     """Path of the load from the isotropic state: the strain in one direction is imposed, others follow the stress."""
 
     kind: Literal[
-        "isotropic", "oedometric", "triaxial", "constant-p", "undrained", "plane-strain", "true-triaxial", "simple-shear"
+        "isotropic",
+        "oedometric",
+        "triaxial",
+        "constant-p",
+        "undrained",
+        "plane-strain",
+        "true-triaxial",
+        "simple-shear",
     ] = Field(
         "triaxial",
         description="isotropic: the pressure changes; oedometric: no lateral strain; triaxial: constant lateral stress "
@@ -286,6 +295,8 @@ class ElementTestScenario(ScenarioBase):
 
     def sizes(self) -> Iterator[Size]:
         """Iterate over the steps of the path."""
-        turns = (0.0, *self.path.turns) if self.path.kind != "isotropic" else tuple(10 * log(p) for p in self.path.turns)
+        turns = (
+            (0.0, *self.path.turns) if self.path.kind != "isotropic" else tuple(10 * log(p) for p in self.path.turns)
+        )
         length = sum(abs(b - a) for a, b in zip(turns, turns[1:], strict=False))
         yield Size("path.strain takes", length / self.path.step, "load steps", "use a larger path.step")

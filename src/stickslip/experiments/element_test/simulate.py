@@ -34,7 +34,7 @@ from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
 from .scenario import FIRST, GROWTH, ElementTestScenario
 
-BALANCED = 1e-9  # tolerance of equilibria over p D^(dim−1)
+AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
 FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
@@ -146,7 +146,7 @@ def simulate_element_test(
     >>> round(abs(series.strain[:, :3].sum(axis=1)).max(), 12)
     np.float64(0.0)
     """
-    law, kept = element_law(scenario), checkpoint_in(folder, scenario, ElementRun, PackingInfo, SmallStrain, Piece)
+    law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, ElementRun, PackingInfo, SmallStrain, Piece)
     _check_pressures(scenario, law, kept)
     seeds = [scenario.seed + k for k in range(scenario.realizations)]
     jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
@@ -166,14 +166,6 @@ def _name(seed: int, half: bool) -> str:
 
 def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
     return kept and kept.of(_name(seed, half), PackingInfo, Piece)
-
-
-def element_law(scenario: ElementTestScenario) -> Law:
-    """Contact law of a scenario; a restitution is that of two grains of the size D50."""
-    sample = scenario.sample
-    size = float(sample.grading.curve().size_at(0.5))
-    volume = np.pi / 4 * size**2 if sample.dim == 2 else np.pi / 6 * size**3
-    return make_law(scenario.law, radius=0.5 * size, mass=sample.density * volume)
 
 
 def _check_pressures(scenario: ElementTestScenario, law: Law, kept: Checkpoint | None) -> None:
@@ -197,7 +189,7 @@ def load_sample(
     scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, tell: Callable
 ) -> ElementRun:
     """Make one sample and load it; with `half`, in steps, or at a rate, half as large."""
-    law = element_law(scenario)
+    law = make_law(scenario.law)
     kept = kept and kept.if_visible()
     state, packed = load_or_compute(kept, "packing", lambda: _make_sample(scenario, law, seed, tell))
     if half:
@@ -213,18 +205,16 @@ def load_sample(
 
 
 def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, tell: Callable) -> tuple[State, PackingInfo]:
-    """Isotropic sample, compressed with the friction that controls its density."""
+    """Isotropic sample, compressed with the friction that controls its density, then settled under its own law."""
     sample = scenario.sample
     friction = sample.friction
     slippery = law if friction is None else with_values(law, mu=friction)
     area = float(sample.diameters.mean()) ** (sample.dim - 1)
-    state, packed = compressed(
+    state, _ = compressed(
         sample.grains, pressure=sample.pressure, dim=sample.dim, radius=0.5 * sample.diameters, mass=_masses(scenario),
-        law=slippery, seed=seed, tolerance=BALANCED * sample.pressure * area,
+        law=slippery, seed=seed, tolerance=AT_REST * sample.pressure * area,
         report=lambda share, words: tell(0.0, f"sample {seed}: compression, {words}"),
     )  # fmt: skip
-    if friction is None:
-        return state, packed
     tolerance = BALANCED * sample.pressure * area
     every = Drive(np.zeros((3, 3)), tuple(range(sample.dim)))
     scales = compression_scales(state, law, sample.pressure, tolerance)
