@@ -55,8 +55,8 @@ def simulate(
 
     Returns
     -------
-    CatalogueResult, DiskArrayResult, ElementTestResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult, SliderResult or
-    ThresholdResult, with the scenario as `result.scenario`.
+    CatalogueResult, DiskArrayResult, ElementTestResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult,
+    SliderResult or ThresholdResult, with the scenario as `result.scenario`.
 
     Examples
     --------

@@ -79,7 +79,8 @@ def contacts(tables: list[_Table], strain: str):
     """Contact number, anisotropy of the fabric, and share of sliding contacts against the imposed strain."""
     figure, panels = column_axes(3, 4.6, sharex=True)
     words = {
-        "coordination": "contact number", "fabric_anisotropy": "fabric\nanisotropy", "sliding_fraction": "share of\nsliding contacts",
+        "coordination": "contact number", "fabric_anisotropy": "fabric\nanisotropy",
+        "sliding_fraction": "share of\nsliding contacts",
     }  # fmt: skip
     for axes, (name, label) in zip(panels, words.items(), strict=True):
         _lines(axes, tables, strain, name)

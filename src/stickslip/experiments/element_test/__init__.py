@@ -1,4 +1,4 @@
-"""Element tests: triaxial, oedometric, undrained and other tests of samples of disks or spheres, as soil engineers do."""
+"""Element tests: triaxial, oedometric, undrained and other tests of samples of soil, as engineers do them."""
 
 from functools import partial
 
@@ -19,12 +19,10 @@ def references(scenario: ElementTestScenario) -> dict[str, tuple[str, ...]]:
     }
 
 
+DISKS = {"dim": 2, "grains": 50, "pressure": 100.0}
 SMALLEST = (
-    {"sample": {"dim": 2, "grains": 50, "pressure": 100.0}, "path": {"strain": 2e-3, "step": 1e-3}},
-    {
-        "sample": {"dim": 2, "grains": 50, "pressure": 100.0},
-        "path": {"strain": 1e-4, "integrator": "dynamic", "inertial_number": 1e-3},
-    },
+    {"sample": DISKS, "path": {"strain": 2e-3, "step": 1e-3}},
+    {"sample": DISKS, "path": {"strain": 1e-4, "integrator": "dynamic", "inertial_number": 1e-3}},
 )
 
 EXPERIMENT = Experiment(

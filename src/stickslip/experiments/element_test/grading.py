@@ -32,8 +32,8 @@ def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
 
     Examples
     --------
-    >>> from_d10_d50_d60(1.0, 2.0, 2.2).size_at(0.5).round(9)
-    np.float64(2.0)
+    >>> from_d10_d50_d60(1.0, 2.0, 2.2).size_at(0.5).round(9).item()
+    2.0
     """
     require_positive(d10=d10, d50=d50, d60=d60)
     if not d10 < d50 < d60:
@@ -51,8 +51,8 @@ def diameters(grading: Grading, n: int, dim: int = 3) -> np.ndarray:
     Examples
     --------
     >>> curve = Grading(np.array([1.0, 2.0]), np.array([0.0, 1.0]))
-    >>> passing_of(diameters(curve, 2000), 1.5).round(3) == curve.passing_at(1.5).round(3)
-    np.True_
+    >>> round(passing_of(diameters(curve, 2000), 1.5), 3), round(float(curve.passing_at(1.5)), 3)
+    (0.585, 0.585)
     """
     step = np.interp(np.linspace(0, len(grading.size) - 1, POINTS), np.arange(len(grading.size)), grading.passing)
     middle = 0.5 * (step[1:] + step[:-1])

@@ -4,6 +4,7 @@ p and q are those of the critical-state literature: p = tr σ/3 and q = √(3 J�
 q = σ₁ − σ₂ for disks. q is negative where the axial stress is the smallest. Angles are in degrees.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +13,7 @@ from scipy.special import stdtrit
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries, ElementTestResult
 
-STEADY = (
-    0.05  # largest dilatancy, and relative change of q/p and of p, over the last third of a leg at a critical state
-)
+STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
 PEAK = 0.1  # share of the leg around the peak from which the dilatancy there is fitted
 BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
 FEW = 5  # rows that a slope needs
@@ -121,9 +120,7 @@ def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
     edges = [0, *turns, len(series.load) - 1]
     stress = face_stress(series, kind)
     columns = (series.load, series.strain, *invariants(stress, dim), friction_angle(stress, dim), series.void_ratio)
-    return [
-        Leg(*(column[a : b + 1] for column in columns)) for a, b in zip(edges, edges[1:], strict=False) if b > a
-    ] or [Leg(*columns)]
+    return [Leg(*(column[a : b + 1] for column in columns)) for a, b in pairwise(edges) if b > a] or [Leg(*columns)]
 
 
 def numbers_of(run: ElementRun, scenario: ElementTestScenario) -> dict[str, float]:
@@ -197,7 +194,7 @@ def _rowe(leg: Leg, kind: str) -> dict[str, float]:
         return {}
     edges = np.linspace(leg.load[0], leg.load[-1], BINS + 1)
     ratio, dilatancy = [], []
-    for a, b in zip(edges[1:-1], edges[2:], strict=True):  # without the first bin, which is elastic
+    for a, b in pairwise(edges[1:]):  # without the first bin, which is elastic
         rows = (leg.load >= a) & (leg.load <= b)
         sine = np.sin(np.radians(leg.angle[rows].mean())) if rows.any() else NAN
         ratio.append((1 + sine) / (1 - sine))
@@ -279,9 +276,9 @@ def _missing(result: ElementTestResult) -> list[str]:
     number = sum(bool(np.isfinite(numbers_of(run, result.scenario)["phi_residual"])) for run in result.runs)
     if sheared and number < len(result.runs):
         out.append(
-            f"{number} of {len(result.runs)} samples reached a critical state, in which volume, q/p and p change by less "
-            f"than {STEADY:.0%} over the last third of the path, so that the residual angle is undecided: use a larger "
-            f"strain or more grains."
+            f"{number} of {len(result.runs)} samples reached a critical state, in which volume, q/p and p change by "
+            f"less than {STEADY:.0%} over the last third of the path, so that the residual angle is undecided: use a "
+            f"larger strain or more grains."
         )
     return out
 

@@ -11,18 +11,7 @@ from ...data.nodes import archive_fields
 from ...data.run_files import SERIES
 from ...figures import element_test as figures_of
 from ...reports.terminal import console, new_table, show_table
-from .measures import (
-    MEANING,
-    STRESS,
-    UNITS,
-    estimates,
-    face_stress,
-    friction_angle,
-    invariants,
-    measures,
-    sentences,
-    work,
-)
+from .measures import MEANING, STRESS, UNITS, estimates, face_stress, friction_angle, invariants, sentences, work
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementTestResult
 
@@ -38,7 +27,8 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
     series, dim, stress = run.series, scenario.sample.dim, face_stress(run.series, scenario.path.kind)
     p, q = invariants(stress, dim)
     signed = {
-        "axial_strain": series.strain[:, dim - 1], "volumetric_strain": series.strain[:, :3].sum(axis=1), "p": p, "q": q,
+        "axial_strain": series.strain[:, dim - 1], "volumetric_strain": series.strain[:, :3].sum(axis=1),
+        "p": p, "q": q,
         **{f"sigma_{a}{b}": series.stress[:, "xyz".index(a), "xyz".index(b)] for a, b in ("xx", "yy", "zz", "xy")},
     }  # fmt: skip
     plain = {

@@ -1,6 +1,7 @@
 """Scenario of an element test: a sample of grains in a periodic cell, its grading and density, and a load path."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from math import exp, log, pi, sqrt
 from typing import Annotated, Literal
 
@@ -9,7 +10,7 @@ from pydantic import Field, model_validator
 
 from ...core.sizes import Size
 from ...data.law_schema import LawTable, takes
-from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, UnitNames
+from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit
 
 QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi, doi:10.1140/epje/i2003-10153-0)
@@ -114,7 +115,8 @@ class ElementSample(ScenarioTable):
     density: Positive = Field(2650.0, description="of the grains [mass/length^dim]")
     pressure: Positive = Field(
         1e5,
-        description="isotropic pressure of the sample; a layer of disks of 1 mm under 100 kPa bears 100 N/m [force/length^(dim−1)]",
+        description="isotropic pressure of the sample; a layer of disks of 1 mm under 100 kPa bears 100 N/m "
+        "[force/length^(dim−1)]",
     )
     friction: NotNegative | None = Field(
         None,
@@ -146,9 +148,10 @@ class ElementSample(ScenarioTable):
 
 
 @takes(
-    "hertz_mindlin_reff", "hertz_mindlin", "linear", coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5,
-    damping="coeff_restitution", damping_n=0.3, damping_ratio=0.5, lever=None, memory=None, rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,
-    gamma_twist=None, tension=False, file=None, parameters={}, checksum=None,
+    "hertz_mindlin_reff", "hertz_mindlin", "linear", coulomb="sharp", kn=None, kt=None, young=None, poisson=None,
+    mu=0.5, damping="coeff_restitution", damping_n=0.3, damping_ratio=0.5, lever=None, memory=None, rolling=None,
+    k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None, gamma_twist=None,
+    tension=False, file=None, parameters={}, checksum=None,
 )  # fmt: skip
 class ElementLaw(LawTable):
     """Contact law. Dashpots bring grains to rest; equilibria do not depend on them."""
@@ -216,18 +219,15 @@ class Loading(ScenarioTable):
             name = "rate" if self.rate else "inertial_number"
             raise ValueError(f'path.{name} was given with integrator = "quasi-static", which has none: leave it out')
         turns = (0.0, *self.turns) if self.kind != "isotropic" else self.turns
-        if not self.turns or any(a == b for a, b in zip(turns, turns[1:], strict=False)):
+        if not self.turns or any(a == b for a, b in pairwise(turns)):
             raise ValueError(f"path.strain = {self.strain} was given: each entry must differ from the one before")
         return self
 
 
 class ElementTestScenario(ScenarioBase):
-    """Everything that defines an element test."""
+    """Everything that defines an element test. Units are SI unless others are named."""
 
     experiment: Literal["element-test"] = "element-test"
-    units: Literal["SI"] | UnitNames | None = Field(
-        "SI", description="units of all numbers: printed with them, and without effect on them"
-    )
     seed: Seed = 0
     realizations: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1, description="number of samples, with seeds seed, seed + 1, …"
@@ -241,6 +241,11 @@ class ElementTestScenario(ScenarioBase):
     check: bool = Field(
         False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_units(cls, tables):
+        return tables | {"units": tables.get("units") or "SI"} if isinstance(tables, dict) else tables
 
     @property
     def sign(self) -> int:
@@ -295,8 +300,7 @@ class ElementTestScenario(ScenarioBase):
 
     def sizes(self) -> Iterator[Size]:
         """Iterate over the steps of the path."""
-        turns = (
-            (0.0, *self.path.turns) if self.path.kind != "isotropic" else tuple(10 * log(p) for p in self.path.turns)
-        )
-        length = sum(abs(b - a) for a, b in zip(turns, turns[1:], strict=False))
+        isotropic = self.path.kind == "isotropic"
+        turns = tuple(10 * log(p) for p in self.path.turns) if isotropic else (0.0, *self.path.turns)
+        length = sum(abs(b - a) for a, b in pairwise(turns))
         yield Size("path.strain takes", length / self.path.step, "load steps", "use a larger path.step")
