@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.core.units import in_units
+from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.runs.sweep.run import run_sweep
 from tests.unit.test_measures import UNITS

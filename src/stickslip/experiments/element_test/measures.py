@@ -204,7 +204,8 @@ def _rowe(leg: Leg, kind: str) -> dict[str, float]:
         return {}
     k = (ratio @ dilatancy) / (dilatancy @ dilatancy)
     angle = float(np.degrees(np.arcsin((k - 1) / (k + 1))))
-    return {"phi_rowe": angle, "rowe_correlation": float(np.corrcoef(ratio, dilatancy)[0, 1])}
+    varies = min(np.ptp(ratio), np.ptp(dilatancy)) > 1e-9
+    return {"phi_rowe": angle, "rowe_correlation": float(np.corrcoef(ratio, dilatancy)[0, 1]) if varies else NAN}
 
 
 class Estimate(NamedTuple):
