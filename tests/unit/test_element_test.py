@@ -208,6 +208,8 @@ def test_angles_and_invariants_by_hand():
     assert friction_angle(stress, 3) == pytest.approx([30.0, np.degrees(np.arcsin(1 / 3)), 0.0])
     sheared = np.array([[[1.0, -0.5, 0], [-0.5, 1.0, 0], [0, 0, 1.0]]])
     assert friction_angle(sheared, 3) == pytest.approx([30.0])
+    assert invariants(sheared, 3)[1] == pytest.approx([0.5 * 3**0.5])
+    assert invariants(-sheared + 2 * np.eye(3), 3)[1] == pytest.approx([-0.5 * 3**0.5])
     assert dilatancy_angle(np.array([-0.6, -0.6, 1.0, 0.0]), 3) == pytest.approx(np.degrees(np.arcsin(0.2 / 2.2)))
     assert dilatancy_angle(np.array([0.0, -0.5, 0.0, 1.0]), 2) == pytest.approx(np.degrees(np.arctan(0.5)))
 

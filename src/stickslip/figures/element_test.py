@@ -14,7 +14,7 @@ STRAINS = {
 }  # fmt: skip
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
-_Curve = Annotated[Any, Result("Grading", ("size", "passing"))]
+_Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
 
 
 def _lines(axes, tables, x: str, y: str) -> None:
@@ -64,11 +64,12 @@ def stress_path(tables: list[_Table], unit: str):
 
 @styled
 def void_ratio(tables: list[_Table], unit: str):
-    """Void ratio against the logarithm of the mean stress."""
+    """Void ratio against the mean stress, on a logarithmic axis unless it changes by less than a factor of 3."""
     figure, axes = column_axes()
     tables = [table | {"p": np.abs(table["p"])} for table in tables]
     _lines(axes, tables, "p", "void_ratio")
-    axes.set_xscale("log")
+    low, high = (bound([bound(table["p"]) for table in tables]) for bound in (np.min, np.max))
+    axes.set_xscale("log" if high > 3 * low else "linear")
     label_axes(axes, x=("$p$", unit), y="void ratio $e$")
     legend_above(axes)
     return figure
@@ -95,7 +96,8 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
     """Curve of passing by mass: the wanted one, and that of the grains."""
     figure, axes = column_axes()
     mass = diameter**dim
-    axes.plot(curve.size, 100 * curve.passing, color=BLACK, lw=1.4, label="wanted")
+    sizes = np.geomspace(curve.size[0], curve.size[-1], 200)
+    axes.plot(sizes, 100 * curve.passing_at(sizes), color=BLACK, lw=1.4, label="wanted")
     axes.step(diameter, 100 * np.cumsum(mass) / mass.sum(), where="post", color=BLUE, label=f"{len(diameter)} grains")
     axes.set_xscale("log" if curve.size[-1] > 5 * curve.size[0] else "linear")
     label_axes(axes, x=("diameter", "length"), y="passing by mass")

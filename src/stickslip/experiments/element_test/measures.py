@@ -1,7 +1,7 @@
 """Numbers that soil engineers read off an element test, with their intervals over samples.
 
 p and q are those of the critical-state literature: p = tr σ/3 and q = √(3 J₂) for spheres, p = (σ₁ + σ₂)/2 and
-q = σ₁ − σ₂ for disks. q is negative where the axial stress is the smallest. Angles are in degrees.
+q = σ₁ − σ₂ for disks. q is negative in extension, and for negative γ. Angles are in degrees.
 """
 
 from itertools import pairwise
@@ -48,12 +48,13 @@ def face_stress(series: ElementSeries, kind: str) -> np.ndarray:
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean stress p and deviatoric stress q of stresses (T, 3, 3)."""
+    """Mean stress p and deviatoric stress q of stresses (T, 3, 3), negative in extension and if −σ_xy is."""
     part = 0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim]
     p = np.trace(part, axis1=1, axis2=2) / dim
     deviator = part - p[:, None, None] * np.eye(dim)
     size = np.sqrt((1.5 if dim == 3 else 2.0) * (deviator**2).sum(axis=(1, 2)))
-    return p, np.where(deviator[:, -1, -1] < -1e-9 * p, -size, size)
+    lead = np.where(part[:, 0, 1] != 0, -part[:, 0, 1], deviator[:, -1, -1] + 1e-9 * p)
+    return p, np.where(lead < 0, -size, size)
 
 
 def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:

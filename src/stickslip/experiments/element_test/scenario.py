@@ -17,6 +17,7 @@ QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi,
 NARROWEST = 2.0  # least width of the cell over the largest diameter
 DENSITY = {2: 0.8, 3: 0.6}  # packing fractions for estimates before the sample is made
 FIRST, GROWTH = 1e-6, 1.5  # first strain step of a leg, and the growth of the steps after it
+LOG_STEP = 100.0  # step of ln p on an isotropic path over the step of the strain on others
 Shares = Annotated[tuple[Annotated[float, Field(ge=0, le=100)], ...], Listed]
 Sizes = Annotated[tuple[Positive, ...], Listed]
 
@@ -185,7 +186,7 @@ class Loading(ScenarioTable):
         None, description="pressures of an isotropic path, between which it leads [force/length^(dim−1)]"
     )
     step: Annotated[float, Field(gt=FIRST, le=0.1)] = Field(
-        5e-4, description="largest strain step; the change of ln p over 10 on an isotropic path"
+        5e-4, description="largest strain step; 1 % of the change of ln p on an isotropic path"
     )
     b: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="(σ₂ − σ₃)/(σ₁ − σ₃) of a true triaxial path"
@@ -301,6 +302,6 @@ class ElementTestScenario(ScenarioBase):
     def sizes(self) -> Iterator[Size]:
         """Iterate over the steps of the path."""
         isotropic = self.path.kind == "isotropic"
-        turns = tuple(10 * log(p) for p in self.path.turns) if isotropic else (0.0, *self.path.turns)
+        turns = tuple(log(p) / LOG_STEP for p in self.path.turns) if isotropic else (0.0, *self.path.turns)
         length = sum(abs(b - a) for a, b in pairwise(turns))
         yield Size("path.strain takes", length / self.path.step, "load steps", "use a larger path.step")

@@ -32,7 +32,7 @@ from ..experiment import result_of
 from ..realizations import Report, Task, run_realizations, silent
 from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
-from .scenario import FIRST, GROWTH, ElementTestScenario
+from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
 AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
@@ -240,7 +240,7 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
     path = scenario.path
     isotropic = path.kind == "isotropic"
     turns = np.log((scenario.sample.pressure, *path.turns)) if isotropic else np.array((0.0, *path.turns))
-    scale = 10.0 if isotropic else 1.0
+    scale = LOG_STEP if isotropic else 1.0
     out = [turns[:1]]
     for a, b in pairwise(turns):
         length, most = abs(b - a), scale * path.step
