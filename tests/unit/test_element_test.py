@@ -1,6 +1,7 @@
 """Element tests: gradings, paths, both integrators, and the numbers that are read off them."""
 
 import csv
+import json
 import re
 import sys
 
@@ -19,6 +20,7 @@ from stickslip.experiments.element_test.measures import (
     face_stress,
     friction_angle,
     invariants,
+    legs_of,
     numbers_of,
     sentences,
     work,
@@ -29,6 +31,7 @@ from stickslip.experiments.experiment import named_measures
 from stickslip.figures.style import png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
+from tests.unit import element_test_lammps
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}
 SPHERES = {"grains": 60, "friction": 0.1}
@@ -174,6 +177,15 @@ def test_a_dynamic_undrained_test_keeps_its_volume():
     assert np.abs(series.strain[:, :3].sum(axis=1)).max() < 1e-12
 
 
+def test_lammps_follows_the_same_path():
+    """Stresses from `python -m tests.unit.element_test_lammps`; slip in LAMMPS is of first order in the time step."""
+    state, _, _ = ss.io.read_packing(element_test_lammps.SAMPLE)
+    here = np.array(element_test_lammps.stresses(element_test_lammps.rig(state, "stickslip")))
+    there = np.array(json.loads(element_test_lammps.STORE.read_text(encoding="utf-8")))
+    assert there[-1, 2] - there[0, 2] > 5e3
+    np.testing.assert_allclose(here, there, rtol=2e-4)
+
+
 def test_friction_during_the_compression_controls_the_density():
     loose, dense = (
         element._make_sample(chosen, make_law(chosen.law), 0, lambda *_: None)[1].packing_fraction
@@ -251,6 +263,12 @@ def test_a_critical_state_is_found_only_where_volume_and_stresses_are_steady():
         found = numbers_of(run, scenario({}))
         assert np.isfinite(found["phi_residual"]) == there
     assert numbers_of(made(np.zeros((9, 3)), np.ones((9, 3))), scenario({}))["e0"] == 0
+
+
+def test_rows_at_the_same_load_do_not_end_a_leg():
+    load = np.array([0.0, 1.0, 1.0, 2.0, 1.5, 1.5, 3.0])
+    run = made(np.zeros((7, 3)), np.ones((7, 3)), load=load)
+    assert [leg.load.tolist() for leg in legs_of(run.series, 3, "triaxial")] == [[0, 1, 1, 2], [2, 1.5, 1.5], [1.5, 3]]
 
 
 def test_k0_and_compression_index_of_an_oedometric_test():
@@ -356,6 +374,7 @@ def test_the_command_line_writes_series_with_units(tmp_path, monkeypatch, capsys
         ({"path": {"b": 0.5}}, r"path\.b was given: only true-triaxial"),
         ({"path": {"kind": "isotropic"}}, r"path\.pressures is missing"),
         ({"path": {"rate": 1.0}}, "quasi-static"),
+        ({"engine": "lammps"}, "has no quasi-static steps"),
         ({"sample": {"dim": 2, "pressure": 100.0}, "path": {"kind": "plane-strain"}}, "biaxial"),
         ({"sample": {"grading": {"kind": "d10-d50-d60", "d10": 2e-3, "d50": 1e-3, "d60": 3e-3}}}, "must increase"),
     ],

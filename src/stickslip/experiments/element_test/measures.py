@@ -117,7 +117,9 @@ class Leg(NamedTuple):
 
 def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
     """Parts of the path between its turns."""
-    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(series.load))))
+    way = np.sign(np.diff(series.load))
+    moves = np.flatnonzero(way)
+    turns = moves[1:][np.diff(way[moves]) != 0]
     edges = [0, *turns, len(series.load) - 1]
     stress = face_stress(series, kind)
     columns = (series.load, series.strain, *invariants(stress, dim), friction_angle(stress, dim), series.void_ratio)

@@ -10,7 +10,17 @@ from pydantic import Field, model_validator
 
 from ...core.sizes import Size
 from ...data.law_schema import LawTable, takes
-from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ...data.schema import (
+    Finite,
+    Listed,
+    NotNegative,
+    Positive,
+    Ranks,
+    ScenarioBase,
+    ScenarioTable,
+    Seed,
+    require_lammps_for_ranks,
+)
 from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit
 
 QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi, doi:10.1140/epje/i2003-10153-0)
@@ -243,6 +253,11 @@ class ElementTestScenario(ScenarioBase):
         False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
     )
 
+    engine: Literal["stickslip", "lammps"] = Field(
+        "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
+    )
+    ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
+
     @model_validator(mode="before")
     @classmethod
     def _name_units(cls, tables):
@@ -264,6 +279,13 @@ class ElementTestScenario(ScenarioBase):
     def rate(self) -> float:
         """Strain rate of the dynamic integrator [1/time]."""
         return self.path.rate or (self.path.inertial_number or 1e-4) / self.time
+
+    @model_validator(mode="after")
+    def _check_engine(self):
+        require_lammps_for_ranks(self.engine, self.ranks)
+        if self.engine == "lammps" and self.path.integrator != "dynamic":
+            raise ValueError('engine = "lammps" was given: it has no quasi-static steps, use integrator = "dynamic"')
+        return self
 
     @model_validator(mode="after")
     def _check_dimensions(self):

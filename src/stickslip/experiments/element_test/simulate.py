@@ -22,6 +22,7 @@ from ...core.units import Fields
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.schema import ScenarioError
 from ...ensemble import Workers
+from ...lammps.run import run_in_lammps
 from ...loading.compression import Scales, check_pressure, compressed, compression_scales
 from ...loading.packing import PackingInfo, packing_info
 from ...loading.settling import DRAG, servo_mass, settle
@@ -341,21 +342,32 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
     rate = PRESSURE_RATE * rate if isotropic else rate
     scales = rig.scales(max(p, *(path.pressures or (p,))))
     mass = servo_mass(rig.start, p, scales, rate=scenario.rate)
-    load = loads[max(done - 1, 0)]
+    unit = rate * scales.dt
+    place = np.rint((loads - loads[0]) / unit).astype(int)  # in time steps
     for k in range(done, len(loads)):
-        steps = round(abs(loads[k] - load) / rate / scales.dt)
-        sign, left = np.sign(loads[k] - load), steps
-        while left > 0:
+        here = int(place[max(k - 1, 0)])
+        sign = int(np.sign(place[k] - here))
+        while here != place[k]:
+            left = abs(int(place[k]) - here)
             block = min(left, BLOCK) if isotropic or depends_on_stress(path) else left
-            left, load = left - block, load + sign * block * rate * scales.dt
-            wanted = np.full(3, np.exp(load)) if isotropic else wanted_stress(path, p, stress(state, rig.law), rig.dim)
+            here += sign * block
+            wanted = np.full(3, np.exp(loads[0] + unit * here))
+            if not isotropic:
+                wanted = wanted_stress(path, p, stress(state, rig.law), rig.dim)
             moving = state._replace(control=strained_at(state.control, sign * rate * rig.drive.gradient))
-            state, _, outcome = run(
-                controlled(moving, rig.drive, wanted, mass), rig.law, block, scales.dt, drag=DRAG / scales.time
-            )
-            if not outcome.ok:
-                raise RuntimeError(f"the run ended at a load of {load:.4g}: {outcome}")
-        yield state, float(load), False
+            state = _advance(rig, controlled(moving, rig.drive, wanted, mass), block, scales)
+        yield state, float(loads[0] + unit * place[k]), False
+
+
+def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
+    """State after some time steps of the scenario's engine."""
+    drag = DRAG / scales.time
+    if rig.scenario.engine == "lammps":
+        return run_in_lammps(state, rig.law, steps, scales.dt, drag=drag, ranks=rig.scenario.ranks)[-1]
+    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=drag)
+    if not outcome.ok:
+        raise RuntimeError(f"the run ended: {outcome}")
+    return state
 
 
 def _measure(rig: Rig, state: State, load: float, rearranged: bool) -> dict:
