@@ -23,6 +23,7 @@ TITLES = {
     "catalogue": "Event catalogue scenarios",
     "fault": "Earthquake cycle scenarios",
     "threshold": "Threshold scenarios",
+    "element-test": "Element test scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.units import in_units
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.runs.sweep.run import run_sweep
@@ -18,6 +19,7 @@ SWEPT = {  # the swept key and a measure with its unit
     "catalogue": ({"law.mu": [0.5]}, "events", "1"),
     "rate-state": ({"surface.law": ["slip"]}, "critical_stiffness", "1/m"),
     "threshold": ({"kicks.realizations": [1]}, "largest_share@1e-06", "1"),
+    "element-test": ({"sample.friction": [0.2]}, "phi_peak", "degrees"),
     "fault": ({"friction.dc": [6e-3]}, "energy_residual", "1"),
 }
 
@@ -38,7 +40,8 @@ def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
     assert np.isfinite(found[name].values).all()
     left = {key.partition("@")[0]: found[key].attrs["units"] for key in found if "units" in found[key].attrs}
     assert left.pop("seconds") == "s"
-    assert left.items() <= UNITS[experiment].items()
+    units = ss.scenario(experiment=experiment, **tables).named_units
+    assert left.items() <= {name: in_units(unit, units) for name, unit in UNITS[experiment].items()}.items()
 
 
 @pytest.mark.slow

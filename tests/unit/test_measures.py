@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.experiments.element_test.simulate import ElementRun, ElementSeries, SmallStrain
 from stickslip.experiments.fault.simulate import FaultResult
 from stickslip.experiments.gouge import protocol as gouge_run
 from stickslip.experiments.rate_state.simulate import simulate_slider
@@ -21,6 +22,13 @@ WRITTEN = {  # as dimensions, and in SI
     RATE_SQUARED: ("1/time^2", "1/s^2"), NUMBER: ("1", "1"),
 }  # fmt: skip
 SI = ("gouge", "rate-state", "fault")
+
+
+def both(names: str) -> str:
+    """Names of measures and of their errors."""
+    return " ".join(f"{name} {name}_error" for name in names.split())
+
+
 # what each measure is, without what stands behind an @; "load" is the scenario's `load.unit`
 MEANT = {
     "disk-array": {
@@ -61,12 +69,17 @@ MEANT = {
         LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom", VELOCITY: "max_velocity",
         FORCE: "moment",
     },
+    "element-test": {
+        NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation "
+        "largest_unbalanced rearranged_share"),
+        STRESS: both("G0 E0 E50 p_critical"), "angle": both("phi_peak psi phi_residual phi_rowe"),
+    },
     "threshold": {
         NUMBER: "threshold threshold_low threshold_high largest_share lasting_threshold lasting_threshold_low "
         "lasting_threshold_high largest_lasting_share arrest_low arrest_high strength first_pair first_limit",
     },
 }  # fmt: skip
-WORDS = WRITTEN | {"load": ("load",) * 2, PER_LENGTH: ("1/length", "1/m")}
+WORDS = WRITTEN | {"load": ("load",) * 2, "angle": ("degrees",) * 2, PER_LENGTH: ("1/length", "1/m")}
 UNITS = {
     experiment: {
         name: WORDS[kind][EXPERIMENTS[experiment].scenario.si]
@@ -228,8 +241,28 @@ def kicked():
     }  # fmt: skip
 
 
+def tested():
+    """Two triaxial tests of a sample that is elastic and incompressible, one of which is softer."""
+    axial = np.linspace(0, 0.1, 101)
+
+    def run(young):
+        strain, stress = np.zeros((101, 4)), np.zeros((101, 3, 3))
+        strain[:, :3] = axial[:, None] * [-0.5, -0.5, 1]
+        stress[:, range(3), range(3)] = 1e5 + young * axial[:, None] * [0, 0, 1]
+        columns = {name: np.zeros(101) for name in ElementSeries._fields}
+        series = ElementSeries(**columns | {"load": axial, "strain": strain, "stress": stress})
+        return ElementRun(0, None, SmallStrain(1.0, 2.0, 3.0, 0.3), series, None, "")
+
+    result = Made(scenario=ss.scenario(experiment="element-test"), runs=(run(1e6), run(1.2e6)))
+    return result, {
+        "G0": 1.0, "G0_error": 0.0, "nu0": 0.3, "E50": 1.1e6, "E50_error": 12.7062 * 0.1e6, "psi": 0.0,
+        "strain_at_peak": 0.1, "phi_peak": 0.5 * np.degrees(np.arcsin(1 / 3) + np.arcsin(0.12 / 0.32)), "e0": 0.0,
+    }  # fmt: skip
+
+
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
-        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced}  # fmt: skip
+        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced,
+        "element-test": tested}  # fmt: skip
 
 
 def test_every_experiment_has_a_table():

@@ -1,6 +1,7 @@
 from ..data.schema import ScenarioError as ScenarioError
 from . import catalogue as catalogue
 from . import disk_array as disk_array
+from . import element_test as element_test
 from . import fault as fault
 from . import flow as flow
 from . import gouge as gouge

@@ -13,10 +13,10 @@ from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
-from . import catalogue, disk_array, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
+from . import catalogue, disk_array, element_test, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
 from .experiment import Experiment
 
-_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, threshold, catalogue)
+_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, threshold, catalogue, element_test)
 # the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
@@ -55,8 +55,8 @@ def simulate(
 
     Returns
     -------
-    CatalogueResult, DiskArrayResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult, SliderResult or
-    ThresholdResult, with the scenario as `result.scenario`.
+    CatalogueResult, DiskArrayResult, ElementTestResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult,
+    SliderResult or ThresholdResult, with the scenario as `result.scenario`.
 
     Examples
     --------

@@ -24,6 +24,7 @@ Experiments, a module each
     rate_state             spring-sliders, and records with their fits
     fault                  slip, velocity and stations of a fault
     flow                   snapshots, time series and profiles of flows
+    element_test           stress paths, stress-strain curves, void ratio and contacts of element tests
     catalogue              events of sheared packings, and what announces them
 
 Claims

@@ -1,5 +1,6 @@
 from . import catalogue as catalogue
 from . import disk_array as disk_array
+from . import element_test as element_test
 from . import fault as fault
 from . import flow as flow
 from . import gouge as gouge

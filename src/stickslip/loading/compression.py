@@ -16,7 +16,7 @@ from ..core.measure import pressure as pressure_of
 from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.progress import Report, silent
 from ..core.scales import natural_scales
-from ..core.state import State, assembly, box, disks, loads
+from ..core.state import State, assembly, box, disks, loads, spheres
 from ..solve.equilibrate import BALANCED
 from ..solve.newton import newton
 from ..solve.quench import quench
@@ -33,7 +33,7 @@ STEPS = 20_000_000  # largest number
 NARROWEST = 2  # smallest width of the loose cell over the largest diameter
 
 
-class _Scales(NamedTuple):
+class Scales(NamedTuple):
     """Scales of a packing under a pressure, from one contact that carries the force F = p d^(dim−1)."""
 
     force: float  # F [force]
@@ -112,14 +112,22 @@ def compressed(
         )
     tolerance = BALANCED * natural_scales(start, law).force if tolerance is None else tolerance
     require_positive(tolerance=tolerance)
-    scales = _find_scales(start, law, pressure, tolerance)
+    scales = compression_scales(start, law, pressure, tolerance)
     loose = quench(start, frictionless(law), 0.5 * tolerance)
     end = _compress(loose, law, pressure, scales, tolerance, report)
     end = end._replace(control=loads(n))
     return end, packing_info(end, law)
 
 
-def _find_scales(start: State, law: Law, pressure: float, tolerance: float) -> _Scales:
+def check_pressure(law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int) -> None:
+    """Raise ValueError with one sentence if grains under a law cannot carry a pressure."""
+    position = np.zeros((len(radius), dim))
+    position[:, 0] = np.cumsum(2 * radius)
+    start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))
+    compression_scales(start, law, pressure, BALANCED * natural_scales(start, law).force)
+
+
+def compression_scales(start: State, law: Law, pressure: float, tolerance: float) -> Scales:
     """Scales of a compression; ValueError if the pressure is out of reach."""
     grains, dim = start.grains, start.cell.dim
     diameter, depth = 2 * float(grains.radius.mean()), DEEPEST * float(grains.radius.min())
@@ -138,7 +146,7 @@ def _find_scales(start: State, law: Law, pressure: float, tolerance: float) -> _
     overlap = brentq(lambda x: _force_between(start, law, x) - force, 0.0, depth, rtol=1e-6, xtol=1e-300)
     slope = (_force_between(start, law, 1.01 * overlap) - force) / (0.01 * overlap)
     time, dt = np.sqrt(grains.mass.mean() * diameter / force), SHARE * stable_time_step(_pair(start, overlap), law)
-    scales = _Scales(force, float(time), slope * diameter / force, dt)
+    scales = Scales(force, float(time), slope * diameter / force, dt)
     steps = 0.1 * scales.stiffness * scales.time / scales.dt  # for a linear strain of a tenth
     if not steps <= STEPS:
         raise ValueError(
@@ -163,14 +171,14 @@ def _force_between(start: State, law: Law, overlap: float) -> float:
     return float(forces(_pair(start, overlap), law)[0].force[1, 0])
 
 
-def _compress(state: State, law: Law, pressure: float, scales: _Scales, tolerance: float, report) -> State:
+def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance: float, report) -> State:
     """Equilibrium of loose grains after slow compression by a cell that follows the stress.
 
     The cell approaches L = V p/(M ℓ² ν) before grains touch. With L = 1/(κ t) and the drag ν = 4/t, its mass M makes
     its oscillation against the stiffness κ p of the packing critically damped.
     """
     dim, p = state.cell.dim, pressure
-    mass = volume(state) ** (1 - 2 / dim) * p * scales.stiffness * scales.time**2 / CRITICAL
+    mass = critical_mass(state, p, scales)
     axes = ("xx", "yy", "zz")[:dim]
     state = state._replace(control=stress_controlled(state.control, dict.fromkeys(axes, p), mass=mass))
     block = int(np.clip(BLOCK * scales.stiffness * scales.time / scales.dt, 50, LONGEST))
@@ -182,11 +190,16 @@ def _compress(state: State, law: Law, pressure: float, scales: _Scales, toleranc
         if outcome.broken or packing_fraction(state) > DENSEST or _width(state) < state.grains.radius.max():
             break
         if outcome.ok:
-            end, outcome = newton(_stopped(state), law, tolerance=tolerance)
+            end, outcome = newton(stopped(state), law, tolerance=tolerance)
             if outcome.ok:
                 return end
             level = next(levels, level)
     raise _pressure_error(state, law, pressure, outcome)
+
+
+def critical_mass(state: State, pressure: float, scales: Scales) -> float:
+    """Mass with which the cell's oscillation against a packing is damped critically by the drag 4/t [mass]."""
+    return volume(state) ** (1 - 2 / state.cell.dim) * pressure * scales.stiffness * scales.time**2 / CRITICAL
 
 
 def _width(state: State) -> float:
@@ -195,7 +208,7 @@ def _width(state: State) -> float:
     return float(1 / np.linalg.norm(np.linalg.inv(state.cell.vectors)[:dim, :dim], axis=0).max())
 
 
-def _stopped(state: State) -> State:
+def stopped(state: State) -> State:
     """State whose grains and cell do not move."""
     still = np.zeros_like(state.grains.velocity)
     return state._replace(

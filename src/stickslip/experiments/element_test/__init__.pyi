@@ -1,0 +1,3 @@
+from .scenario import ElementTestScenario as ElementTestScenario
+from .simulate import ElementTestResult as ElementTestResult
+from .simulate import simulate_element_test as simulate_element_test

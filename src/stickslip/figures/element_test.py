@@ -1,0 +1,107 @@
+"""Figures of element tests, as soil engineers draw them; tables are dictionaries of columns, as in series.csv."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from matplotlib.ticker import PercentFormatter
+
+from ..core.arguments import Result
+from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, legend_above, styled
+
+STRAINS = {
+    "axial_strain": r"axial strain $\varepsilon_a$", "gamma": r"shear strain $\gamma$",
+    "volumetric_strain": r"volumetric strain $\varepsilon_v$",
+}  # fmt: skip
+FEW = 6  # samples that are told apart by colour
+_Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
+_Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
+
+
+def _lines(axes, tables, x: str, y: str) -> None:
+    """One line for each sample; many samples are pale, with their mean if they have the same rows."""
+    for k, table in enumerate(tables):
+        few = len(tables) <= FEW
+        axes.plot(table[x], table[y], color=COLORS[k] if few else BLUE, lw=0.8 if few else 0.4, alpha=1 if few else 0.4)
+    if len({len(table[x]) for table in tables}) == 1 < len(tables):
+        middle = (np.mean([table[name] for table in tables], axis=0) for name in (x, y))
+        axes.plot(*middle, color=BLACK, lw=1.4, label="mean")
+
+
+@styled
+def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table | None = None):
+    """Deviatoric stress and volumetric strain against the imposed strain, one line for each sample.
+
+    Parameters
+    ----------
+    strain : name of the column of the imposed strain
+    unit : of stresses
+    halved : series of the first sample in steps, or at a rate, half as large
+    """
+    figure, panels = column_axes(2, 3.8, sharex=True)
+    quantities = {"q": ("$q$", unit), "volumetric_strain": STRAINS["volumetric_strain"]}
+    if strain == "volumetric_strain":
+        quantities = {"p": ("$p$", unit), "void_ratio": "void ratio $e$"}
+    for axes, (name, words) in zip(panels, quantities.items(), strict=True):
+        _lines(axes, tables, strain, name)
+        if halved is not None:
+            axes.plot(halved[strain], halved[name], "--", color=RED, label="first sample, half the step or rate")
+        axes.axhline(0, color=BLACK, lw=0.4)
+        label_axes(axes, y=words)
+    label_axes(panels[-1], x=STRAINS[strain])
+    legend_above(panels[0])
+    return figure
+
+
+@styled
+def stress_path(tables: list[_Table], unit: str):
+    """Stress paths in the plane of mean and deviatoric stress."""
+    figure, axes = column_axes()
+    _lines(axes, tables, "p", "q")
+    label_axes(axes, x=("$p$", unit), y=("$q$", unit))
+    legend_above(axes)
+    return figure
+
+
+@styled
+def void_ratio(tables: list[_Table], unit: str):
+    """Void ratio against the mean stress, on a logarithmic axis unless it changes by less than a factor of 3."""
+    figure, axes = column_axes()
+    tables = [table | {"p": np.abs(table["p"])} for table in tables]
+    _lines(axes, tables, "p", "void_ratio")
+    low, high = (bound([bound(table["p"]) for table in tables]) for bound in (np.min, np.max))
+    axes.set_xscale("log" if high > 3 * low else "linear")
+    label_axes(axes, x=("$p$", unit), y="void ratio $e$")
+    legend_above(axes)
+    return figure
+
+
+@styled
+def contacts(tables: list[_Table], strain: str):
+    """Contact number, anisotropy of the fabric, and share of sliding contacts against the imposed strain."""
+    figure, panels = column_axes(3, 4.6, sharex=True)
+    words = {
+        "coordination": "contact number", "fabric_anisotropy": "fabric\nanisotropy",
+        "sliding_fraction": "share of\nsliding contacts",
+    }  # fmt: skip
+    for axes, (name, label) in zip(panels, words.items(), strict=True):
+        _lines(axes, tables, strain, name)
+        label_axes(axes, y=label)
+    label_axes(panels[-1], x=STRAINS[strain])
+    legend_above(panels[0])
+    return figure
+
+
+@styled
+def grading(curve: _Curve, diameter: np.ndarray, dim: int):
+    """Curve of passing by mass: the wanted one, and that of the grains."""
+    figure, axes = column_axes()
+    mass = diameter**dim
+    sizes = np.geomspace(curve.size[0], curve.size[-1], 200)
+    axes.plot(sizes, 100 * curve.passing_at(sizes), color=BLACK, lw=1.4, label="wanted")
+    axes.step(diameter, 100 * np.cumsum(mass) / mass.sum(), where="post", color=BLUE, label=f"{len(diameter)} grains")
+    axes.set_xscale("log" if curve.size[-1] > 5 * curve.size[0] else "linear")
+    label_axes(axes, x=("diameter", "length"), y="passing by mass")
+    axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
+    axes.set_ylim(0, 100)
+    axes.legend(loc="upper left")
+    return figure

@@ -1,0 +1,415 @@
+"""Element tests: gradings, paths, both integrators, and the numbers that are read off them."""
+
+import csv
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.cli import main
+from stickslip.core.laws.builtin import with_values
+from stickslip.experiments.contact_law import make_law
+from stickslip.experiments.element_test import simulate as element
+from stickslip.experiments.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
+from stickslip.experiments.element_test.measures import (
+    dilatancy_angle,
+    estimate,
+    face_stress,
+    friction_angle,
+    invariants,
+    legs_of,
+    numbers_of,
+    sentences,
+    work,
+)
+from stickslip.experiments.element_test.paths import drive_of
+from stickslip.experiments.element_test.report import columns, figures
+from stickslip.experiments.experiment import named_measures
+from stickslip.figures.style import png
+from stickslip.solve.moduli import elastic_moduli
+from stickslip.solve.newton import Factorisation
+from tests.unit import element_test_lammps
+
+DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}
+SPHERES = {"grains": 60, "friction": 0.1}
+
+
+def scenario(sample=DISKS, **more):
+    return ss.scenario(experiment="element-test", sample=sample, **more)
+
+
+def loaded(sample, **path):
+    return ss.simulate(scenario(sample, path=path), workers=1).runs[0]
+
+
+@pytest.fixture(scope="module")
+def spheres():
+    """An isotropic sample of spheres, its scenario and its law."""
+    chosen = scenario(SPHERES)
+    law = make_law(chosen.law)
+    state, _ = element._make_sample(chosen, law, 0, lambda *_: None)
+    return chosen, law, state
+
+
+def rig(spheres, **path):
+    chosen, law, state = spheres
+    chosen = scenario(SPHERES, path=path)
+    return element.Rig(chosen, law, state, drive_of(chosen.path, 3), 1e-9 * 1e5 * 1e-6, Factorisation())
+
+
+def steps(spheres, loads, **path):
+    """States along a path of spheres."""
+    here = rig(spheres, **path)
+    return [state for state, _, _ in element.quasi_static(here, here.start, np.array(loads), 0)]
+
+
+# gradings
+
+
+def test_a_table_of_passing_by_mass_is_reproduced_between_its_points():
+    curve = Grading(np.array([0.1, 0.2, 0.5, 1.0]), np.array([0.0, 0.3, 0.8, 1.0]))
+    for dim in (2, 3):
+        sample = diameters(curve, 20_000, dim)
+        grain = sample[-1] ** dim / (sample**dim).sum()  # share of the mass in the largest one
+        for size in (0.15, 0.2, 0.3, 0.5, 0.8):
+            assert passing_of(sample, size, dim) == pytest.approx(curve.passing_at(size), abs=2 * grain)
+
+
+def test_d10_d50_d60_are_those_of_the_grains():
+    sample = diameters(from_d10_d50_d60(0.2, 0.35, 0.4), 20_000)
+    for size, passing in ((0.2, 0.1), (0.35, 0.5), (0.4, 0.6)):
+        assert passing_of(sample, size) == pytest.approx(passing, abs=1e-3)
+
+
+def test_a_lognormal_grading_has_its_median_and_width():
+    chosen = scenario({"grains": 5000, "grading": {"kind": "lognormal", "d50": 2e-3, "sigma": 0.3}})
+    sample = chosen.sample.diameters
+    assert passing_of(sample, 2e-3) == pytest.approx(0.5, abs=2e-3)
+    # P(z < 1) between cuts at two standard deviations
+    assert passing_of(sample, 2e-3 * np.exp(0.3)) == pytest.approx((0.84134 - 0.02275) / 0.9545, abs=3e-3)
+
+
+# paths
+
+
+def test_the_first_step_has_the_stiffness_of_the_elastic_moduli(spheres):
+    _, law, state = spheres
+    c = elastic_moduli(state, law).tensor
+    step = 1e-9
+    end = steps(spheres, [0.0, step], kind="triaxial")[1]
+    slope = (ss.measure.stress(end, law) - ss.measure.stress(state, law))[2, 2] / step
+    normal = np.einsum("aacc->ac", c)  # −∂σ_aa/∂G_cc
+    lateral = np.linalg.solve(normal[:2, :2], normal[:2, 2])
+    assert slope == pytest.approx(normal[2, 2] - normal[2, :2] @ lateral, rel=1e-3)
+
+
+def test_no_volume_changes_in_an_undrained_test(spheres):
+    start, *_, end = steps(spheres, [0, 1e-4, 1e-3], kind="undrained")
+    volumes = [np.linalg.det(state.cell.vectors) for state in (start, end)]
+    assert volumes[1] == pytest.approx(volumes[0], rel=1e-14)
+    assert end.cell.vectors[2, 2] / start.cell.vectors[2, 2] == pytest.approx(np.exp(-1e-3), rel=1e-13)
+
+
+def test_lateral_stresses_stay_constant_in_a_triaxial_test(spheres):
+    law = spheres[1]
+    for sign in (1, -1):
+        end = steps(spheres, [0, 1e-4 * sign, 1e-3 * sign], kind="triaxial")[-1]
+        normal = np.diag(ss.measure.stress(end, law))
+        assert normal[:2] == pytest.approx(1e5, rel=1e-8)
+        assert sign * (normal[2] - 1e5) > 1e3
+
+
+def test_the_mean_stress_stays_constant_at_constant_p(spheres):
+    for state in steps(spheres, [0, 1e-4, 3e-4], kind="constant-p"):
+        assert ss.measure.pressure(state, spheres[1]) == pytest.approx(1e5, rel=2e-6)
+
+
+def test_the_intermediate_stress_has_its_b_value(spheres):
+    end = steps(spheres, [0, 1e-4, 3e-4], kind="true-triaxial", b=0.4)[-1]
+    normal = np.diag(ss.measure.stress(end, spheres[1]))
+    assert normal[0] == pytest.approx(1e5, rel=1e-8)
+    assert (normal[1] - normal[0]) / (normal[2] - normal[0]) == pytest.approx(0.4, abs=1e-4)
+
+
+def test_strains_that_a_path_excludes_stay_zero(spheres):
+    start = spheres[2].cell.vectors
+    for kind, held in (("oedometric", [0, 1]), ("plane-strain", [1]), ("simple-shear", [0, 2])):
+        end = steps(spheres, [0, 1e-4, 3e-4], kind=kind)[-1]
+        assert np.diag(end.cell.vectors)[held] == pytest.approx(np.diag(start)[held], rel=1e-15), kind
+    assert end.cell.vectors[1, 0] / end.cell.vectors[1, 1] == pytest.approx(3e-4, rel=1e-4)  # its height changes
+    assert ss.measure.stress(end, spheres[1])[1, 1] == pytest.approx(1e5, rel=1e-8)
+
+
+def test_an_isotropic_path_leads_to_its_pressures(spheres):
+    loads = np.log([1e5, 1.5e5, 2e5, 1e5])
+    *_, top, end = steps(spheres, loads, kind="isotropic", pressures=[2e5, 1e5])
+    assert np.diag(ss.measure.stress(top, spheres[1])) == pytest.approx(2e5, rel=1e-8)
+    assert np.diag(ss.measure.stress(end, spheres[1])) == pytest.approx(1e5, rel=1e-8)
+    assert np.linalg.det(top.cell.vectors) < np.linalg.det(end.cell.vectors)
+
+
+def test_steps_grow_from_the_start_of_each_leg():
+    loads = element.loads_of(scenario(path={"strain": [0.01, 0.005], "step": 1e-3}))
+    turn = int(loads.argmax())
+    assert loads[0] == 0 and loads[turn] == pytest.approx(0.01) and loads[-1] == pytest.approx(0.005)
+    size = np.abs(np.diff(loads))
+    assert size[0] == pytest.approx(1e-6) and size[turn] == pytest.approx(1e-6) and size.max() <= 1e-3 * (1 + 1e-9)
+    assert (np.diff(loads[: turn + 1]) > 0).all() and (np.diff(loads[turn:]) < 0).all()
+
+
+def test_both_integrators_agree_before_grains_rearrange():
+    """A slow test at I = 1e-5, whose inertia changes stresses by far less than 1 %."""
+    sample = DISKS | {"grains": 100}
+    slow = loaded(sample, strain=2e-4, integrator="dynamic", inertial_number=1e-5).series
+    still = loaded(sample, strain=2e-4).series
+    assert not still.rearranged.any()
+    q, p = (invariants(face_stress(series, "triaxial"), 2)[1] for series in (slow, still))
+    assert q[-1] == pytest.approx(p[-1], rel=0.01)
+    assert slow.void_ratio[-1] == pytest.approx(still.void_ratio[-1], rel=1e-5)
+    assert slow.unbalanced.max() < 1e-2
+
+
+def test_a_dynamic_undrained_test_keeps_its_volume():
+    series = loaded(DISKS, kind="undrained", strain=1e-4, integrator="dynamic", inertial_number=1e-3).series
+    assert np.abs(series.strain[:, :3].sum(axis=1)).max() < 1e-12
+
+
+def test_lammps_follows_the_same_path():
+    """Stresses from `python -m tests.unit.element_test_lammps`; slip in LAMMPS is of first order in the time step."""
+    state, _, _ = ss.io.read_packing(element_test_lammps.SAMPLE)
+    here = np.array(element_test_lammps.stresses(element_test_lammps.rig(state, "stickslip")))
+    there = np.array(json.loads(element_test_lammps.STORE.read_text(encoding="utf-8")))
+    assert there[-1, 2] - there[0, 2] > 5e3
+    np.testing.assert_allclose(here, there, rtol=2e-4)
+
+
+def test_friction_during_the_compression_controls_the_density():
+    loose, dense = (
+        element._make_sample(chosen, make_law(chosen.law), 0, lambda *_: None)[1].packing_fraction
+        for chosen in (scenario(DISKS | {"friction": mu, "grains": 100}) for mu in (1.0, 0.0))
+    )
+    assert dense > loose + 0.01
+
+
+# numbers
+
+
+def made(strain, stress, load=None, void_ratio=None, dim=3):
+    """A run with a given series."""
+    n = len(strain)
+    full, tensor = np.zeros((n, 4)), np.zeros((n, 3, 3))
+    full[:, : np.shape(strain)[1]] = strain
+    for k in range(3):
+        tensor[:, k, k] = np.asarray(stress)[:, k]
+    nothing = np.zeros(n)
+    load = full[:, dim - 1] if load is None else load
+    series = element.ElementSeries(
+        np.asarray(load), full, tensor, nothing if void_ratio is None else void_ratio, nothing, nothing, nothing,
+        nothing, nothing.astype(bool),
+    )  # fmt: skip
+    return element.ElementRun(0, None, element.SmallStrain(*[np.nan] * 4), series, None, "")
+
+
+def test_angles_and_invariants_by_hand():
+    stress = np.array([np.diag([100.0, 100.0, 300.0]), np.diag([200.0, 200.0, 100.0]), np.diag([1.0, 1.0, 1.0])])
+    p, q = invariants(stress, 3)
+    assert p == pytest.approx([500 / 3, 500 / 3, 1]) and q == pytest.approx([200, -100, 0])
+    assert friction_angle(stress, 3) == pytest.approx([30.0, np.degrees(np.arcsin(1 / 3)), 0.0])
+    sheared = np.array([[[1.0, -0.5, 0], [-0.5, 1.0, 0], [0, 0, 1.0]]])
+    assert friction_angle(sheared, 3) == pytest.approx([30.0])
+    assert invariants(sheared, 3)[1] == pytest.approx([0.5 * 3**0.5])
+    assert invariants(-sheared + 2 * np.eye(3), 3)[1] == pytest.approx([-0.5 * 3**0.5])
+    assert dilatancy_angle(np.array([-0.6, -0.6, 1.0, 0.0]), 3) == pytest.approx(np.degrees(np.arcsin(0.2 / 2.2)))
+    assert dilatancy_angle(np.array([0.0, -0.5, 0.0, 1.0]), 2) == pytest.approx(np.degrees(np.arctan(0.5)))
+
+
+def test_numbers_of_a_hyperbolic_test_with_known_dilatancy():
+    """q = 4e5 ε/(0.01 + ε), dε_v = −0.2 dε_a: E50 from half of the largest q, ψ, and no critical state."""
+    axial = np.linspace(0, 0.1, 401)
+    q = 4e5 * axial / (0.01 + axial)
+    side = -0.6 * axial
+    run = made(np.column_stack([side, side, axial]), np.column_stack([0 * q + 1e5, 0 * q + 1e5, 1e5 + q]))
+    found = numbers_of(run, scenario({}))
+    half = 0.5 * q[-1]
+    assert found["E50"] == pytest.approx(half / (0.01 * half / (4e5 - half)), rel=1e-3)
+    assert found["phi_peak"] == pytest.approx(np.degrees(np.arcsin(q[-1] / (2e5 + q[-1]))))
+    assert found["psi"] == pytest.approx(np.degrees(np.arcsin(0.2 / 2.2)), rel=1e-6)
+    assert np.isnan(found["phi_residual"]) and np.isnan(found["K0"])
+
+
+def test_rowe_s_relation_is_recovered_with_its_angle():
+    """σ₁/σ₃ = K D with D = 1 − dε_v/dε₁ rising from 1 to 1.3 and K of an angle of 20 degrees."""
+    axial = np.linspace(0, 0.1, 2001)
+    d = 1 + 3 * axial
+    ratio = np.tan(np.radians(45 + 10)) ** 2 * d
+    volumetric = -np.cumsum(np.append(0, (0.5 * (d[1:] + d[:-1]) - 1) * np.diff(axial)))
+    side = 0.5 * (volumetric - axial)
+    run = made(np.column_stack([side, side, axial]), 1e5 * np.column_stack([0 * ratio + 1, 0 * ratio + 1, ratio]))
+    found = numbers_of(run, scenario({}))
+    assert found["phi_rowe"] == pytest.approx(20.0, abs=0.01)
+    assert found["rowe_correlation"] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_critical_state_is_found_only_where_volume_and_stresses_are_steady():
+    axial = np.linspace(0, 0.2, 401)
+    rise = 1 - np.exp(-axial / 0.01)
+    for drift, there in ((0.0, True), (0.2, False)):
+        side = -0.5 * axial * (1 + drift)
+        stress = 1e5 * np.column_stack([0 * rise + 1, 0 * rise + 1, 1 + rise])
+        run = made(np.column_stack([side, side, axial]), stress, void_ratio=0.6 + 0 * axial)
+        found = numbers_of(run, scenario({}))
+        assert np.isfinite(found["phi_residual"]) == there
+    assert numbers_of(made(np.zeros((9, 3)), np.ones((9, 3))), scenario({}))["e0"] == 0
+
+
+def test_rows_at_the_same_load_do_not_end_a_leg():
+    load = np.array([0.0, 1.0, 1.0, 2.0, 1.5, 1.5, 3.0])
+    run = made(np.zeros((7, 3)), np.ones((7, 3)), load=load)
+    assert [leg.load.tolist() for leg in legs_of(run.series, 3, "triaxial")] == [[0, 1, 1, 2], [2, 1.5, 1.5], [1.5, 3]]
+
+
+def test_k0_and_compression_index_of_an_oedometric_test():
+    axial = np.linspace(0, 0.05, 51)
+    vertical = 1e5 * np.exp(axial / 0.02)
+    e = 0.7 - 0.1 * np.log10(vertical / 1e5)
+    run = made(np.column_stack([0 * axial, 0 * axial, axial]), np.column_stack([0.4 * vertical] * 2 + [vertical]),
+               void_ratio=e)  # fmt: skip
+    found = numbers_of(run, scenario({}, path={"kind": "oedometric"}))
+    assert found["K0"] == pytest.approx(0.4)
+    assert found["compression_index"] == pytest.approx(0.1)
+
+
+def test_work_of_an_elastic_cycle_is_zero_and_of_plastic_strain_is_not():
+    axial = np.concatenate([np.linspace(0, 1e-4, 51), np.linspace(1e-4, 0, 51)[1:]])
+    stress = 1e5 + 1e8 * axial
+    run = made(np.column_stack([0 * axial, 0 * axial, axial]), np.column_stack([stress] * 3))
+    done = work(run.series)
+    assert done[50] == pytest.approx(1e5 * 1e-4 + 0.5 * 1e8 * 1e-8, rel=2e-4)  # volume changes by 1e-4
+    assert abs(done[-1]) < 1e-12 * done[50]
+
+
+def test_estimates_have_student_s_interval():
+    found = estimate(np.array([1.0, 2.0, 3.0, 4.0]))
+    assert found.mean == 2.5
+    assert found.half_width == pytest.approx(3.18245 * np.std([1, 2, 3, 4], ddof=1) / 2, rel=1e-5)
+    assert np.isnan(estimate(np.array([1.0])).half_width)
+
+
+# runs
+
+
+@pytest.fixture(scope="module")
+def result():
+    return ss.simulate(scenario(realizations=2, check=True, path={"strain": 2e-3, "step": 1e-3}), workers=1)
+
+
+def test_what_was_not_reached_is_said(result):
+    text = " ".join(sentences(result))
+    for words in ("0 of 2 samples reached a critical state", "scatters by", "With half the step", "rearranged in"):
+        assert words in text
+    named = named_measures(ss.experiments.EXPERIMENTS["element-test"], result)
+    assert np.isnan(named["phi_residual"][0]) and named["phi_peak"][0] > 0 and named["G0"][1] == "N/m"
+
+
+def test_every_figure_can_be_drawn(result):
+    drawn = {name: png(figure) for name, figure in figures(result)}
+    assert len(drawn) == 5 and min(map(len, drawn.values())) > 5000
+
+
+def test_tension_may_be_positive(result):
+    run, flipped = result.runs[0], result.scenario.model_copy(update={"signs": "tension"})
+    plain, turned = columns(run, result.scenario), columns(run, flipped)
+    assert (plain["p"] == -turned["p"]).all() and (plain["phi"] == turned["phi"]).all()
+
+
+def test_a_run_that_is_stopped_continues_with_what_is_saved(tmp_path, monkeypatch):
+    chosen = scenario(path={"strain": 1e-3, "step": 1e-3})
+    whole = ss.simulate(chosen, workers=1).runs[0].series
+    monkeypatch.setattr(element, "SAVE_EVERY", 0.0)
+
+    def stop(stage, share, words):
+        if "load 0.0001" in words:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ss.simulate(chosen, folder=tmp_path, workers=1, report=stop)
+    seen = []
+    again = ss.simulate(chosen, folder=tmp_path, workers=1, report=lambda *words: seen.append(words[2]))
+    assert not any("load 1e-06" in words or "compression" in words for words in seen)
+    # equilibria agree within the tolerance of forces
+    np.testing.assert_allclose(again.runs[0].series.stress, whole.stress, atol=1e-4)
+    np.testing.assert_array_equal(again.runs[0].series.load, whole.load)
+
+
+def test_the_command_line_writes_series_with_units(tmp_path, monkeypatch, capsys):
+    (tmp_path / "test.toml").write_text(
+        'experiment = "element-test"\nsample = {dim = 2, grains = 40, pressure = 100.0}\npath = {strain = 1e-5}\n'
+    )
+    monkeypatch.setattr(sys, "argv", ["stickslip", "run", str(tmp_path / "test.toml"), "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0 and "void ratio of the sample" in capsys.readouterr().out
+    with (tmp_path / "out" / "series.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    assert {"sample", "axial_strain", "p [N/m]", "q [N/m]", "void_ratio"} <= set(rows[0])
+    assert float(rows[0]["p [N/m]"]) == pytest.approx(100, rel=1e-6)
+
+
+# bad input
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"sample": {"grading": {"kind": "table", "sizes": [1e-3, 1e-2], "passing": [0, 100]}, "grains": 30}},
+         r"sample\.grains = 30 .* use at least \d+ grains"),
+        ({"sample": {"grains": 100}, "path": {"strain": 0.9}}, r"path\.strain = 0\.9 .* use at most 0\.\d+"),
+        ({"path": {"integrator": "dynamic", "inertial_number": 0.1}},
+         r"path\.inertial_number = 0\.1 .* use at most 0\.001"),
+        ({"path": {"integrator": "dynamic", "rate": 1e3}}, r"path\.rate = 1000 .* use at most \d"),
+        ({"path": {"kind": "true-triaxial"}}, r"path\.b is missing"),
+        ({"path": {"b": 0.5}}, r"path\.b was given: only true-triaxial"),
+        ({"path": {"kind": "isotropic"}}, r"path\.pressures is missing"),
+        ({"path": {"rate": 1.0}}, "quasi-static"),
+        ({"engine": "lammps"}, "has no quasi-static steps"),
+        ({"sample": {"dim": 2, "pressure": 100.0}, "path": {"kind": "plane-strain"}}, "biaxial"),
+        ({"sample": {"grading": {"kind": "d10-d50-d60", "d10": 2e-3, "d50": 1e-3, "d60": 3e-3}}}, "must increase"),
+    ],
+)  # fmt: skip
+def test_bad_scenarios_are_refused_in_one_sentence(tables, words):
+    with pytest.raises(ss.experiments.ScenarioError) as caught:
+        ss.scenario(experiment="element-test", **tables)
+    assert re.search(words, str(caught.value))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_grains_that_a_grading_needs_do():
+    table = {"kind": "table", "sizes": [1e-3, 1e-2], "passing": [0, 100]}
+    with pytest.raises(ss.experiments.ScenarioError) as caught:
+        scenario({"grading": table, "grains": 30})
+    need = int(re.search(r"at least (\d+) grains", str(caught.value))[1])
+    scenario({"grading": table, "grains": need}, path={"strain": 1e-3})
+
+
+def test_a_pressure_that_grains_cannot_bear_is_refused_with_one_that_they_can(tmp_path):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"sample\.pressure = 1e\+09 .* give at most") as caught:
+        ss.simulate(scenario({"pressure": 1e9}), folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+    most = float(re.search(r"at most ([\d.e+]+)", str(caught.value))[1])
+    chosen = scenario({"pressure": 0.99 * most})
+    element._check_pressures(chosen, make_law(chosen.law), None)
+
+
+def test_a_law_with_more_friction_at_first_settles_under_its_own():
+    sample = DISKS | {"friction": 1.0, "grains": 50}
+    run = ss.simulate(scenario(sample, law={"young": 1e9, "poisson": 0.2, "mu": 0.3}, path={"strain": 1e-6}), workers=1)
+    end = run.runs[0].end
+    law = with_values(run.law, mu=0.3)
+    force = ss.measure.contact_forces(end, law)
+    normal = ss.measure.branch_vectors(end)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    push = np.einsum("ck,ck->c", force, normal)
+    assert (np.linalg.norm(force - push[:, None] * normal, axis=1) <= 0.3 * push * (1 + 1e-9)).all()
