@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ...core.sizes import Size
-from ...data.law_schema import LawTable, takes
+from ...data.law_schema import LawTable, allow_laws
 from ...data.schema import (
     Finite,
     Listed,
@@ -158,7 +158,7 @@ class ElementSample(ScenarioTable):
         return float(solid / DENSITY[self.dim]) ** (1 / self.dim)
 
 
-@takes(
+@allow_laws(
     "hertz_mindlin_reff", "hertz_mindlin", "linear", coulomb="sharp", kn=None, kt=None, young=None, poisson=None,
     mu=0.5, damping="coeff_restitution", damping_n=0.3, damping_ratio=0.5, lever=None, memory=None, rolling=None,
     k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None, gamma_twist=None,

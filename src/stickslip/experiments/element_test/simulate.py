@@ -1,7 +1,7 @@
 """Simulation of element tests: samples are compressed, then loaded along a path, quasi-statically or at a rate."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -16,13 +16,14 @@ from ...core.dynamics.run import run
 from ...core.laws.builtin import Law, with_values
 from ...core.measure import contact_forces, coordination, fabric, least_supports, packing_fraction, stress, touching
 from ...core.outcome import NotInEquilibriumError
+from ...core.progress import Report, silent, within
 from ...core.readable import readable
 from ...core.state import SLIDE, State, loads
 from ...core.units import Fields
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.schema import ScenarioError
 from ...ensemble import Workers
-from ...lammps.run import run_in_lammps
+from ...lammps.run import lammps_engine
 from ...loading.compression import Scales, check_pressure, compressed, compression_scales
 from ...loading.packing import PackingInfo, packing_info
 from ...loading.settling import DRAG, servo_mass, settle
@@ -30,7 +31,7 @@ from ...solve.moduli import elastic_moduli
 from ...solve.newton import Factorisation
 from ..contact_law import make_law
 from ..experiment import result_of
-from ..realizations import Report, Task, run_realizations, silent
+from ..realizations import Task, run_realizations
 from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
@@ -187,12 +188,12 @@ def _masses(scenario: ElementTestScenario) -> np.ndarray:
 
 
 def load_sample(
-    scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, tell: Callable
+    scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, report: Report
 ) -> ElementRun:
     """Make one sample and load it; with `half`, in steps, or at a rate, half as large."""
     law = make_law(scenario.law)
     kept = kept and kept.if_visible()
-    state, packed = load_or_compute(kept, "packing", lambda: _make_sample(scenario, law, seed, tell))
+    state, packed = load_or_compute(kept, "packing", lambda: _make_sample(scenario, law, seed, report))
     if half:
         path = scenario.path
         slower = {"step": 0.5 * path.step} if path.integrator == "quasi-static" else {
@@ -201,11 +202,11 @@ def load_sample(
     area = float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
     tolerance = BALANCED * scenario.sample.pressure * area
     rig = Rig(scenario, law, state, drive_of(scenario.path, state.cell.dim), tolerance, Factorisation())
-    series, end, ended = _follow(rig, kept, lambda share, words: tell(share, f"sample {seed}: {words}"))
+    series, end, ended = _follow(rig, kept, within(report, stage=f"sample {seed}"))
     return ElementRun(seed, packed, _small_strain(state, law), series, end, ended)
 
 
-def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, tell: Callable) -> tuple[State, PackingInfo]:
+def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
     """Isotropic sample, compressed with the friction that controls its density, then settled under its own law."""
     sample = scenario.sample
     friction = sample.friction
@@ -214,7 +215,7 @@ def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, tell: Calla
     state, _ = compressed(
         sample.grains, pressure=sample.pressure, dim=sample.dim, radius=0.5 * sample.diameters, mass=_masses(scenario),
         law=slippery, seed=seed, tolerance=AT_REST * sample.pressure * area,
-        report=lambda share, words: tell(0.0, f"sample {seed}: compression, {words}"),
+        report=within(report, 0.0, 0.0, prefix=f"sample {seed}: "),
     )  # fmt: skip
     tolerance = BALANCED * sample.pressure * area
     every = Drive(np.zeros((3, 3)), tuple(range(sample.dim)))
@@ -253,7 +254,7 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
     return np.concatenate(out)
 
 
-def _follow(rig: Rig, kept: Checkpoint | None, tell: Callable) -> tuple[ElementSeries, State, str]:
+def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementSeries, State, str]:
     """Series along the path, its last state, and the reason for which it ended early."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
@@ -273,7 +274,7 @@ def _follow(rig: Rig, kept: Checkpoint | None, tell: Callable) -> tuple[ElementS
     try:
         for state, load, rearranged in steps:
             rows.append(_measure(rig, state, load, rearranged))
-            tell((done := done + 1) / len(wanted), _words(rows[-1], rig.dim))
+            report("path", (done := done + 1) / len(wanted), _describe_row(rows[-1], rig.dim))
             if time.monotonic() - saved > SAVE_EVERY:
                 keep()
                 saved = time.monotonic()
@@ -361,10 +362,8 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 
 def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
     """State after some time steps of the scenario's engine."""
-    drag = DRAG / scales.time
-    if rig.scenario.engine == "lammps":
-        return run_in_lammps(state, rig.law, steps, scales.dt, drag=drag, ranks=rig.scenario.ranks)[-1]
-    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=drag)
+    engine = lammps_engine(rig.scenario.ranks) if rig.scenario.engine == "lammps" else None
+    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=DRAG / scales.time, engine=engine)
     if not outcome.ok:
         raise RuntimeError(f"the run ended: {outcome}")
     return state
@@ -390,7 +389,7 @@ def _measure(rig: Rig, state: State, load: float, rearranged: bool) -> dict:
     }
 
 
-def _words(row: dict, dim: int) -> str:
+def _describe_row(row: dict, dim: int) -> str:
     """Describe a row for progress reports."""
     axial, p = row["stress"][dim - 1, dim - 1], np.trace(row["stress"]) / dim
     return f"load {row['load']:.4g}, axial stress {axial:.4g}, p {p:.4g}, z {row['coordination']:.2f}"
