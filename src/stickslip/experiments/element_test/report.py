@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.readable import pluralize
 from ...core.tables import write_table
 from ...core.units import heading, unit_name
 from ...data.nodes import archive_fields
@@ -109,7 +110,7 @@ def numbers(result: ElementTestResult) -> dict:
 def show(result: ElementTestResult) -> None:
     """Print the numbers of a test with their intervals, and what limits them."""
     scenario = result.scenario
-    title = f"{scenario.path.kind} test of {len(result.runs)} samples of {scenario.sample.grains} grains"
+    title = f"{scenario.path.kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
     for name, found in estimates(result).items():
         (mean, half), unit = for_engineers(np.array(found[:2]), unit_name(UNITS[name]))
