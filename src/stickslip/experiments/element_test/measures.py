@@ -284,8 +284,8 @@ def _missing(result: ElementTestResult) -> list[str]:
     rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
     if rigid < len(result.runs):
         out.append(
-            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that nothing "
-            f"resists, or they have more than {MODULI_UP_TO} grains."
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
+            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
         )
     sheared = result.scenario.path.kind not in ("isotropic", "oedometric")
     number = sum(bool(np.isfinite(numbers_of(run, result.scenario)["phi_residual"])) for run in result.runs)
