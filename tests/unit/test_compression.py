@@ -144,8 +144,8 @@ def test_a_pressure_that_is_not_reached_is_reported_with_what_was_reached(monkey
     monkeypatch.setattr(compression, "STEPS", 2000)
     with pytest.raises(ValueError, match="about 1e\\+04 steps"):
         compressed(20, mu=0.5, pressure=1e-4, dim=2)
-    scales = compression._Scales(1.2e-4, 100.0, 700.0, 0.5)
-    monkeypatch.setattr(compression, "_find_scales", lambda *given: scales)
+    scales = compression.Scales(1.2e-4, 100.0, 700.0, 0.5)
+    monkeypatch.setattr(compression, "compression_scales", lambda *given: scales)
     with pytest.raises(ss.NotInEquilibriumError) as problem:
         compressed(20, mu=0.5, pressure=1e-4, dim=2)
     message = str(problem.value)

@@ -156,6 +156,7 @@ def test_steps_grow_from_the_start_of_each_leg():
     turn = int(loads.argmax())
     assert loads[0] == 0 and loads[turn] == pytest.approx(0.01) and loads[-1] == pytest.approx(0.005)
     size = np.abs(np.diff(loads))
+    assert size[1] == pytest.approx(1.5e-6) and size[turn + 1] == pytest.approx(1.5e-6)
     assert size[0] == pytest.approx(1e-6) and size[turn] == pytest.approx(1e-6) and size.max() <= 1e-3 * (1 + 1e-9)
     assert (np.diff(loads[: turn + 1]) > 0).all() and (np.diff(loads[turn:]) < 0).all()
 

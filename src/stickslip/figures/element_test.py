@@ -45,7 +45,8 @@ def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table |
         _lines(axes, tables, strain, name)
         if halved is not None:
             axes.plot(halved[strain], halved[name], "--", color=RED, label="first sample, half the step or rate")
-        axes.axhline(0, color=BLACK, lw=0.4)
+        if name != "void_ratio":
+            axes.axhline(0, color=BLACK, lw=0.4)
         label_axes(axes, y=words)
     label_axes(panels[-1], x=STRAINS[strain])
     legend_above(panels[0])

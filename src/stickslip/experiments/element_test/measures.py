@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from .scenario import ElementTestScenario
-from .simulate import ElementRun, ElementSeries, ElementTestResult
+from .simulate import MODULI_UP_TO, ElementRun, ElementSeries, ElementTestResult
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
 PEAK = 0.1  # share of the leg around the peak from which the dilatancy there is fitted
@@ -19,6 +19,7 @@ BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Row
 FEW = 5  # rows that a slope needs
 NAN = float("nan")
 
+ELASTIC = ("G0", "E0", "nu0")
 STRESS = "force/length^(dim-1)"
 UNITS = {
     "e0": "1", "coordination": "1", "G0": STRESS, "E0": STRESS, "nu0": "1", "E50": STRESS, "phi_peak": "degrees",
@@ -239,9 +240,13 @@ def estimate(values: np.ndarray) -> Estimate:
 
 
 def estimates(result: ElementTestResult) -> dict[str, Estimate]:
-    """Estimates of all numbers that the path gives."""
+    """Estimates of all numbers that the path gives: of elastic moduli, over the samples that have them."""
     rows = [numbers_of(run, result.scenario) for run in result.runs]
-    found = {name: estimate(np.array([row[name] for row in rows])) for name in UNITS}
+    columns = {name: np.array([row[name] for row in rows]) for name in UNITS}
+    known = np.isfinite(columns["G0"])
+    if known.any():
+        columns |= {name: columns[name][known] for name in ELASTIC}
+    found = {name: estimate(values) for name, values in columns.items()}
     return {name: one for name, one in found.items() if np.isfinite(one.mean)}
 
 
@@ -276,6 +281,12 @@ def _scatter(result: ElementTestResult) -> list[str]:
 
 def _missing(result: ElementTestResult) -> list[str]:
     out = [f"Sample {run.seed} ended early: {run.ended}." for run in result.runs if run.ended]
+    rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
+    if rigid < len(result.runs):
+        out.append(
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
+            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
+        )
     sheared = result.scenario.path.kind not in ("isotropic", "oedometric")
     number = sum(bool(np.isfinite(numbers_of(run, result.scenario)["phi_residual"])) for run in result.runs)
     if sheared and number < len(result.runs):

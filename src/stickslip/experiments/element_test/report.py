@@ -68,7 +68,8 @@ def figures(result: ElementTestResult):
     halved = result.checked and _drawn(columns(result.checked, scenario))
     strain = {"simple-shear": "gamma", "isotropic": "volumetric_strain"}.get(scenario.path.kind, "axial_strain")
     yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved)
-    yield "fig2_stress_path.png", figures_of.stress_path(tables, unit)
+    if scenario.path.kind != "isotropic":
+        yield "fig2_stress_path.png", figures_of.stress_path(tables, unit)
     yield "fig3_void_ratio.png", figures_of.void_ratio(tables, unit)
     yield "fig4_contacts.png", figures_of.contacts(tables, strain)
     curve, diameters = scenario.sample.grading.curve(), scenario.sample.diameters
