@@ -92,12 +92,12 @@ def _product(*factors: Matrix) -> Matrix:
     first, *others = factors
     if not others:
         return first
-    second, found = _product(*others), {}
+    second, sums = _product(*others), {}
     for (a, k), left in first.items():
         for b in range(k, 3):
             if right := second.get((k, b)):
-                found.setdefault((a, b), []).append(f"{left}*{right}")
-    return {place: f"({'+'.join(terms)})" for place, terms in found.items()}
+                sums.setdefault((a, b), []).append(f"{left}*{right}")
+    return {place: f"({'+'.join(terms)})" for place, terms in sums.items()}
 
 
 def _sum(*terms: tuple[float, Matrix]) -> Matrix:
@@ -106,15 +106,15 @@ def _sum(*terms: tuple[float, Matrix]) -> Matrix:
 
 
 def _inverse(m: Matrix) -> Matrix:
-    found = {(k, k): f"(1/{m[k, k]})" for k in range(3)}
+    inverse = {(k, k): f"(1/{m[k, k]})" for k in range(3)}
     for a, b in ((0, 1), (1, 2)):
         if (a, b) in m:
-            found[a, b] = f"(-{m[a, b]}/({m[a, a]}*{m[b, b]}))"
+            inverse[a, b] = f"(-{m[a, b]}/({m[a, a]}*{m[b, b]}))"
     corner = [f"{m[0, 1]}*{m[1, 2]}"] if {(0, 1), (1, 2)} <= m.keys() else []
     corner += [f"-{m[0, 2]}*{m[1, 1]}"] if (0, 2) in m else []
     if corner:
-        found[0, 2] = f"(({''.join(corner)})/({m[0, 0]}*{m[1, 1]}*{m[2, 2]}))"
-    return found
+        inverse[0, 2] = f"(({''.join(corner)})/({m[0, 0]}*{m[1, 1]}*{m[2, 2]}))"
+    return inverse
 
 
 def _turn(rate: Matrix, dt: float) -> Matrix:
@@ -177,13 +177,13 @@ def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, fi
 
 def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]) -> str:
     """Row of matrices times velocity, place or force of a grain, with coefficients that are variables."""
-    found = []
+    terms = []
     for letter, matrix in terms.items():
         for b in range(k, leg.state.cell.dim):
             if (k, b) in matrix:
                 lines.append(f"variable {name}_{letter}{AXES[b]} equal {matrix[k, b]}")
-                found.append(f"v_{name}_{letter}{AXES[b]}*{letter.replace('x', '')}{AXES[b]}")
-    return "+".join(found)
+                terms.append(f"v_{name}_{letter}{AXES[b]}*{letter.replace('x', '')}{AXES[b]}")
+    return "+".join(terms)
 
 
 def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str], list[str], str]:

@@ -213,7 +213,7 @@ def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
         return {}
     text = (folder / LOG).read_text(errors="replace")
     lines = [line.split() for line in text[: text.rfind("\n") + 1].splitlines() if LINE.match(line)]
-    return {int(words[0]) - warm_up(leg): np.array(words[1:], float) for words in lines}
+    return {int(numbers[0]) - warm_up(leg): np.array(numbers[1:], float) for numbers in lines}
 
 
 def sample_path(leg: Leg, folder: Path, step: int) -> Path:
@@ -226,40 +226,41 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     state, path = leg.state, sample_path(leg, folder, step)
     try:
         places = Places.of(leg.law)
-        found = read_restart(path, walls=len(state.walls.mass), values=places.size)
-        if len(found.ids) != len(state.grains.radius):
+        restart = read_restart(path, walls=len(state.walls.mass), values=places.size)
+        if len(restart.ids) != len(state.grains.radius):
             raise ValueError("a restart file that lacks grains")
     except (OSError, ValueError) as problem:
         raise RuntimeError(f"{path} cannot be read ({problem}): run LAMMPS again in {folder}") from problem
     elapsed = step * leg.dt
     low, high, (xy, xz, yz) = box[0:6:2], box[1:6:2], box[6:9]
     vectors = np.array([[high[0] - low[0], 0, 0], [xy, high[1] - low[1], 0], [xz, yz, high[2] - low[2]]])
-    cell, position, velocity = _read_motion(leg, folder, step, found, vectors, box[9:])
-    grains = state.grains._replace(position=position, velocity=velocity, spin=found.spin)
-    moved = grains.position, grains.velocity, grains.spin, found.slip, found.wall_slip
+    cell, position, velocity = _read_motion(leg, folder, step, restart, vectors, box[9:])
+    grains = state.grains._replace(position=position, velocity=velocity, spin=restart.spin)
+    moved = grains.position, grains.velocity, grains.spin, restart.slip, restart.wall_slip
     if not all(np.isfinite(values).all() for values in moved):
         raise RuntimeError("the grains became unstable in LAMMPS: use a shorter dt")
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)
     grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
-    found = found._replace(more=rotations(found.more, *places[1:]), wall_more=rotations(found.wall_more, *places[1:]))
-    return restore_memory(moved._replace(grains=grains), leg.law, found)
+    more, wall_more = (rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
+    restart = restart._replace(more=more, wall_more=wall_more)
+    return restore_memory(moved._replace(grains=grains), leg.law, restart)
 
 
-def _read_motion(leg: Leg, folder: Path, step: int, found: Restart, following: np.ndarray, rates: np.ndarray):
+def _read_motion(leg: Leg, folder: Path, step: int, restart: Restart, following: np.ndarray, rates: np.ndarray):
     """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
     state, rate = leg.state, leg.state.control.cell_rate
     dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
     if needs_forces(leg):
         return read_cell(leg, following, rates, read_dump(dumped)[0][0])
-    whole, inside = found.image * state.cell.periodic, found.position
+    whole, inside = restart.image * state.cell.periodic, restart.position
     vectors = following - leg.dt * state.cell.vectors @ rate.T
     if rate.any():
         place = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
         inside = inside + np.round((place - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
     change = step * leg.dt * state.cell.vectors @ rate.T
     cell = state.cell._replace(vectors=state.cell.vectors + change, rate=rate.copy())
-    return cell, inside + whole @ vectors, found.velocity - inside @ rate.T
+    return cell, inside + whole @ vectors, restart.velocity - inside @ rate.T
 
 
 def walls_at(leg: Leg, elapsed: float):

@@ -246,17 +246,17 @@ def estimates(result: ElementTestResult) -> dict[str, Estimate]:
     known = np.isfinite(columns["G0"])
     if known.any():
         columns |= {name: columns[name][known] for name in ELASTIC}
-    found = {name: estimate(values) for name, values in columns.items()}
-    return {name: one for name, one in found.items() if np.isfinite(one.mean)}
+    numbers = {name: estimate(values) for name, values in columns.items()}
+    return {name: number for name, number in numbers.items() if np.isfinite(number.mean)}
 
 
 def measures(result: ElementTestResult) -> dict[str, tuple[float, str]]:
     """Return {name: (value, unit)} for sweeps: means over samples, and halves of their 95 % intervals."""
-    found, nothing = estimates(result), Estimate(NAN, NAN, NAN)
+    numbers, nothing = estimates(result), Estimate(NAN, NAN, NAN)
     out = {}
     for name, unit in UNITS.items():
-        one = found.get(name, nothing)
-        out |= {name: (one.mean, unit), f"{name}_error": (one.half_width, unit)}
+        number = numbers.get(name, nothing)
+        out |= {name: (number.mean, unit), f"{name}_error": (number.half_width, unit)}
     return out
 
 
@@ -266,12 +266,12 @@ def sentences(result: ElementTestResult) -> list[str]:
 
 
 def _scatter(result: ElementTestResult) -> list[str]:
-    n, found = result.scenario.sample.grains, estimates(result).get("phi_peak")
+    n, peak = result.scenario.sample.grains, estimates(result).get("phi_peak")
     if len(result.runs) < 2:
         return ["One sample gives no interval: use more realizations."]
-    if found is None or not found.scatter > 0:
+    if peak is None or not peak.scatter > 0:
         return []
-    share = found.scatter / found.mean
+    share = peak.scatter / peak.mean
     size = f"{n * (share / 0.01) ** 2:.2g} grains" if share > 0.01 else f"{n} grains suffice"
     return [
         f"The peak angle of samples of {n} grains scatters by {share:.1%}. If the scatter falls as 1/√N, a scatter of "
@@ -299,13 +299,13 @@ def _missing(result: ElementTestResult) -> list[str]:
 
 
 def _quasi_static(result: ElementTestResult) -> list[str]:
-    scenario, found = result.scenario, estimates(result)
+    scenario, numbers = result.scenario, estimates(result)
     if scenario.path.integrator == "dynamic":
         return [
             f"The strain rate of {scenario.rate:.3g} is an inertial number of {scenario.rate * scenario.time:.2g}; the "
-            f"mean unbalanced force was at most {found['largest_unbalanced'].mean:.2g} of the mean contact force."
+            f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
         ]
-    share = found["rearranged_share"].mean if "rearranged_share" in found else 0.0
+    share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
     return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
 
 

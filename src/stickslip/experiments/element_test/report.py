@@ -37,8 +37,8 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
         "fabric_anisotropy": series.fabric_anisotropy, "sliding_fraction": series.sliding_fraction,
         "phi": friction_angle(stress, dim), "work": work(series), "unbalanced": series.unbalanced,
     }  # fmt: skip
-    found = {name: scenario.sign * values for name, values in signed.items()} | plain
-    return {name: found[name] for name in COLUMNS}
+    table = {name: scenario.sign * values for name, values in signed.items()} | plain
+    return {name: table[name] for name in COLUMNS}
 
 
 def _tables(result: ElementTestResult) -> list[dict[str, np.ndarray]]:
@@ -113,8 +113,8 @@ def show(result: ElementTestResult) -> None:
     scenario = result.scenario
     title = f"{scenario.path.kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
-    for name, found in estimates(result).items():
-        (mean, half), unit = for_engineers(np.array(found[:2]), unit_name(UNITS[name]))
+    for name, number in estimates(result).items():
+        (mean, half), unit = for_engineers(np.array(number[:2]), unit_name(UNITS[name]))
         width = f"{half:.2g}" if np.isfinite(half) else "–"
         table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, MEANING[name])
     show_table(table)

@@ -222,8 +222,8 @@ class Loading(ScenarioTable):
     def _check_kind(self):
         for name, kind in (("pressures", "isotropic"), ("b", "true-triaxial")):
             if (getattr(self, name) is not None) != (self.kind == kind):
-                words = "is missing: give it" if self.kind == kind else f"was given: only {kind} paths have it"
-                raise ValueError(f"path.{name} {words}")
+                advice = "is missing: give it" if self.kind == kind else f"was given: only {kind} paths have it"
+                raise ValueError(f"path.{name} {advice}")
         if self.inertial_number is not None and self.rate is not None:
             raise ValueError("path.inertial_number and path.rate were both given: give only one of them")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):

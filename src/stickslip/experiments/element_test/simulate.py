@@ -231,10 +231,10 @@ def _small_strain(state: State, law: Law) -> SmallStrain:
     if len(state.grains.radius) > MODULI_UP_TO:
         return SmallStrain(*[np.nan] * 4)
     try:
-        found = elastic_moduli(state, law)
+        moduli = elastic_moduli(state, law)
     except ValueError:
         return SmallStrain(*[np.nan] * 4)
-    return SmallStrain(found.shear, found.bulk, found.young, found.poisson)
+    return SmallStrain(moduli.shear, moduli.bulk, moduli.young, moduli.poisson)
 
 
 def loads_of(scenario: ElementTestScenario) -> np.ndarray:

@@ -150,7 +150,7 @@ def _run_stage(
     with closing(engine.pieces(leg)) as states:
         for k, (state, _) in enumerate(states, start=done):
             rows.append(_measure(state, start, conditions.walls, number, edges))
-            words, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
+            summary, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
             over = (rests and engine.stops) or k + 1 == count
             frame = over or (total + k + 1 - done) % every == 0
             if frame or time.monotonic() - saved > SAVE_EVERY:
@@ -160,7 +160,7 @@ def _run_stage(
                 )
                 keep(Piece(number, begin, k + 1, columns, state, frame, end))
                 rows, saved = [], time.monotonic()
-            report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames saved")
+            report(stage.name, (k + 1) / count, f"{summary}, {sum(piece.frame for piece in pieces)} frames saved")
             if over:
                 return
 

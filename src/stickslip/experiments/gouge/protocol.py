@@ -134,7 +134,7 @@ def slide_trunk(
 ) -> Trunk:
     """Take a settled sample through the slides of the protocol; arguments as in `run_trunk`."""
     legs = _LegRunner(scenario, engine, report, kept, scenario.trunk_duration, f"{scenario.seed}/{TRUNK}")
-    place, tests, found = gouge, [], []
+    place, tests, branches = gouge, [], []
     states, velocity = {"settled": gouge.state}, 0.0
     place, test = _slide_to_steadiness(legs, place)
     tests.append(test)
@@ -146,10 +146,10 @@ def slide_trunk(
                 tests.append(Test("slide", velocity, new, 0.0, series, number, k, elastic))
                 velocity = new
                 if part.branches:
-                    found.append(Branch(number, k, new, place))
+                    branches.append(Branch(number, k, new, place))
     states["end"] = place.state
     ledger = _run_ledger(scenario, gouge._replace(state=states["end"])) if scenario.ledger_steps else {}
-    return Trunk(tuple(tests), tuple(found), states, ledger)
+    return Trunk(tuple(tests), tuple(branches), states, ledger)
 
 
 def run_branch(
@@ -170,15 +170,15 @@ def run_branch(
     return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
 
 
-def make_realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
+def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) -> Realization:
     """Make a Realization from a trunk and the tests of its branches, in the order of the branches."""
-    everything = (*found.tests, *(test for one in tests for test in one))
+    everything = (*trunk.tests, *(test for branch in tests for test in branch))
     fastest = max(test.velocity for test in everything)
-    state, thickness = found.states["steady"], float(found.tests[0].series.thickness[-1])
+    state, thickness = trunk.states["steady"], float(trunk.tests[0].series.thickness[-1])
     overlap = _mean_overlap(state) / scenario.grains.mean
     law = gouge_law(scenario, scenario.law.mu)
     good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
-    return Realization(seed, good, everything, found.states, found.ledger)
+    return Realization(seed, good, everything, trunk.states, trunk.ledger)
 
 
 def _slide_to_steadiness(legs: "_LegRunner", place):
@@ -188,13 +188,13 @@ def _slide_to_steadiness(legs: "_LegRunner", place):
         seconds = chosen.slip * legs.scenario.grains.mean / chosen.velocity
         place, series, elastic = legs.run(place, chosen.velocity, seconds, "preparation")
         return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
-    found = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
-    if found is None:
+    reached = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
+    if reached is None:
         raise RuntimeError(
             f"the sample was not steady after a slip of {chosen.longest:g} D: raise preparation.change or "
             f"preparation.longest"
         )
-    place, series, elastic = found
+    place, series, elastic = reached
     return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
 
 
@@ -215,10 +215,10 @@ def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, 
 def _run_slide(legs: "_LegRunner", place, part, velocity: float, seconds: float):
     """Run one slide of the trunk."""
     if isinstance(part, Slide) and part.steady:
-        found = _run_until_steady(legs, place, velocity, 0.0, part.slip)
-        if found is None:
+        reached = _run_until_steady(legs, place, velocity, 0.0, part.slip)
+        if reached is None:
             raise RuntimeError(f"a slide at {velocity:g} m/s was not steady after {part.slip:g} D")
-        return found
+        return reached
     return legs.run(place, velocity, seconds, f"slide at {velocity:g} m/s")
 
 
@@ -226,11 +226,11 @@ def _run_steps(legs: "_LegRunner", start: Branch, part: VelocitySteps):
     """Yield the tests of one sequence of velocity steps."""
     size, place, old = legs.scenario.grains.mean, start.place, start.before
     for velocity in part.velocities[1:]:
-        words = f"step from {old:g} to {velocity:g} m/s"
+        stage = f"step from {old:g} to {velocity:g} m/s"
         if part.twin:
-            _, series, elastic = legs.run(place, old, part.twin * size / old, f"{words}, twin")
+            _, series, elastic = legs.run(place, old, part.twin * size / old, f"{stage}, twin")
             yield Test("twin", old, old, 0.0, series, elastic=elastic)
-        place, series, elastic = legs.run(place, velocity, part.slip * size / velocity, words)
+        place, series, elastic = legs.run(place, velocity, part.slip * size / velocity, stage)
         yield Test("step", old, velocity, 0.0, series, elastic=elastic)
         old = velocity
 
@@ -248,8 +248,8 @@ def _run_holds(legs: "_LegRunner", start: Branch, part: SlideHoldSlide):
         parts.append(series)
         last = until
         for after in part.reslides(before):
-            words = f"slide at {after:g} m/s after a hold of {hold:g} s"
-            _, series, stored = legs.run(place, after, part.slip * size / after, words)
+            stage = f"slide at {after:g} m/s after a hold of {hold:g} s"
+            _, series, stored = legs.run(place, after, part.slip * size / after, stage)
             yield Test("reslide", before, after, hold, series, elastic=stored)
     yield Test("hold", before, 0.0, 0.0, _log_binned(_concatenate(parts)), elastic=elastic)
 
@@ -279,7 +279,7 @@ class _LegRunner:
         self.scenario, self.engine, self.report, self.kept, self.name = scenario, engine, report, kept, name
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
-    def run(self, place, velocity: float, seconds: float, words: str):
+    def run(self, place, velocity: float, seconds: float, stage: str):
         """Run a leg, each piece of which ends with a sample; return place, series and elastic energy at its end."""
         every = self.scenario.sample_every
         samples = max(1, round(seconds / self.scenario.dt / every))
@@ -293,7 +293,7 @@ class _LegRunner:
                 leg = partial(self._run_leg, place, velocity, steps, f"{self.name}/{name}/{piece}")
                 place, part = load_or_compute(pieces, piece, leg)
                 parts.append(part)
-                self._report_progress(steps, part, words)
+                self._report_progress(steps, part, stage)
             return place, _concatenate(parts)
 
         before = self.done
@@ -301,7 +301,7 @@ class _LegRunner:
         if pieces:
             pieces.clear()
         if self.done == before:  # the whole leg was loaded
-            self._report_progress(samples * every, series, words)
+            self._report_progress(samples * every, series, stage)
         return place, series, elastic_energy(place.state, place.law)
 
     def _run_leg(self, gouge: Gouge, velocity: float, steps: int, name: str) -> tuple[Gouge, Series]:
@@ -311,12 +311,12 @@ class _LegRunner:
         here = gouge._replace(state=leg.state)
         return here._replace(state=end, leg=name), measure_series(record, here)[1:]
 
-    def _report_progress(self, steps: int, series: Series, words: str) -> None:
+    def _report_progress(self, steps: int, series: Series, stage: str) -> None:
         """Report progress and the current state of the sample."""
         self.done += steps
         self.total = max(self.total, self.done)
         self.report(
-            words,
+            stage,
             self.done / self.total,
             f"load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
             f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "

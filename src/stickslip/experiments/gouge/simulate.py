@@ -58,15 +58,15 @@ def simulate_gouge(
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
-    found = [_read_realization(_realization_path(one, folder)) for one in alone]
-    missing = [k for k, one in enumerate(found) if one is None]
+    realizations = [_read_realization(_realization_path(member, folder)) for member in alone]
+    missing = [k for k, member in enumerate(realizations) if member is None]
     failures = {}
     if missing:
         ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, workers, report)
-        for k, one in zip(missing, ensemble.run(), strict=True):
-            found[k], failures[seeds[k]] = (None, one) if isinstance(one, str) else (one, "")
-    sentences = tuple(f"realization {seed} failed: {words}" for seed, words in failures.items() if words)
-    done = tuple(one for one in found if one is not None)
+        for k, member in zip(missing, ensemble.run(), strict=True):
+            realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
+    sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
+    done = tuple(member for member in realizations if member is not None)
     if not done:
         raise RuntimeError(f"every realization failed, the first with {sentences[0]}")
     return GougeResult(scenario, done, sentences, len(alone) - len(missing))
@@ -80,37 +80,37 @@ class _Ensemble:
         self.kept = checkpoint_in(folder, scenario)
         self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
         if self.kept:
-            for one in alone:
-                self.kept.of(one.digest).check()
+            for member in alone:
+                self.kept.of(member.digest).check()
             self.kept.announce()
 
     def run(self) -> list[Realization | str]:
         """Return each realization, or one sentence that says why it failed."""
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} had finished earlier" if before else ""
-        words = f"each takes {self.scenario.expected_cost}{more}"
-        self.report(f"realizations ({len(self.alone)} to run)", 0.0, words)
+        cost = f"each takes {self.scenario.expected_cost}{more}"
+        self.report(f"realizations ({len(self.alone)} to run)", 0.0, cost)
         trunks = self._run_trunks()
         owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
         starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
         tests = self._run_branches(owners, starts)
         out = []
-        for k, (one, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
+        for k, (member, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
             mine = [b for b, owner in enumerate(owners) if owner == k]
             if wrong := next(filter(None, [trunks.reasons[k], *(tests.reasons[b] for b in mine)]), None):
                 out.append(wrong)
                 continue
-            out.append(make_realization(one, one.seed, trunk, [tests.results[b] for b in mine]))
-            self._save(one, out[-1])
+            out.append(make_realization(member, member.seed, trunk, [tests.results[b] for b in mine]))
+            self._save(member, out[-1])
         return out
 
     def _run_trunks(self) -> Realizations:
         """Run the trunk of every realization."""
         nouns = (Trunk, Branch, Test, Series, Gouge)
-        places = [self.kept and self.kept.of(one.digest, *nouns) for one in self.alone]
+        places = [self.kept and self.kept.of(member.digest, *nouns) for member in self.alone]
         tasks = [
-            Task(f"trunk {one.seed}", (one.text, place and place.of(TRUNK)), TRUNK, place)
-            for one, place in zip(self.alone, places, strict=True)
+            Task(f"trunk {member.seed}", (member.text, place and place.of(TRUNK)), TRUNK, place)
+            for member, place in zip(self.alone, places, strict=True)
         ]
         return self._run(_trunk_task, tasks, 0.0, self.first)
 
@@ -133,12 +133,12 @@ class _Ensemble:
             report=within(self.report, begin, end),
         )
 
-    def _save(self, one: GougeScenario, result: Realization) -> None:
+    def _save(self, member: GougeScenario, result: Realization) -> None:
         if self.folder:
-            path = _realization_path(one, self.folder)
+            path = _realization_path(member, self.folder)
             path.parent.mkdir(parents=True, exist_ok=True)
-            archive.write(path, {"realization": result}, scenario=one.text, version=__version__)
-            self.kept.of(one.digest).clear()
+            archive.write(path, {"realization": result}, scenario=member.text, version=__version__)
+            self.kept.of(member.digest).clear()
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
@@ -164,19 +164,20 @@ def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
 
 def _trunk_task(text: str, kept: Checkpoint | None, report: Report) -> Trunk:
     """Run one trunk, possibly in a worker process."""
-    one = GougeScenario.model_validate_json(text)
-    return run_trunk(one, one.seed, find_engine(one, kept and kept.run), report, kept and kept.if_visible())
+    scenario = GougeScenario.model_validate_json(text)
+    engine = find_engine(scenario, kept and kept.run)
+    return run_trunk(scenario, scenario.seed, engine, report, kept and kept.if_visible())
 
 
 def _branch_task(text: str, start: Branch, kept: Checkpoint | None, report: Report) -> tuple[Test, ...]:
     """Run one branch, possibly in a worker process."""
-    one = GougeScenario.model_validate_json(text)
-    return run_branch(one, start, find_engine(one, kept and kept.run), report, kept and kept.if_visible())
+    scenario = GougeScenario.model_validate_json(text)
+    return run_branch(scenario, start, find_engine(scenario, kept and kept.run), report, kept and kept.if_visible())
 
 
-def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:
+def _realization_path(member: GougeScenario, folder: Path | None) -> Path | None:
     """Path of a saved realization, named after the digest of its scenario so that no other scenario uses it."""
-    return folder / MEMBERS / f"{one.digest}.h5" if folder else None
+    return folder / MEMBERS / f"{member.digest}.h5" if folder else None
 
 
 def _read_realization(path: Path | None) -> Realization | None:
