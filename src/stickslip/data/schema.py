@@ -195,7 +195,8 @@ def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
         return message
     if first["type"].startswith("union_tag"):
         given = f"has kind = {first['ctx']['tag']!r}" if "tag" in first["ctx"] else "has no kind"
-        kinds = [table.model_fields["kind"].default for table in tables_in(kind.model_fields[keys[-1]].annotation)]
+        _, parent, _ = _locate(first["loc"][: first["loc"].index(keys[-1])], kind)
+        kinds = [table.model_fields["kind"].default for table in tables_in(parent.model_fields[keys[-1]].annotation)]
         return f"{'.'.join(keys)}{entry} {given}: use {', '.join(map(repr, kinds))}"
     if first["type"] == "missing":
         return f"{'.'.join(keys)}{entry} is missing: give it"
