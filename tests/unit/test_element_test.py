@@ -375,6 +375,8 @@ def test_the_command_line_writes_series_with_units(tmp_path, monkeypatch, capsys
         ({"path": {"b": 0.5}}, r"path\.b was given: only true-triaxial"),
         ({"path": {"kind": "isotropic"}}, r"path\.pressures is missing"),
         ({"path": {"rate": 1.0}}, "quasi-static"),
+        ({"sample": {"grading": {"kind": "table", "sizes": [1e-6, 1e-3], "passing": [0, 100]}}}, "at most 100 times"),
+        ({"sample": {"grading": {"kind": "sieve"}}}, r"sample\.grading has kind = 'sieve': use 'uniform', 'lognormal'"),
         ({"engine": "lammps"}, "has no quasi-static steps"),
         ({"sample": {"dim": 2, "pressure": 100.0}, "path": {"kind": "plane-strain"}}, "biaxial"),
         ({"sample": {"grading": {"kind": "d10-d50-d60", "d10": 2e-3, "d50": 1e-3, "d60": 3e-3}}}, "must increase"),

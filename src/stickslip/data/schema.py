@@ -201,8 +201,9 @@ def error_message(problem: ValidationError, kind: type[BaseModel], place: str = 
         return message
     if first["type"].startswith("union_tag"):
         given = f"has kind = {first['ctx']['tag']!r}" if "tag" in first["ctx"] else "has no kind"
-        field = kind.model_fields[name.rpartition(".")[2]]
-        kinds = [table.model_fields["kind"].default for table in tables_in(field.annotation)]
+        key = name.rpartition(".")[2]
+        _, parent, _ = _locate(first["loc"][: first["loc"].index(key)], kind, place)
+        kinds = [table.model_fields["kind"].default for table in tables_in(parent.model_fields[key].annotation)]
         return f"{name}{entry} {given}: use {', '.join(map(repr, kinds))}"
     if first["type"] == "missing":
         return f"{name}{entry} is missing: give it"

@@ -21,7 +21,7 @@ from ...data.schema import (
     Seed,
     require_lammps_for_ranks,
 )
-from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit
+from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit, require_span
 
 QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi, doi:10.1140/epje/i2003-10153-0)
 NARROWEST = 2.0  # least width of the cell over the largest diameter
@@ -138,6 +138,7 @@ class ElementSample(ScenarioTable):
     @model_validator(mode="after")
     def _check_grading(self):
         curve = self.grading.curve()
+        require_span(curve.size[0], curve.size[-1])
         off = misfit(curve, self.diameters, self.dim)
         if off > MISFIT:
             raise ValueError(
