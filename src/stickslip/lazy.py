@@ -94,9 +94,9 @@ def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:
     ):  # `from package import module` asks first, then imports the module
         return f"{package}.{name} is a module that was not imported: import {package}.{name}"
     near = [f"{root}.{space}.{name}" for space, names in _namespaces(root).items() if name in names]
-    words = filter(None, WORDS.get(name.lower(), "").split(", "))
-    near = near or [one if one.startswith("`") else f"{root}.{one}" for one in words]
-    near = near or [f"{package}.{one}" for one in _closest(name, known)]
+    others = filter(None, WORDS.get(name.lower(), "").split(", "))
+    near = near or [other if other.startswith("`") else f"{root}.{other}" for other in others]
+    near = near or [f"{package}.{other}" for other in _closest(name, known)]
     hint = f"did you mean {' or '.join(near)}?" if near else f"see help({package})"
     return f"{package} has no attribute {name!r}: {hint}"
 
@@ -122,5 +122,5 @@ def public_names(module) -> list[str]:
 
 def _closest(name: str, known: Iterable[str]) -> list[str]:
     """Name that contains the given one, or is contained in it, or else is spelled most like it; at most one."""
-    inside = [one for one in known if len(name) > 3 and name.lower() in one.lower()]
+    inside = [candidate for candidate in known if len(name) > 3 and name.lower() in candidate.lower()]
     return sorted(inside, key=len)[:1] or difflib.get_close_matches(name, known, n=1, cutoff=0.75)

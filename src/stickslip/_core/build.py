@@ -99,8 +99,8 @@ def _zig_target() -> str:
 
 
 def _ziglang() -> list[list[str]]:
-    found = importlib.util.find_spec("ziglang")
-    return [[str(Path(found.origin).with_name("zig"))]] if found and found.origin else []
+    spec = importlib.util.find_spec("ziglang")
+    return [[str(Path(spec.origin).with_name("zig"))]] if spec and spec.origin else []
 
 
 def find_compiler() -> Compiler | None:
@@ -115,8 +115,8 @@ def find_compiler() -> Compiler | None:
         names = () if sys.platform == "win32" else ("c++", "g++", "clang++")
         candidates = [*([asked] if asked else []), *([name] for name in names), *_ziglang()]
     for command in candidates:
-        if found := _working(command):
-            return found
+        if compiler := _working(command):
+            return compiler
         if command == asked:
             print(f"CXX={shlex.join(asked)} does not compile: other compilers are tried", file=sys.stderr)
     return None
@@ -130,25 +130,25 @@ def _working(command: list[str]) -> Compiler | None:
     with tempfile.TemporaryDirectory() as name:
         source, target, library = (Path(name) / f"probe{suffix}" for suffix in (".cpp", ".o", SUFFIX))
         source.write_text(_PROBE)
-        for words in (
+        for arguments in (
             [*compiler.compile(LEVELS[-1]), "-c", source, "-o", target], [*compiler.link(), target, "-o", library]
         ):  # fmt: skip
-            if _run(words).returncode:
+            if _run(arguments).returncode:
                 return None
     says = _run([*command, *(["c++"] if compiler.is_zig else []), "--version"]).stdout.partition("\n")[0].strip()
     return compiler._replace(version=f"ziglang: {says}" if compiler.is_zig else says)
 
 
-def _run(words: list) -> subprocess.CompletedProcess:
-    return subprocess.run([*map(str, words)], capture_output=True, text=True, errors="replace")
+def _run(command: list) -> subprocess.CompletedProcess:
+    return subprocess.run([*map(str, command)], capture_output=True, text=True, errors="replace")
 
 
 def digest(folder: Path = HERE) -> str:
     """Digest of the sources in a folder and of the flags."""
-    found = hashlib.sha256(json.dumps([FLAGS, _MARCH]).encode())
+    digested = hashlib.sha256(json.dumps([FLAGS, _MARCH]).encode())
     for path in [*_headers(folder), *sorted(folder.glob("*.cpp"))]:
-        found.update(f"\0{path.name}\0".encode() + path.read_bytes())
-    return found.hexdigest()[:16]
+        digested.update(f"\0{path.name}\0".encode() + path.read_bytes())
+    return digested.hexdigest()[:16]
 
 
 def _headers(folder: Path) -> list[Path]:
@@ -164,8 +164,8 @@ def stamp(path: Path) -> dict[str, str]:
     """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is none."""
     if not path.exists():
         return {}
-    found = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", path.read_bytes())
-    return json.loads(found[1]) if found else {}
+    mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", path.read_bytes())
+    return json.loads(mark[1]) if mark else {}
 
 
 def library(level: str) -> Path:
@@ -242,11 +242,11 @@ def _compile_and_link(compiler: Compiler, folder: Path, out: Path, made: dict[st
         text = source.read_bytes()
         first = text.partition(b"\n")[0].decode()
         own = shlex.split(first.removeprefix("// build:")) if first.startswith("// build:") else []
-        words = [*compiler.compile(level), *own, *extra]
-        key = hashlib.sha256(shared + text + "\0".join(words).encode()).hexdigest()[:16]
+        command = [*compiler.compile(level), *own, *extra]
+        key = hashlib.sha256(shared + text + "\0".join(command).encode()).hexdigest()[:16]
         target = objects / f"{source.stem}-{level}-{key}.o"
         if not target.exists():
-            _make(target, [*words, "-c", source], objects, verbose)
+            _make(target, [*command, "-c", source], objects, verbose)
         return target
 
     jobs = [(source, level) for source in sources for level in reversed(LEVELS)]
@@ -254,8 +254,8 @@ def _compile_and_link(compiler: Compiler, folder: Path, out: Path, made: dict[st
         made_objects = list(pool.map(lambda job: compile_source(*job), jobs))
         for level in LEVELS:
             own = [target for target, job in zip(made_objects, jobs, strict=True) if job[1] == level]
-            words = [*compiler.link(made["sanitize"]), *extra, *sorted(own)]
-            _make(library_path(level, out), words, objects, verbose)
+            command = [*compiler.link(made["sanitize"]), *extra, *sorted(own)]
+            _make(library_path(level, out), command, objects, verbose)
     for path in set(objects.glob("*.o")) - set(made_objects):
         path.unlink(missing_ok=True)
 
@@ -264,13 +264,13 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _make(target: Path, words: list, scratch: Path, verbose: bool) -> None:
+def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
     """Run a compiler or linker in a way that a target that exists is complete."""
     part = scratch / f".{os.getpid()}-{target.name}"
-    words = [*words, "-o", part]
+    command = [*command, "-o", part]
     if verbose:
-        print(shlex.join(map(str, words)))
-    run = _run(words)
+        print(shlex.join(map(str, command)))
+    run = _run(command)
     if run.returncode:
         part.unlink(missing_ok=True)
         raise BuildError(run.stderr if verbose else _first_error(run.stderr))
@@ -281,8 +281,8 @@ def _make(target: Path, words: list, scratch: Path, verbose: bool) -> None:
 
 def _first_error(text: str) -> str:
     """One sentence from what a compiler or linker says."""
-    if found := re.search(r"^(.+?):(\d+):(?:\d+:)? (?:fatal )?error: (.*)$", text, flags=re.MULTILINE):
-        return f"the core was not built: {found[1]}, line {found[2]}: {found[3]}"
+    if match := re.search(r"^(.+?):(\d+):(?:\d+:)? (?:fatal )?error: (.*)$", text, flags=re.MULTILINE):
+        return f"the core was not built: {match[1]}, line {match[2]}: {match[3]}"
     lines = [line for line in text.splitlines() if re.search("error|undefined", line)] or text.splitlines() or [""]
     return f"the core was not built: {lines[0].strip()}"
 
@@ -296,8 +296,8 @@ def _replace(path: Path, content: bytes) -> None:
 def preload(sanitize: str) -> str:
     """Runtime libraries of sanitizers, which LD_PRELOAD must name before Python loads a library that needs them."""
     compiler, names = find_compiler(), {"address": "asan", "undefined": "ubsan", "thread": "tsan"}
-    asked = [f"-print-file-name=lib{names[one]}.so" for one in sanitize.split(",") if one in names]
-    return ":".join(_run([*compiler.command, one]).stdout.strip() for one in asked) if compiler else ""
+    asked = [f"-print-file-name=lib{names[option]}.so" for option in sanitize.split(",") if option in names]
+    return ":".join(_run([*compiler.command, option]).stdout.strip() for option in asked) if compiler else ""
 
 
 def main() -> None:
@@ -312,8 +312,8 @@ def main() -> None:
     if given.sanitize and not given.out:
         parser.error("--sanitize needs --out: Python cannot load such libraries without their runtime")
     if given.find:
-        found = find_compiler()
-        sys.exit(print(found.version) if found else NO_COMPILER)
+        compiler = find_compiler()
+        sys.exit(print(compiler.version) if compiler else NO_COMPILER)
     try:
         print(build(HERE, given.out, sanitize=given.sanitize, force=given.force, verbose=given.verbose))
     except (BuildError, OSError) as error:

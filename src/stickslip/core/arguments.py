@@ -125,14 +125,14 @@ _MOST = 16  # values of *arguments that are checked
 def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
     """Index, name and check of the parameters whose annotations can be checked."""
     places = []
-    for place, one in enumerate(inspect.signature(function).parameters.values()):
-        if one.kind is one.VAR_KEYWORD or one.annotation is one.empty:
+    for place, parameter in enumerate(inspect.signature(function).parameters.values()):
+        if parameter.kind is parameter.VAR_KEYWORD or parameter.annotation is parameter.empty:
             continue
-        check = _check_of(one.annotation)
-        if check is not None and one.kind is not one.VAR_POSITIONAL:
-            places.append((place if one.kind is not one.KEYWORD_ONLY else _KEYWORD, one.name, check))
+        check = _check_of(parameter.annotation)
+        if check is not None and parameter.kind is not parameter.VAR_POSITIONAL:
+            places.append((place if parameter.kind is not parameter.KEYWORD_ONLY else _KEYWORD, parameter.name, check))
         elif check is not None:
-            places += [(place + k, f"{one.name}[{k}]", check) for k in range(_MOST)]
+            places += [(place + k, f"{parameter.name}[{k}]", check) for k in range(_MOST)]
     return places
 
 
@@ -181,37 +181,37 @@ def _check_of_union(parts):
     checks = [_check_of(part) for part in parts]
     if None in checks:
         return None
-    words = " or ".join(map(_words, parts))
+    kinds = " or ".join(map(_words, parts))
 
     def check(name, value):
         problems = []
-        for one in checks:
+        for convert in checks:
             try:
-                return one(name, value)
+                return convert(name, value)
             except (TypeError, ValueError) as problem:
                 problems.append(problem)
         for problem in problems:  # of the right type, but with a wrong entry
             if isinstance(problem, ValueError):
                 raise problem
-        raise TypeError(f"{name} must be {words}, but {_described(value)} was given")
+        raise TypeError(f"{name} must be {kinds}, but {_described(value)} was given")
 
     return check
 
 
 def _check_of_container(origin, parts):
     checks = [_check_of(part) for part in parts if part is not Ellipsis]
-    words = _words(origin[parts])
+    kinds = _words(origin[parts])
 
     def check(name, value):
         if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
-            raise TypeError(f"{name} must be {words}, but {_described(value)} was given")
+            raise TypeError(f"{name} must be {kinds}, but {_described(value)} was given")
         if origin is dict:
             return {_part(checks[0], name, k): _part(checks[1], f"{name}[{k!r}]", v) for k, v in value.items()}
         fixed = origin is tuple and Ellipsis not in parts
         if fixed and len(value) != len(parts):
             raise ValueError(f"{name} has {len(value)} entries where {len(parts)} are needed")
         pairs = zip(checks if fixed else checks[:1] * len(value), value, strict=True)
-        made = [_part(one, f"{name}[{k}]", part) for k, (one, part) in enumerate(pairs)]
+        made = [_part(convert, f"{name}[{k}]", part) for k, (convert, part) in enumerate(pairs)]
         return tuple(made) if isinstance(value, tuple) else made
 
     return check
@@ -302,8 +302,8 @@ def _check_array(name: str, value, wanted: Array):
     if kind == "O":
         kind = "c" if any(isinstance(v, complex) for v in array.flat) else "f" if _are_numbers(array) else "O"
     if kind not in wanted.kinds and array.size:
-        words = {"f": "fractions", "c": "complex numbers", "U": "words", "M": "dates", "m": "time differences"}
-        got = words.get(kind, "things other than numbers")
+        nouns = {"f": "fractions", "c": "complex numbers", "U": "words", "M": "dates", "m": "time differences"}
+        got = nouns.get(kind, "things other than numbers")
         needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
         raise ValueError(f"{name}: {got} were given where {needed} are needed")
     if wanted.finite and array.dtype.kind in "fc" and not np.isfinite(array).all():
@@ -321,8 +321,8 @@ def _are_numbers(array: np.ndarray) -> bool:
 
 
 def _check_result(name: str, value, wanted: Result):
-    absent = [f".{one}" for one in wanted.attributes if not hasattr(value, one)]
-    absent += [repr(one) for one in wanted.keys if not isinstance(value, Mapping) or one not in value]
+    absent = [f".{key}" for key in wanted.attributes if not hasattr(value, key)]
+    absent += [repr(key) for key in wanted.keys if not isinstance(value, Mapping) or key not in value]
     if absent:
         kind = _described(value)
         raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")

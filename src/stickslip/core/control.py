@@ -11,14 +11,14 @@ def body_numbers(control: Control, bodies) -> np.ndarray:
     count = len(control.force)
     if isinstance(bodies, slice):
         return np.arange(count)[bodies]
-    found = np.atleast_1d(bodies)
-    if found.dtype == bool and found.shape == (count,):
-        return np.flatnonzero(found)
-    if found.size and (found.dtype.kind not in "iu" or found.ndim != 1):
+    numbers = np.atleast_1d(bodies)
+    if numbers.dtype == bool and numbers.shape == (count,):
+        return np.flatnonzero(numbers)
+    if numbers.size and (numbers.dtype.kind not in "iu" or numbers.ndim != 1):
         raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or a mask of all {count}")
-    for worst in found[(found < 0) | (found >= count)]:
+    for worst in numbers[(numbers < 0) | (numbers >= count)]:
         raise ValueError(f"body {worst} was given: bodies have numbers 0 to {count - 1}, grains first, then walls")
-    return found.astype(int)
+    return numbers.astype(int)
 
 
 @checked
@@ -252,10 +252,10 @@ def spring_forces(control: Control, position: np.ndarray, time: float) -> np.nda
 
 def _axis_numbers(axes) -> np.ndarray:
     """Numbers of axes, (k,) integers from 0 to 5."""
-    found = np.atleast_1d(axes)
-    if found.dtype.kind not in "iu" or not ((found >= 0) & (found < 6)).all():
+    numbers = np.atleast_1d(axes)
+    if numbers.dtype.kind not in "iu" or not ((numbers >= 0) & (numbers < 6)).all():
         raise ValueError(f"axes = {axes!r} was given: 0 to 5 are x, y, z, and rotations about them")
-    return found
+    return numbers
 
 
 def _add_column(course):

@@ -156,9 +156,9 @@ def _check_type(name: str, value, field: Field) -> None:
     if field.optional and value is None:
         return
     if field.shape is None:
-        kinds, words = _SCALARS[field.dtype]
+        kinds, allowed = _SCALARS[field.dtype]
         if not isinstance(value, kinds) or (isinstance(value, bool) and field.dtype is not np.bool_):
-            raise ValueError(f"{name} has type {type(value).__name__}: it must be {words}")
+            raise ValueError(f"{name} has type {type(value).__name__}: it must be {allowed}")
     elif not isinstance(value, np.ndarray) or value.dtype != field.dtype or value.ndim != len(field.shape):
         got = f"{value.dtype} in {value.ndim} dimensions" if isinstance(value, np.ndarray) else type(value).__name__
         raise ValueError(
@@ -198,15 +198,15 @@ def _refuse(name: str, value: np.ndarray, field: Field, low, high) -> None:
     shown = "NaN" if got != got else f"{got:g}"
     if field.dtype is not np.float64:
         shown = str(got)
-        words = f"between {low} and {high}" if high < LARGEST else f"at least {low}"
+        allowed = f"between {low} and {high}" if high < LARGEST else f"at least {low}"
     else:
         sign = "positive and " if low > 0 else "zero or positive and " if low == 0 else ""
-        words = (
+        allowed = (
             f"{sign}finite"
             if abs(got) < 1 / LARGEST or got < 0 <= low
             else f"{sign}finite, at most {LARGEST:g} in size"
         )
-    raise ValueError(f"{name}{place} is {shown}: it must be {words}")
+    raise ValueError(f"{name}{place} is {shown}: it must be {allowed}")
 
 
 def pack_keys(i, j, image) -> np.ndarray:

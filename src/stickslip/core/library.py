@@ -39,8 +39,8 @@ _COMMENT, _DECLARATION = re.compile(r"//.*"), re.compile(r"(?:const )?(?:struct 
 def _declarations(text: str, separator: str) -> list[tuple[str, bool, str]]:
     """Type, whether it is a pointer, and name of every declaration."""
     parts = (" ".join(part.split()) for part in text.split(separator))
-    found = (_DECLARATION.fullmatch(part) for part in parts if part and part != "void")
-    return [(match[1], bool(match[2]), match[3]) for match in found]
+    matches = (_DECLARATION.fullmatch(part) for part in parts if part and part != "void")
+    return [(match[1], bool(match[2]), match[3]) for match in matches]
 
 
 def _interface(array: np.ndarray) -> int:

@@ -41,7 +41,7 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
 
 
 def _list_fields(value) -> str:
-    return "; ".join(f"{words(name)} = {format_value(one)}" for name, one in fields(value) if _is_given(one))
+    return "; ".join(f"{words(name)} = {format_value(entry)}" for name, entry in fields(value) if _is_given(entry))
 
 
 def fields(value) -> list[tuple[str, object]]:

@@ -93,10 +93,10 @@ def parse_number(word: str) -> float:
     return float(word)
 
 
-def parse_numbers(words: Sequence[str]) -> np.ndarray:
+def parse_numbers(tokens: Sequence[str]) -> np.ndarray:
     """Convert words in a file to an array of numbers, as `parse_number` does."""
-    _check_digits("".join(words))
-    return np.array(words, float)
+    _check_digits("".join(tokens))
+    return np.array(tokens, float)
 
 
 def _check_digits(text: str) -> None:

@@ -37,8 +37,8 @@ def units_of(kind: type) -> dict[str, str]:
     'mass length^2'
     """
     whole, comments = _definitions(kind)
-    found = dict.fromkeys(getattr(kind, "_fields", ()), unit) if (unit := _unit_in(whole)) else {}
-    return found | {name: unit for name, text in comments.items() if (unit := _unit_in(text))}
+    units = dict.fromkeys(getattr(kind, "_fields", ()), unit) if (unit := _unit_in(whole)) else {}
+    return units | {name: unit for name, text in comments.items() if (unit := _unit_in(text))}
 
 
 @cache
@@ -51,13 +51,13 @@ def meanings_of(kind: type) -> dict[str, str]:
     >>> meanings_of(Grains)["angle"]
     'time integral of spin'
     """
-    found = {}
+    meanings = {}
     for name, text in _definitions(kind)[1].items():
         text = re.sub(r"^\s*\([^()]*\)|\s*\(([A-Z\d+ ]+, ?)+[A-Z\d+ ]*\)", "", text)  # shapes
         text = re.sub(r"^\s*(bool|u?int\d+|complex|float|structured)\b[:,]?", "", text)
         text = re.sub(r"\s*\[([^\]]+)\]", lambda unit: "" if _is_unit(unit[1]) else unit[0], text)
-        found[name] = re.sub(r"[;:,]? see `[^`]*`", "", text).replace("`", "").strip(" ,;")
-    return {name: text for name, text in found.items() if text}
+        meanings[name] = re.sub(r"[;:,]? see `[^`]*`", "", text).replace("`", "").strip(" ,;")
+    return {name: text for name, text in meanings.items() if text}
 
 
 @cache
@@ -79,8 +79,8 @@ def _unit_in(text: str) -> str | None:
 
 
 def _is_unit(text: str) -> bool:
-    words = set(re.findall("[A-Za-z]+", text))
-    return text == "1" or (len(words) > 0 and words <= _WORDS)
+    symbols = set(re.findall("[A-Za-z]+", text))
+    return text == "1" or (len(symbols) > 0 and symbols <= _WORDS)
 
 
 class Units(NamedTuple):
@@ -138,7 +138,7 @@ def in_units(unit: str, units: Units | None) -> str:
     unit = unit.replace(_PRESSURE, "stress").replace("^dim", f"^{units.dim}")
     if units.dim == 2 or str(units) != "SI":  # a stress has a name of its own in SI and three dimensions only
         power = units.dim - 1
-        unit = re.sub(r"stress(/length)?", lambda found: _per_length(power + (found[1] is not None)), unit)
+        unit = re.sub(r"stress(/length)?", lambda match: _per_length(power + (match[1] is not None)), unit)
     if str(units) == "SI":
         return re.sub("[a-z]+", lambda word: _SI.get(word[0], word[0]), unit)
     return _product(unit, units)

@@ -104,10 +104,10 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
 
 def units(path: str | Path) -> dict[str, str]:
     """Units of the datasets of an archive, keyed by path; errors as in `read`."""
-    found = {}
+    unit_of = {}
     with _open(path) as file:
-        file.visititems(lambda name, item: found.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
-    return found
+        file.visititems(lambda name, item: unit_of.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
+    return unit_of
 
 
 def named_units(path: str | Path) -> Units | None:
@@ -132,8 +132,8 @@ def _open(path):
     except ArchiveError:
         raise
     except _DAMAGE as problem:
-        words = str(problem).split(" (")[0].lower()
-        raise ArchiveError(f"{path} cannot be read as an archive ({words}): give the results.h5 of a run") from None
+        reason = str(problem).split(" (")[0].lower()
+        raise ArchiveError(f"{path} cannot be read as an archive ({reason}): give the results.h5 of a run") from None
 
 
 def _check_checksum(path) -> None:
@@ -160,8 +160,8 @@ def _check_schema(path, schema) -> None:
 def _store(group, name: str, node: Node) -> None:
     is_group = isinstance(node.content, dict)
     made = group.create_group(name) if is_group else _store_array(group, name, node.content)
-    for key, words in node.attrs.items():
-        made.attrs[key] = words
+    for key, text in node.attrs.items():
+        made.attrs[key] = text
     for key, child in node.content.items() if is_group else ():
         _store(made, key, child)
 

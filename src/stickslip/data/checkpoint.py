@@ -111,10 +111,10 @@ class Checkpoint(NamedTuple):
         """Existing pieces by name."""
         if any(not path.name.startswith(".") for path in self.folder.glob("*.h5")):
             raise ArchiveError(f"{self.folder} contains checkpoints in the form of an earlier version: {OTHER_VERSION}")
-        found = [records.read_index(path) for path in records.files(self.folder)]
-        for index in found:
+        indices = [records.read_index(path) for path in records.files(self.folder)]
+        for index in indices:
             self._check(index.about)
-        return ChainMap(*(index.found for index in found))
+        return ChainMap(*(index.found for index in indices))
 
     def _check(self, about: dict) -> None:
         if about and about["scenario"] != self.scenario:
@@ -156,12 +156,12 @@ def is_worth_resuming(folder: Path) -> bool:
 
 def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:
     """Pieces that an unfinished run has saved so far, by part and name, and what they belong to."""
-    found, about = {}, {}
+    pieces, about = {}, {}
     for path in sorted((folder / UNFINISHED).rglob(f"*{records.SUFFIX}")):
         index, part = records.read_index(path), path.parent.relative_to(folder / UNFINISHED)
-        found |= {(part / name).as_posix(): from_bytes(record.read()) for name, record in index.found.items()}
+        pieces |= {(part / name).as_posix(): from_bytes(record.read()) for name, record in index.found.items()}
         about = about or index.about
-    return dict(sorted(found.items())), about
+    return dict(sorted(pieces.items())), about
 
 
 def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:

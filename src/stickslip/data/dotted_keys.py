@@ -30,16 +30,16 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
             return Entry(f"{part} of {'.'.join(above)}", None)
         if not tables:
             raise ScenarioError(f"sweep.{key}: {'.'.join(above)} is not a table and has no key {part!r}")
-        found = next((table.model_fields[part] for table in tables if part in table.model_fields), None)
-        if found is None:
+        field = next((table.model_fields[part] for table in tables if part in table.model_fields), None)
+        if field is None:
             raise ScenarioError(f"sweep.{key}: {unknown_key((*above, part), kind)}")
-        annotation = found.annotation
+        annotation = field.annotation
         above, tables = [*above, part], tables_in(annotation)
         if k == len(parts) - 1 and get_origin(annotation) is dict:
             raise ScenarioError(f"sweep.{key} is a table: name one of its entries, as in {key}.NAME")
         if k == len(parts) - 1 and tables and not get_args(annotation):
             raise ScenarioError(f"sweep.{key} is a table: name one of its keys, {', '.join(tables[0].model_fields)}")
-    return Entry(found.description, found.default)
+    return Entry(field.description, field.default)
 
 
 def with_value(tables: dict, key: str, value) -> dict:

@@ -113,10 +113,10 @@ class LawTable(LawFile):
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
         own = [p.name for p in BY_NAME[self.kind].parameters]
         for name in sorted({*own} ^ {*given} & OWN_PARAMETERS):
-            words = (
+            remedy = (
                 "is missing: give it" if name in own else f"was given: it is no parameter of {self.kind}, leave it out"
             )
-            raise ValueError(f"law.{name} {words}")
+            raise ValueError(f"law.{name} {remedy}")
         elastic = [name for name in ("young", "poisson") if name in given]
         plain = [name for name in ("kn", "kt") if name in given]
         if elastic and plain:
@@ -168,9 +168,9 @@ def takes(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table
         stiffness, dashpot = usual.stiffness_unit, DASHPOTS[DAMPING[defaults.get("damping") or usual.damping]][0]
         units = {"kn": stiffness, "kt": stiffness, "damping_n": dashpot, "damping_t": dashpot}
         for name, field in fields.items():
-            words, unit = split_unit(field.description)
+            text, unit = split_unit(field.description)
             unit = units.get(name, unit)
-            field.description = f"{words} [{in_si(unit) if si else unit}]" if unit else words
+            field.description = f"{text} [{in_si(unit) if si else unit}]" if unit else text
         table.model_rebuild(force=True)
         return table
 

@@ -78,8 +78,13 @@ def _folder_to_lock(folder: Path) -> Path:
 
 
 def _write_holder(place: Path) -> None:
-    words = " ".join(["stickslip", *sys.argv[1:2]])
-    note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
+    command = " ".join(["stickslip", *sys.argv[1:2]])
+    note = {
+        "pid": os.getpid(),
+        "host": socket.gethostname(),
+        "since": time.strftime("%Y-%m-%d %H:%M:%S"),
+        "by": command,
+    }
     with suppress(OSError):  # a full disk is reported when results are written
         atomic.write_atomically(place / HOLDER, json.dumps(note).encode())
 

@@ -74,7 +74,9 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     if not folder.is_dir():
         return []
     own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
-    own = {name: [one for one in digests if one != _OTHER] for name, digests in own.items()}  # no run writes others
+    own = {
+        name: [checksum for checksum in digests if checksum != _OTHER] for name, digests in own.items()
+    }  # no run writes others
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # it wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
@@ -148,6 +150,6 @@ def allow_overwriting(folder: Path, names: Iterable[str]) -> None:
 def _read(path: Path) -> Files:
     try:
         files = json.loads(path.read_text(encoding="utf-8"))["files"] if path.is_file() else {}
-        return {str(name): [str(one) for one in digests] for name, digests in files.items()}
+        return {str(name): [str(checksum) for checksum in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}

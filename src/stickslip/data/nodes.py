@@ -146,8 +146,8 @@ def to_bytes(node: Node) -> bytes:
         arrays.append(node.content.tobytes())
         return node.attrs, node.content.dtype.str, node.content.shape
 
-    words = json.dumps(outline(node)).encode()
-    return b"".join([_LENGTH.pack(len(words)), words, *arrays])
+    text = json.dumps(outline(node)).encode()
+    return b"".join([_LENGTH.pack(len(text)), text, *arrays])
 
 
 def from_bytes(data: bytes) -> Node:
@@ -173,6 +173,6 @@ def archive_fields(record) -> Fields:
             continue
         if hasattr(value, "_asdict") and not isinstance(value, State):
             value = Fields(value._asdict(), type(value))
-        words = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
-        out[name] = "\n".join(value) if words else value
+        is_text = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
+        out[name] = "\n".join(value) if is_text else value
     return Fields(out, type(record))

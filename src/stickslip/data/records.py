@@ -98,6 +98,6 @@ def append(folder: Path, name: str, content: bytes, about: dict) -> None:
 
 
 def _framed(name: str, content: bytes) -> bytes:
-    words = name.encode()
-    sizes = _FRAME.pack(0, len(words), len(content))[4:]
-    return b"".join([struct.pack("<I", crc32(content, crc32(words, crc32(sizes)))), sizes, words, content])
+    label = name.encode()
+    sizes = _FRAME.pack(0, len(label), len(content))[4:]
+    return b"".join([struct.pack("<I", crc32(content, crc32(label, crc32(sizes)))), sizes, label, content])

@@ -53,9 +53,9 @@ class Obstacle(Assumption):
     """A note on what acts on the grains of a run but was not taken over, which leaves any verdict undecided."""
 
 
-def repeated_note(words: str) -> Assumption:
+def repeated_note(text: str) -> Assumption:
     """Note that a file repeats from the one that it was made from."""
-    return (Obstacle if words.startswith(UNDECIDED) else Assumption)(words)
+    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text)
 
 
 class MemoryNote(str):
@@ -71,8 +71,8 @@ NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, 
 
 def assumed_law(law: Law) -> Assumption:
     """Return the note on a law that nobody has given."""
-    words = " ".join(repr(law).removeprefix("Law: ").split())
-    return Assumption(f"{NO_LAW}: the defaults are assumed ({words})")
+    text = " ".join(repr(law).removeprefix("Law: ").split())
+    return Assumption(f"{NO_LAW}: the defaults are assumed ({text})")
 
 
 class PackingWarning(UserWarning):
@@ -364,8 +364,8 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     new.roll[row[there]] = turned[i[there]] + turned[j[there]]
     missing = int((touches & (new.mode[:count] == OPEN)).sum())
     if missing:
-        words = f"{pluralize(missing, 'touching pair')} not in the list: assumed to have zero slip"
-        warnings.warn(words, PackingWarning, stacklevel=3)
+        message = f"{pluralize(missing, 'touching pair')} not in the list: assumed to have zero slip"
+        warnings.warn(message, PackingWarning, stacklevel=3)
     return state._replace(contacts=new)
 
 
@@ -396,16 +396,16 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     along = np.einsum("ck,ck->c", slip, normal)
     size, most = np.linalg.norm(slip, axis=1).max(initial=0.0), np.abs(along).max(initial=0.0)
     if most > 1e-8 * size > 0:
-        words = f"slip was projected onto the contact plane: its normal part was up to {most:.3g}"
-        warnings.warn(f"{words}, {most / size:.2g} of the largest slip", PackingWarning, stacklevel=3)
+        message = f"slip was projected onto the contact plane: its normal part was up to {most:.3g}"
+        warnings.warn(f"{message}, {most / size:.2g} of the largest slip", PackingWarning, stacklevel=3)
     wanted = np.linalg.norm(slip - along[:, None] * normal, axis=1)
     cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
         _apply_modes(state, law, trial, cut, within)
     if cut.any():
-        words = f"slip beyond the Coulomb limit at {pluralize(int(cut.sum()), 'contact')}: truncated at the limit"
-        warnings.warn(words, PackingWarning, stacklevel=3)
+        message = f"slip beyond the Coulomb limit at {pluralize(int(cut.sum()), 'contact')}: truncated at the limit"
+        warnings.warn(message, PackingWarning, stacklevel=3)
     return accept(state, trial)
 
 
@@ -417,7 +417,7 @@ def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
     """
     count, given = int(state.contacts.count[0]), state.contacts.mode
     _, held = forces(state, law, memory=HELD)
-    size, limit = (np.linalg.norm(one.slip[:count], axis=1) for one in (trial, held))
+    size, limit = (np.linalg.norm(contacts.slip[:count], axis=1) for contacts in (trial, held))
     elsewhere = (given[:count] == SLIDE) & ((size < (1 - within) * limit) | (limit == 0))
     rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut & ~elsewhere)
     trial.mode[rows] = given[rows]

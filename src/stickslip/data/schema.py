@@ -185,7 +185,7 @@ def given_keys(
 def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
     """Message about an unknown key or, if there is none, the first error: the given value, and what is allowed."""
     errors = problem.errors()
-    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    first = next((error for error in errors if error["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         return unknown_key(first["loc"], kind)
     keys, _, entry = _locate(first["loc"], kind)
@@ -226,7 +226,7 @@ def tables_in(annotation) -> list[type[BaseModel]]:
     """Classes of the tables in an annotation, including those within a tuple, dictionary or union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [found for inner in get_args(annotation) for found in tables_in(inner)]
+    return [kind for inner in get_args(annotation) for kind in tables_in(inner)]
 
 
 def unknown_key(where, kind: type[BaseModel]) -> str:

@@ -209,13 +209,13 @@ def _stopped(state: State) -> State:
 
 def _progress(state: State, law: Law, wanted: float, outcome: Outcome) -> tuple[float, str]:
     reached, number = pressure_of(state, law), coordination(state)
-    words = f"pressure {reached:.3g}, unbalanced force {outcome.residual:.1e}, contact number {number:.3f}"
-    return float(np.clip(reached / wanted, 0.0, 1.0)), f"{words}, packing fraction {packing_fraction(state):.4f}"
+    progress = f"pressure {reached:.3g}, unbalanced force {outcome.residual:.1e}, contact number {number:.3f}"
+    return float(np.clip(reached / wanted, 0.0, 1.0)), f"{progress}, packing fraction {packing_fraction(state):.4f}"
 
 
 def _pressure_error(state: State, law: Law, wanted: float, outcome: Outcome) -> NotInEquilibriumError:
-    words = f"no packing at rest under a pressure of {wanted:g} was found"
+    message = f"no packing at rest under a pressure of {wanted:g} was found"
     if not outcome.broken:
         reached, fraction = pressure_of(state, law), packing_fraction(state)
-        words += f", the compression ended at {reached:.3g} with a packing fraction of {fraction:.4g}"
-    return NotInEquilibriumError(words, outcome)
+        message += f", the compression ended at {reached:.3g} with a packing fraction of {fraction:.4g}"
+    return NotInEquilibriumError(message, outcome)

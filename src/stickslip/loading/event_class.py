@@ -49,17 +49,17 @@ class Profile(NamedTuple):
     margin: np.ndarray  # Re λ − (Im λ/drag)² of the pair for which it is smallest, NaN without a pair [1/time²]
 
 
-def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
+def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     """Describe an event, except for where Newton's method alone leads."""
-    judge, before, after = found.before.judge, found.before, found.after
-    profile = _profile(found, step)
-    kind, (power, error) = _classify(found, profile)
+    judge, before, after = event.before.judge, event.before, event.after
+    profile = _profile(event, step)
+    kind, (power, error) = _classify(event, profile)
     trigger, row, values = None, -1, None
-    if kind is EventKind.UNRESOLVED and (trigger := find_trigger(found.last, found.upper)):
+    if kind is EventKind.UNRESOLVED and (trigger := find_trigger(event.last, event.upper)):
         kind, row, values = trigger
-    elif kind is EventKind.UNRESOLVED and found.beyond is not None and found.beyond.oscillates:
+    elif kind is EventKind.UNRESOLVED and event.beyond is not None and event.beyond.oscillates:
         kind = EventKind.PAIR
-    contacts = found.last.state.contacts
+    contacts = event.last.state.contacts
     moved = displacement(before.state, after.state, after.strain - before.strain)
     jump, participation = jump_size(moved, before.response.support.grains)
     (shear, pressure), end = before.stress, after.stress[0]
@@ -67,27 +67,27 @@ def describe(found: Break, step: float, bracket: tuple[float, float]) -> Event:
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
         profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
-        float(found.last.response.mobilisation[row]) if trigger else np.nan,
-        margin(values, judge.drag) if trigger else np.nan, _growth_rate(found, values), (shear - end) / pressure,
+        float(event.last.response.mobilisation[row]) if trigger else np.nan,
+        margin(values, judge.drag) if trigger else np.nan, _growth_rate(event, values), (shear - end) / pressure,
         jump / judge.diameter, participation, opened, closed, np.nan,
     )  # fmt: skip
 
 
-def _profile(found: Break, step: float) -> Profile:
+def _profile(event: Break, step: float) -> Profile:
     """Spectra at distances step · 8^(−k) down to a few widths of the finer bracket."""
-    width, rows = found.upper - found.last.strain, []
-    critical, away = found.upper - 0.5 * width, step
+    width, rows = event.upper - event.last.strain, []
+    critical, away = event.upper - 0.5 * width, step
     while away >= 4 * width:
-        point = _point_at(found, critical - away)
-        if point is not None and (point.stable or not found.last.stable):  # else Newton's method left the path
+        point = _point_at(event, critical - away)
+        if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
             rows.append((away, *_softness(point)))
         away /= RATIO
     return Profile(*np.array(rows).reshape(-1, 5).T)
 
 
-def _point_at(found: Break, strain: float) -> Point | None:
+def _point_at(event: Break, strain: float) -> Point | None:
     """Point of the path at a strain, one step of Newton's method from the nearest point below it."""
-    below = [point for point in found.history if point.strain <= strain]
+    below = [point for point in event.history if point.strain <= strain]
     if not below or below[-1].strain == strain:
         return below[-1] if below else None
     point = below[-1].newton(strain, thorough=True)
@@ -157,12 +157,12 @@ def _power(x: np.ndarray, y: np.ndarray) -> float:
     return brentq(excess, -STEEPEST, STEEPEST) if excess(-STEEPEST) < 0 < excess(STEEPEST) else np.nan
 
 
-def _classify(found: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
+def _classify(event: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
     """Kind of an event as far as spectra tell, and the exponent with its error."""
-    if not found.last.stable:
+    if not event.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
-        power, error = fit_power(profile.distances, values, found.upper - found.last.strain)
+        power, error = fit_power(profile.distances, values, event.upper - event.last.strain)
         if vanishes(power, error):
             return kind, (power, error)
     return EventKind.UNRESOLVED, (np.nan, np.nan)
@@ -205,9 +205,9 @@ def _changing(last: Point, upper: float):
         there = displaced(last.ahead(last.strain + advance), response.free, _coordinates(response, advance))
         there = with_neighbor_list(there, law)
         line, key = linearise(there, law, memory=FREE), there.contacts.key[: there.contacts.count[0]].tolist()
-        found = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
+        contacts = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
         for row in np.flatnonzero(response.support.contacts).tolist():
-            closed, slides = found.get(int(state.contacts.key[row]), (0.0, 0.0))
+            closed, slides = contacts.get(int(state.contacts.key[row]), (0.0, 0.0))
             if not closed:
                 yield row, OPEN
             elif slides and state.contacts.mode[row] == STICK:
@@ -250,13 +250,13 @@ def _coordinates(response, strain: float) -> np.ndarray:
     return strain * flat[response.free.component]
 
 
-def _growth_rate(found: Break, values: np.ndarray | None) -> float:
+def _growth_rate(event: Break, values: np.ndarray | None) -> float:
     """Initial growth rate: of the unstable equilibrium, else of the switched state, else of the motion [1/time]."""
-    if found.beyond is not None:
-        return float(found.beyond.exponents.max())
+    if event.beyond is not None:
+        return float(event.beyond.exponents.max())
     if values is not None:
-        return float(found.before.judge.exponents(values).max())
-    return motion_growth(found.before, found.upper, found.before.judge)
+        return float(event.before.judge.exponents(values).max())
+    return motion_growth(event.before, event.upper, event.before.judge)
 
 
 def motion_growth(point: Point, strain: float, judge: Judge) -> float:

@@ -64,7 +64,7 @@ class StrainStep(NamedTuple):
     loss_ahead: np.ndarray  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
 
 
-@readable(head=lambda found: f"{pluralize(len(found.events), 'event')}; {found.end}")
+@readable(head=lambda record: f"{pluralize(len(record.events), 'event')}; {record.end}")
 class Events(NamedTuple):
     """Events of a quasi-static path, and predictors along it."""
 

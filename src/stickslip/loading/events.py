@@ -229,16 +229,16 @@ class Search:
         moved = displacement(a.state, b.state, b.strain - a.strain)
         return jump_size(moved, a.response.support.grains)[0] > self.least
 
-    def _record(self, found: Break) -> None:
+    def _record(self, event: Break) -> None:
         """Add an event. If stability was lost within the last strain step, the instability took a while to grow."""
         loss = self.loss
-        if loss is not None and found.goal - loss.goal <= self.step:
+        if loss is not None and event.goal - loss.goal <= self.step:
             bracket, beyond = (loss.before.strain, loss.goal), loss.after
-            found = found._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
+            event = event._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
         else:
-            bracket = (found.before.strain, found.goal)
-        self.events.append(describe(found, self.step, bracket))
-        self.point, self.history, self.loss = found.after, [found.after], None
+            bracket = (event.before.strain, event.goal)
+        self.events.append(describe(event, self.step, bracket))
+        self.point, self.history, self.loss = event.after, [event.after], None
 
     def _finer(self, start: Point, goal: float) -> tuple[list[Point], float]:
         """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks.

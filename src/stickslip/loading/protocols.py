@@ -194,17 +194,17 @@ def follow_pair(
 
 @checked
 def track_pairs(
-    path: list[Equilibrium], protocol: Protocol, report: Callable = lambda share, words: None
+    path: list[Equilibrium], protocol: Protocol, report: Callable = lambda share, message: None
 ) -> list[Family]:
     """Track all complex pairs along a path, with births and deaths.
 
     Call `report(share done, words)` before each pair.
     """
-    found, out = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR), []
-    for k, members in enumerate(found):
+    chains, out = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR), []
+    for k, members in enumerate(chains):
         first = path[min(members)]
         rate = first.spectrum.growth_rate[members[min(members)]]
-        report(k / len(found), f"pair {k + 1} of {len(found)}, load {first.load:.4g}, growth rate {rate:.2e}")
+        report(k / len(chains), f"pair {k + 1} of {len(chains)}, load {first.load:.4g}, growth rate {rate:.2e}")
         out.append(follow_pair(path, members, protocol))
     return out
 
@@ -215,8 +215,8 @@ def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | Non
     if not len(last.pairs):
         return None
     top = int(np.argmax(last.im_lambda))
-    found = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR)
-    return follow_pair(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
+    chains = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR)
+    return follow_pair(path, next(f for f in chains if f.get(len(path) - 1) == top), protocol)
 
 
 @checked

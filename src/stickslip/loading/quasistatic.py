@@ -97,23 +97,25 @@ class Watch:
     def check(self, start: State, point: Equilibrium) -> Equilibrium:
         """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
         off = self._distance(start, point)
-        found, left = instability(point.spectrum, point.state, self.law, self.drag), off != 0
-        words = [str(found)] if found else []
-        words += [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
-        if not words:
+        unstable, left = instability(point.spectrum, point.state, self.law, self.drag), off != 0
+        problems = [str(unstable)] if unstable else []
+        problems += (
+            [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
+        )
+        if not problems:
             return point
         if self.choice == "stop":
-            raise LeftPathError(f"at strain {point.load:g} {' and '.join(words)}: use smaller steps, or dynamics")
+            raise LeftPathError(f"at strain {point.load:g} {' and '.join(problems)}: use smaller steps, or dynamics")
         if self.choice == "follow-dynamics":
             point, followed = self._follow(start, point, left)
-            words += ["damped dynamics led to another state"] if followed else []
-        if not self.warned and (left or found.negative):  # pairs are seen in the spectrum
+            problems += ["damped dynamics led to another state"] if followed else []
+        if not self.warned and (left or unstable.negative):  # pairs are seen in the spectrum
             self.warned = True
             more = "further warnings are in the outcomes of the path"
-            said = f"at strain {point.load:g} {'; '.join(words)}; {more}"
+            said = f"at strain {point.load:g} {'; '.join(problems)}; {more}"
             warnings.warn(said, UnstableEquilibriumWarning, stacklevel=3)
-        warning = "; ".join(filter(None, [point.outcome.warning, *words]))
-        return point._replace(outcome=point.outcome._replace(warning=warning, unstable=found is not None, left=left))
+        warning = "; ".join(filter(None, [point.outcome.warning, *problems]))
+        return point._replace(outcome=point.outcome._replace(warning=warning, unstable=unstable is not None, left=left))
 
     def _distance(self, start: State, point: Equilibrium) -> float:
         """Distance of the end of a step from its branch, in mean diameters; see `branch_distance`."""
@@ -144,8 +146,8 @@ class Watch:
             return point, False  # stable under the drag
         end = fall(Point(begin, start, judge), point.load)
         if end is None:
-            words = "damped dynamics did not come to rest"
-            raise NotInEquilibriumError(f"{words} at strain {point.load:g}", point.outcome)
+            problem = "damped dynamics did not come to rest"
+            raise NotInEquilibriumError(f"{problem} at strain {point.load:g}", point.outcome)
         self.rate = None
         modes = spectrum(end.state, self.law, modes=self.modes)
         return point._replace(state=end.state, spectrum=modes), True
@@ -171,11 +173,11 @@ class Instability(NamedTuple):
         return f"the equilibrium is unstable ({' and '.join(parts)}{limit})"
 
 
-def instability(found: Spectrum, state: State, law: Law, drag: float | None = None) -> Instability | None:
+def instability(modes: Spectrum, state: State, law: Law, drag: float | None = None) -> Instability | None:
     """Growing modes of an equilibrium, under a drag [1/time] if given; None if it is stable."""
-    real = found.eigenvalues.real[found.eigenvalues.imag == 0]
-    negative = int((real < -REAL_BELOW * np.abs(found.eigenvalues).max(initial=0.0)).sum())
-    pairs = found.pairs if drag is None else found.pairs[damped_exponents(found.pairs, drag) > 0]
+    real = modes.eigenvalues.real[modes.eigenvalues.imag == 0]
+    negative = int((real < -REAL_BELOW * np.abs(modes.eigenvalues).max(initial=0.0)).sum())
+    pairs = modes.pairs if drag is None else modes.pairs[damped_exponents(modes.pairs, drag) > 0]
     if not (negative or len(pairs)):
         return None
     return Instability(negative, len(pairs), len(linearised(state, law).at_limit) > 0, bool(damping_model(law)))

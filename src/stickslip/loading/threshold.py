@@ -44,7 +44,7 @@ BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads a
 DROP = 1.92  # of the log-likelihood at the ends of an interval of 95 % (half of the quantile 3.84 of χ² with 1 degree)
 
 
-@readable(head=lambda found: "; ".join(found.sentences))
+@readable(head=lambda threshold: "; ".join(threshold.sentences))
 class KineticThreshold(NamedTuple):
     """Outcomes of kicks at several loads, the thresholds fitted to them, and the static thresholds of the same path."""
 
@@ -84,17 +84,17 @@ class KineticThreshold(NamedTuple):
     @property
     def sentences(self) -> list[str]:
         """Thresholds in words."""
-        words, slides, lasts = [], f"slide by {self.distance:g}", f"slide on for another {self.duration:g}"
+        sentences, slides, lasts = [], f"slide by {self.distance:g}", f"slide on for another {self.duration:g}"
         for k, kick in enumerate(self.kicks):
-            found = _describe_rise(slides, self.threshold[k], self.interval[k], self.probability[:, k])
+            rise = _describe_rise(slides, self.threshold[k], self.interval[k], self.probability[:, k])
             if self.slid[:, k].any():
                 at, interval = self.lasting_threshold[k], self.lasting_interval[k]
-                found += f" and {_describe_rise(lasts, at, interval, self.lasting_probability[:, k])}"
-            words.append(f"runs from velocities of {kick:.3g} {found}")
-        words += _describe_arrest(self)
+                rise += f" and {_describe_rise(lasts, at, interval, self.lasting_probability[:, k])}"
+            sentences.append(f"runs from velocities of {kick:.3g} {rise}")
+        sentences += _describe_arrest(self)
         for name, load in (("complex pair", self.first_pair), ("contact at the limit", self.first_limit)):
-            words.append(f"first {name} at {load:.4g}" if np.isfinite(load) else f"no {name}")
-        return words
+            sentences.append(f"first {name} at {load:.4g}" if np.isfinite(load) else f"no {name}")
+        return sentences
 
 
 def _describe_rise(verb: str, at: float, interval, share) -> str:
@@ -106,18 +106,20 @@ def _describe_rise(verb: str, at: float, interval, share) -> str:
     return f"{verb} from a load on that is not bracketed by these loads"
 
 
-def _describe_arrest(found: KineticThreshold) -> list[str]:
+def _describe_arrest(threshold: KineticThreshold) -> list[str]:
     """Outcome of the ramps down, in words."""
-    count, stopped = len(found.arrest), np.isfinite(found.arrest[:, 0])
+    count, stopped = len(threshold.arrest), np.isfinite(threshold.arrest[:, 0])
     if not count:
-        return [] if found.lasting.any() else ["no run slides on, from which the load could be lowered"]
-    words = []
+        return [] if threshold.lasting.any() else ["no run slides on, from which the load could be lowered"]
+    sentences = []
     if stopped.any():
-        low, high = found.arrest[stopped, 0].min(), found.arrest[stopped, 1].max()
-        words.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
+        low, high = threshold.arrest[stopped, 0].min(), threshold.arrest[stopped, 1].max()
+        sentences.append(f"{stopped.sum()} of {count} sliding samples stop between {low:.4g} and {high:.4g}")
     if not stopped.all():
-        words.append(f"{(~stopped).sum()} of {count} still slide at {found.loads[0]:.4g}, the lowest of these loads")
-    return words
+        sentences.append(
+            f"{(~stopped).sum()} of {count} still slide at {threshold.loads[0]:.4g}, the lowest of these loads"
+        )
+    return sentences
 
 
 class _Dynamics(NamedTuple):
@@ -211,15 +213,15 @@ def kinetic_threshold(
     ]  # fmt: skip
     done = run_members(
         _kick, [(*start, how) for start in starts], workers=workers,
-        report=report and (lambda count, total, one: report(count / total, _describe_run(one))),
+        report=report and (lambda count, total, trial: report(count / total, _describe_run(trial))),
         load=lambda k: kept.load(f"kick-{k:06d}") if kept and kept.has(f"kick-{k:06d}") else None,
-        save=lambda k, found: kept and kept.save(f"kick-{k:06d}", found),
+        save=lambda k, result: kept and kept.save(f"kick-{k:06d}", result),
     )  # fmt: skip
-    for one in done:
-        if one.failure:
-            raise RuntimeError(one.failure)
-    found = np.array([one.result for one in done]).reshape(len(tried), len(kicks), -1, 2)
-    time, lasts = found[..., 0], found[..., 1] > 0
+    for trial in done:
+        if trial.failure:
+            raise RuntimeError(trial.failure)
+    results = np.array([trial.result for trial in done]).reshape(len(tried), len(kicks), -1, 2)
+    time, lasts = results[..., 0], results[..., 1] > 0
     where, runs = np.array([point.load for point in tried]), np.full(time.shape[:2], time.shape[2])
     slid, lasting = np.isfinite(time).sum(axis=2), lasts.sum(axis=2)
     median = np.median(np.where(np.isnan(time), np.inf, time), axis=2)
@@ -290,8 +292,8 @@ def _velocities(kicks) -> np.ndarray:
 
 def _seed(seed: int, load: float, kick: float, number: int) -> int:
     """Seed of one run, independent of those of all others and of what else is run; `kick` is in natural units."""
-    words = [seed, *np.array([load, float(f"{kick:.12g}")]).view(np.uint64).tolist(), number]
-    return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+    entropy = [seed, *np.array([load, float(f"{kick:.12g}")]).view(np.uint64).tolist(), number]
+    return int(np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0])
 
 
 def fit_threshold(loads, slid, runs) -> tuple[float, tuple[float, float], float]:
@@ -405,7 +407,7 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    return tuple(_shift(one, change, shift) for one in earlier), back
+    return tuple(_shift(old, change, shift) for old in earlier), back
 
 
 def _shift(state: State, change: np.ndarray, shift: np.ndarray) -> State:

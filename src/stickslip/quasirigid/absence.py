@@ -48,13 +48,13 @@ def farkas(problem: Complementarity) -> Absence | None:
         return None
     # maximise the margin t over y with sum 1: Aᵀ y + t ≤ 0, qᵀ y + t ≤ 0
     above = np.hstack([np.vstack([here.matrix.T, here.vector]), np.ones((size + 1, 1))])
-    found = linprog(
+    program = linprog(
         np.append(np.zeros(size), -1.0), A_ub=above, b_ub=np.zeros(size + 1),
         A_eq=np.append(np.ones(size), 0.0)[None], b_eq=[1.0], bounds=[(0, None)] * size + [(None, None)],
     )  # fmt: skip
-    if found.status != 0 or found.x[-1] < -TIGHT:
+    if program.status != 0 or program.x[-1] < -TIGHT:
         return None
-    y = np.maximum(found.x[:-1], 0.0)
+    y = np.maximum(program.x[:-1], 0.0)
     for candidate in (y, _sharpen(here, y)):
         slip = _required_slip(here, candidate)
         if slip > FAR:

@@ -128,15 +128,15 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
         4096 combinations, none is consistent; if there are more, the search along the pieces found none.
     """
     for start in starts or (np.full(len(apex.sign), STICKS),):
-        found = _iterate_statuses(apex, np.asarray(start))
-        if found is not None:
-            return found
-    found = follow_pieces(apex)
-    if found.status is None and count_choices(apex) <= ENUMERATED:
+        solution = _iterate_statuses(apex, np.asarray(start))
+        if solution is not None:
+            return solution
+    solution = follow_pieces(apex)
+    if solution.status is None and count_choices(apex) <= ENUMERATED:
         every = enumerate_statuses(apex)
         for status, velocity in zip(every.status[:1], every.velocity[:1], strict=True):
             return StatusSolution(status, velocity, "one by one")
-    return found
+    return solution
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
@@ -322,6 +322,6 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     return every.status, every.coherent
 
 
-def _same_velocities(one: np.ndarray, other: np.ndarray) -> bool:
+def _same_velocities(velocity: np.ndarray, other: np.ndarray) -> bool:
     """Return True if two velocities are the same, as for statuses on either side of a cell boundary."""
-    return np.abs(one - other).max(initial=0.0) <= SAME * np.abs(one).max(initial=0.0)
+    return np.abs(velocity - other).max(initial=0.0) <= SAME * np.abs(velocity).max(initial=0.0)

@@ -118,20 +118,20 @@ def enumerate_solutions(problem: Complementarity, again: Callable | None = None)
     """
     here = scale_problem(problem)
     through = enumerate_rates(here)
-    found, rays = [], []
+    solutions, rays = [], []
     for number in through.consistent:
-        one = _make_solution(here, through, number)
-        if again is not None and (np.abs(one.rate) <= one.error).any():
-            one = _replace_rates(one, again(one.slides))
-        found += [] if one is None else [one]
+        solution = _make_solution(here, through, number)
+        if again is not None and (np.abs(solution.rate) <= solution.error).any():
+            solution = _replace_rates(solution, again(solution.slides))
+        solutions += [] if solution is None else [solution]
     for number in np.flatnonzero(through.sign == 0):
         face = _solution_face(here, through.slides[number])
-        found += [_solution_in_units(here, end) for end in _face_ends(face)]
+        solutions += [_solution_in_units(here, end) for end in _face_ends(face)]
         rays += [_ray_in_units(here, ray) for ray in _find_rays(here, face)]
     kept = []
-    for one in sorted(found, key=lambda s: {1: 0, -1: 1, 0: 2}[s.sign]):
-        if not any(_same_rates(one, other) for other in kept):
-            kept.append(one)
+    for solution in sorted(solutions, key=lambda s: {1: 0, -1: 1, 0: 2}[s.sign]):
+        if not any(_same_rates(solution, other) for other in kept):
+            kept.append(solution)
     return AllSolutions(tuple(kept), tuple(rays))
 
 
@@ -141,22 +141,24 @@ def _make_solution(problem: ScaledProblem, through: AllStatusRates, number: int)
     return _solution_in_units(problem, Solution(slides, slip, rate, through.error[number], int(through.sign[number])))
 
 
-def _replace_rates(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
+def _replace_rates(solution: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
     """Solution with more accurate rates, or None if these show that it is not consistent."""
     if better is None:
         return None
     rate, error = better
-    return one._replace(rate=rate, error=error, slip=np.where(one.slides, rate, 0.0))
+    return solution._replace(rate=rate, error=error, slip=np.where(solution.slides, rate, 0.0))
 
 
-def _same_rates(one: Solution, other: Solution) -> bool:
-    largest = max(np.abs(one.rate).max(initial=0.0), np.abs(other.rate).max(initial=0.0))
-    return bool((np.abs(one.rate - other.rate) <= BLUR * (one.error + other.error) + SAME * largest).all())
+def _same_rates(solution: Solution, other: Solution) -> bool:
+    largest = max(np.abs(solution.rate).max(initial=0.0), np.abs(other.rate).max(initial=0.0))
+    return bool((np.abs(solution.rate - other.rate) <= BLUR * (solution.error + other.error) + SAME * largest).all())
 
 
-def _solution_in_units(problem: ScaledProblem, one: Solution) -> Solution:
-    unit = np.where(one.slides, problem.slip_unit, problem.gap_unit)
-    return one._replace(slip=problem.slip_unit * one.slip, rate=unit * one.rate, error=unit * one.error)
+def _solution_in_units(problem: ScaledProblem, solution: Solution) -> Solution:
+    unit = np.where(solution.slides, problem.slip_unit, problem.gap_unit)
+    return solution._replace(
+        slip=problem.slip_unit * solution.slip, rate=unit * solution.rate, error=unit * solution.error
+    )
 
 
 def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
@@ -209,8 +211,8 @@ def _face_ends(face: SolutionFace) -> list[Solution]:
     else:
         aim, places = turn.sum(axis=0), []
         for way in (1.0, -1.0, 0.0):
-            found = linprog(way * aim, A_ub=-turn, b_ub=at + slack, bounds=(None, None))
-            places += [found.x] if found.status == 0 else []
+            program = linprog(way * aim, A_ub=-turn, b_ub=at + slack, bounds=(None, None))
+            places += [program.x] if program.status == 0 else []
     ends = []
     for place in places:
         rate = face.at + face.turn @ place
@@ -238,8 +240,8 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
     else:
         total = turn[slides].sum(axis=0)
         bound = np.append(face.turn_error, 1.0)
-        found = linprog(-total, A_ub=np.vstack([-turn, total]), b_ub=bound, bounds=(None, None))
-        ways = [found.x] if found.status == 0 and found.fun < -0.5 else []
+        program = linprog(-total, A_ub=np.vstack([-turn, total]), b_ub=bound, bounds=(None, None))
+        ways = [program.x] if program.status == 0 and program.fun < -0.5 else []
     rays = []
     for move in (turn @ way for way in ways):
         if (move >= -face.turn_error).all() and move[slides].max(initial=0.0) > 0:

@@ -102,22 +102,22 @@ class Increment:
         m = self.matrix
         faint = m.force[:, 0] <= APEX * self.mean
         apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
-        found = decide_statuses(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
-        self.unchecked += not found.complete
-        if found.status is None or not found.stable:
-            self.lost = _verdict_of_loss(found)
+        choice = decide_statuses(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
+        self.unchecked += not choice.complete
+        if choice.status is None or not choice.stable:
+            self.lost = _verdict_of_loss(choice)
             return
-        if found.others:
-            self._record_fork(found.status, found.others)
+        if choice.others:
+            self._record_fork(choice.status, choice.others)
         was = np.where(before.parted[m.rows], OPENS, _statuses_from_side(np.where(m.limit, m.sign, 0.0)))
-        told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != found.status)
+        told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != choice.status)
         self.events += [
-            Event(0.0, STATUS_NAMES[found.status[k]], *self._bodies_of(k)) for k in np.flatnonzero(apex & told)
+            Event(0.0, STATUS_NAMES[choice.status[k]], *self._bodies_of(k)) for k in np.flatnonzero(apex & told)
         ]
         parted = place.parted.copy()
-        parted[m.rows[found.opens]] = True
+        parted[m.rows[choice.opens]] = True
         loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
-        sides = found.side
+        sides = choice.side
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
         self._set_state(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
@@ -337,11 +337,11 @@ def _statuses_from_side(side: np.ndarray) -> np.ndarray:
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 
-def _verdict_of_loss(found: ApexStatuses) -> Verdict:
+def _verdict_of_loss(choice: ApexStatuses) -> Verdict:
     """Verdict if contacts at the apex have no consistent and stable combination of statuses."""
-    if found.status is not None:
+    if choice.status is not None:
         return Verdict.NEGATIVE
-    return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
+    return Verdict.UNSTABLE if choice.complete else Verdict.NOT_FOUND
 
 
 def _make_solver(matrix: LinearSystem, slides, geometric: bool):

@@ -43,9 +43,9 @@ class ReducedMap(NamedTuple):
     free: np.ndarray  # (n,) velocities if all these contacts stick
     reach: np.ndarray  # (n, 2E) velocities per unit force of each contact on its first body
 
-    def velocities(self, found: StatusSolution) -> np.ndarray:
+    def velocities(self, solution: StatusSolution) -> np.ndarray:
         """(n,) velocities of all coordinates."""
-        lost = np.einsum("eab,eb->ea", stiffness_change(self.apex, found.status), found.velocity)
+        lost = np.einsum("eab,eb->ea", stiffness_change(self.apex, solution.status), solution.velocity)
         return self.free - self.reach @ lost.ravel()
 
 
@@ -131,15 +131,15 @@ def decide_statuses(
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
-    found, complete = _try_groups(search, lone)
-    if not found and len(lone) and not wedged:
-        found, complete = _try_groups(search._replace(any_motion=True), lone)
+    choices, complete = _try_groups(search, lone)
+    if not choices and len(lone) and not wedged:
+        choices, complete = _try_groups(search._replace(any_motion=True), lone)
     if wedged:  # there was no room to open: combinations in which bodies carry load come first
-        found.reverse()
-    found.sort(key=lambda one: not one[1])
-    if not found:
+        choices.reverse()
+    choices.sort(key=lambda choice: not choice[1])
+    if not choices:
         return ApexStatuses(apex, None, None, (), complete)
-    return ApexStatuses(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
+    return ApexStatuses(apex, *choices[0], tuple(status for status, _ in choices[1:]), complete)
 
 
 def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
@@ -152,12 +152,12 @@ def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     """Combinations of statuses for all sets of released bodies, largest sets first, and whether the list is
     complete."""
-    found, complete = [], True
+    choices, complete = [], True
     for size in range(len(lone), -1, -1):
         for group in itertools.combinations(lone, size):
             good, _, all_seen = _choices_with_released(search, np.array(group, int))
-            found, complete = found + good, complete and all_seen
-    return found, complete
+            choices, complete = choices + good, complete and all_seen
+    return choices, complete
 
 
 def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
@@ -189,13 +189,13 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
         return [], released, True
     answers, all_seen = _stable_statuses(map_of.apex)
     good, caught = [], np.zeros(0, int)
-    for found, stable in answers:
-        drawn = _dragged_bodies(search, map_of.velocities(found), loose, gone)[released]
+    for solution, stable in answers:
+        drawn = _dragged_bodies(search, map_of.velocities(solution), loose, gone)[released]
         if drawn.any():
             caught = np.union1d(caught, released[drawn])
             continue
         status = np.zeros(matrix.count, int)
-        status[special], status[gone] = found.status, OPENS
+        status[special], status[gone] = solution.status, OPENS
         good.append((status, stable))
     return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
 
@@ -204,15 +204,15 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
     """Consistent statuses, each with its stability, and whether the list is complete."""
     if count_choices(apex) <= ENUMERATED:
         every = enumerate_statuses(apex)
-        found = [StatusSolution(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
-        return list(zip(found, every.stable.tolist(), strict=True)), every.decided
+        solutions = [StatusSolution(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
+        return list(zip(solutions, every.stable.tolist(), strict=True)), every.decided
     # most likely, sliding contacts keep sliding, and contacts without force stick or open
     slides, touches = np.where(apex.sign < 0, SLIDES_BACK, SLIDES), apex.sign == 0
     starts = (np.where(touches, STICKS, slides), np.where(touches, OPENS, slides), np.full(len(slides), STICKS))
-    found = statuses_at_apex(apex, *starts)
-    if found.status is None:
+    solution = statuses_at_apex(apex, *starts)
+    if solution.status is None:
         return [], False
-    return [(found, bool(np.linalg.slogdet(piece_matrix(apex, found.status))[0] > 0))], False
+    return [(solution, bool(np.linalg.slogdet(piece_matrix(apex, solution.status))[0] > 0))], False
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:

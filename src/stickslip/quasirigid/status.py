@@ -161,16 +161,16 @@ def contact_status(
 
 def _search(matrix: LinearSystem, system: StatusSolver, slides: np.ndarray, unique: bool) -> ContactStatus | None:
     """Search for a status; return None if k₀ is singular."""
-    found = _flip_inconsistent(system, slides)
-    if found is not None and not unique:
-        return _make_status(matrix, system, Verdict.CONSISTENT, found)
+    flipped = _flip_inconsistent(system, slides)
+    if flipped is not None and not unique:
+        return _make_status(matrix, system, Verdict.CONSISTENT, flipped)
     try:
         problem = complementarity_of_system(system)
     except LinAlgError:
         return None
     if len(slides) <= MAPPED:
-        return _enumerate(matrix, system, problem, found)
-    return _search_many(matrix, system, problem, found, unique)
+        return _enumerate(matrix, system, problem, flipped)
+    return _search_many(matrix, system, problem, flipped, unique)
 
 
 def _search_without_idle_motions(
@@ -185,9 +185,9 @@ def _search_without_idle_motions(
         choice = _search(matrix, held, slides, unique)
         if choice is not None:
             return choice
-    found = _flip_inconsistent(system, slides)
-    return _make_failure(matrix, system, Verdict.NOT_FOUND) if found is None else _make_status(
-        matrix, system, Verdict.CONSISTENT, found
+    flipped = _flip_inconsistent(system, slides)
+    return _make_failure(matrix, system, Verdict.NOT_FOUND) if flipped is None else _make_status(
+        matrix, system, Verdict.CONSISTENT, flipped
     )  # fmt: skip
 
 
@@ -274,14 +274,14 @@ def _flip_inconsistent(system: StatusSolver, slides: np.ndarray) -> VerifiedStat
 
 
 def _enumerate(
-    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, found: VerifiedStatus | None
+    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None
 ) -> ContactStatus:
     """Find the status by enumeration, or directly for a P-matrix."""
     known = certificate(problem)
     if known.unique:
-        found = found or _verify(system, principal_pivoting(problem)[0], "principal pivoting")
-        if found is not None:
-            return _make_status(matrix, system, Verdict.UNIQUE, found._replace(stable=True), (), known)
+        flipped = flipped or _verify(system, principal_pivoting(problem)[0], "principal pivoting")
+        if flipped is not None:
+            return _make_status(matrix, system, Verdict.UNIQUE, flipped._replace(stable=True), (), known)
     every = enumerate_solutions(problem, lambda slides: _recompute_rates(system, slides))
     if not every.solutions:
         for ray in every.rays:
@@ -292,16 +292,16 @@ def _enumerate(
         return _make_failure(matrix, system, Verdict.UNSTABLE, absent, known)
     answers = [a for a in (_verify_solution(system, s) for s in every.solutions) if a is not None]
     if not answers:  # singular solutions that do not balance the load to the accuracy of k(S)
-        if found is not None:
-            return _make_status(matrix, system, Verdict.CONSISTENT, found, (), known)
+        if flipped is not None:
+            return _make_status(matrix, system, Verdict.CONSISTENT, flipped, (), known)
         return _make_failure(matrix, system, Verdict.NOT_FOUND, None, known)
     # stable ones first, and of these the one found by flipping
-    answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, found)))
+    answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, flipped)))
     verdict, first, others = _verdict(matrix, system, problem, answers), answers[0], answers[1:]
-    if _same_rates(first, found):
-        first = found._replace(stable=first.stable)
-    elif verdict is Verdict.SINGULAR and found is not None and not any(_same_rates(a, found) for a in answers):
-        first, others = found, answers  # between the ends of a face: contacts that slid keep sliding
+    if _same_rates(first, flipped):
+        first = flipped._replace(stable=first.stable)
+    elif verdict is Verdict.SINGULAR and flipped is not None and not any(_same_rates(a, flipped) for a in answers):
+        first, others = flipped, answers  # between the ends of a face: contacts that slid keep sliding
     return _make_status(matrix, system, verdict, first, others, known)
 
 
@@ -337,11 +337,11 @@ def _stability_rank(answer: VerifiedStatus) -> int:
     return {True: 0, None: 1, False: 2}[answer.stable]
 
 
-def _same_rates(answer: VerifiedStatus, found: VerifiedStatus | None) -> bool:
+def _same_rates(answer: VerifiedStatus, other: VerifiedStatus | None) -> bool:
     """Return True if both statuses have the same rates; a contact on a boundary may have either status."""
-    if found is None:
+    if other is None:
         return False
-    return bool(np.abs(answer.rate - found.rate).max(initial=0.0) <= ALIKE * np.abs(found.rate).max(initial=0.0))
+    return bool(np.abs(answer.rate - other.rate).max(initial=0.0) <= ALIKE * np.abs(other.rate).max(initial=0.0))
 
 
 def _verdict(
@@ -366,11 +366,11 @@ def _verdict(
 
 
 def _search_many(
-    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, found: VerifiedStatus | None, unique: bool
+    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None, unique: bool
 ) -> ContactStatus:
     """Try one algorithm after the other until a stable status is found; absence is reported only with a proof."""
     known = certificate(problem) if unique else None
-    answers = _try_algorithms(system, problem, found)
+    answers = _try_algorithms(system, problem, flipped)
     if answers:
         verdict = _verdict(matrix, system, problem, answers)
         if verdict is Verdict.UNIQUE and not (known and known.unique):
@@ -385,11 +385,11 @@ def _search_many(
 
 
 def _try_algorithms(
-    system: StatusSolver, problem: Complementarity, found: VerifiedStatus | None
+    system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None
 ) -> list[VerifiedStatus]:
     """Statuses found by flipping, pivoting and Lemke's algorithm, up to the first stable one; the best one first."""
     here, answers = scale_problem(problem), []
-    for way in (lambda: found, lambda: _try_pivoting(system, problem), lambda: _try_lemke(system, problem)):
+    for way in (lambda: flipped, lambda: _try_pivoting(system, problem), lambda: _try_lemke(system, problem)):
         answer = way()
         if answer is None or any(_same_rates(answer, other) for other in answers):
             continue

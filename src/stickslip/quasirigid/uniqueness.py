@@ -62,9 +62,9 @@ def certificate(problem: Complementarity) -> Uniqueness:
     if not size:
         return Uniqueness(UniquenessVerdict.UNIQUE, "no contact is critical", np.arange(0))
     here = scale_problem(problem)
-    found = _sufficient_condition(here)
-    if found is not None:
-        return found
+    sufficient = _sufficient_condition(here)
+    if sufficient is not None:
+        return sufficient
     negative = _find_negative_minor(here)
     if negative is not None:
         return _make_not_unique(problem, negative, "minors of one and two contacts and of all were computed")
@@ -94,14 +94,14 @@ def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
 def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
     """Verdict from all 2^Mc − 1 principal minors."""
     through = enumerate_rates(here)
-    words = f"all {len(through.sign) - 1} principal minors were computed"
+    reason = f"all {len(through.sign) - 1} principal minors were computed"
     if (through.sign < 0).any():
-        return _make_not_unique(problem, _fewest_sliding(through, through.sign < 0), words)
+        return _make_not_unique(problem, _fewest_sliding(through, through.sign < 0), reason)
     if (through.sign == 0).any():
-        return _make_singular(here, _fewest_sliding(through, through.sign == 0), words)
+        return _make_singular(here, _fewest_sliding(through, through.sign == 0), reason)
     least = np.flatnonzero(through.slides[1 + int(np.argmin(through.minor[1:]))])
     value = float(np.linalg.det(problem.matrix[np.ix_(least, least)]))
-    return Uniqueness(UniquenessVerdict.UNIQUE, f"{words}; the smallest is {value:.3g}", least, value)
+    return Uniqueness(UniquenessVerdict.UNIQUE, f"{reason}; the smallest is {value:.3g}", least, value)
 
 
 def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
@@ -113,8 +113,8 @@ def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
 def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
     """Find a set of one, two or all contacts whose minor is negative beyond round-off."""
     diagonal, pair, blur = minors_of_one_and_two(here)
-    for one in np.flatnonzero(diagonal < -np.diag(here.error)):
-        return np.array([one])
+    for contact in np.flatnonzero(diagonal < -np.diag(here.error)):
+        return np.array([contact])
     for two in np.argwhere(np.triu(pair < -blur, 1)):
         return two
     everything = np.arange(len(diagonal))
@@ -128,11 +128,11 @@ def _check_small_minors(here: ScaledProblem) -> Uniqueness:
     zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]
     zero += list(np.argwhere(np.triu(pair <= blur, 1))[:1])
     zero += [] if is_regular(here, everything) else [everything]
-    words = "minors of one and two contacts and of all were computed"
+    reason = "minors of one and two contacts and of all were computed"
     if zero:
-        return _make_singular(here, zero[0], words)
+        return _make_singular(here, zero[0], reason)
     return Uniqueness(
-        UniquenessVerdict.UNDECIDED, f"{words}; {len(diagonal)} contacts have too many minors", np.arange(0)
+        UniquenessVerdict.UNDECIDED, f"{reason}; {len(diagonal)} contacts have too many minors", np.arange(0)
     )
 
 
@@ -147,19 +147,19 @@ def sign_of_minor(here: ScaledProblem, chosen: np.ndarray) -> int:
     return int(np.linalg.slogdet(here.submatrix(chosen)[0])[0]) if is_regular(here, chosen) else 0
 
 
-def _make_not_unique(problem: Complementarity, chosen: np.ndarray, words: str) -> Uniqueness:
+def _make_not_unique(problem: Complementarity, chosen: np.ndarray, reason: str) -> Uniqueness:
     value = float(np.linalg.det(problem.matrix[np.ix_(chosen, chosen)]))
     named = ", ".join(map(str, chosen[:MAPPED]))
     return Uniqueness(
-        UniquenessVerdict.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {words}", chosen, value
+        UniquenessVerdict.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {reason}", chosen, value
     )
 
 
-def _make_singular(here: ScaledProblem, chosen: np.ndarray, words: str) -> Uniqueness:
+def _make_singular(here: ScaledProblem, chosen: np.ndarray, minors: str) -> Uniqueness:
     _, values, right = np.linalg.svd(here.submatrix(chosen)[0])
     x = here.slip_unit[chosen] * right[-1]
     named = ", ".join(map(str, chosen[:MAPPED]))
-    reason = f"A of critical contacts {named} has the singular value {values[-1]:.1e}, zero to round-off; {words}"
+    reason = f"A of critical contacts {named} has the singular value {values[-1]:.1e}, zero to round-off; {minors}"
     return Uniqueness(UniquenessVerdict.SINGULAR, reason, chosen, float(values[-1]), x / np.abs(x).max())
 
 

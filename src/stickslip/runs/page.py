@@ -171,7 +171,7 @@ def _experiment_name(text: str) -> str:
 def _read_states(path: Path, frame: str | None) -> list:
     """Read the states of one group: the largest one, or the one that contains the requested frame."""
     try:
-        found = [(one.name, one.state, one.law, one.words) for one in read_archive(path, "all")]
+        found = [(one.name, one.state, one.law, one.notes) for one in read_archive(path, "all")]
     except PackingError:
         return []
     groups = Counter(name.rpartition("/")[0] for name, *_ in found)

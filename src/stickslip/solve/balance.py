@@ -51,12 +51,12 @@ def force_imbalance(here: LinearisedState) -> float:
     state = here.state
     loads = forces(state, here.law)[0]
     worst = np.abs(unbalanced_forces(state, loads)).max(axis=1)
-    found = max(map(_ratio, worst, _local_force_scales(here)), default=0.0) if worst.any() else 0.0
+    ratio = max(map(_ratio, worst, _local_force_scales(here)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
         has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
-        found = max(found, _ratio(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
-    return float(found)
+        ratio = max(ratio, _ratio(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
+    return float(ratio)
 
 
 def _local_force_scales(here: LinearisedState) -> np.ndarray:
@@ -119,10 +119,10 @@ def _ratio(part: float, whole: float) -> float:
 def no_equilibrium_message(residual: float, moves: float = 0.0) -> str:
     """Message given in place of a verdict if the state is not in equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
-    words = share if np.isfinite(residual) else "no contact bears the forces that act"
+    reason = share if np.isfinite(residual) else "no contact bears the forces that act"
     if residual <= BALANCED_BELOW < moves:
-        words = f"the grains move, which changes forces by {_percent(moves)} of the mean contact force"
-    return f"not in equilibrium ({words}): stability cannot be judged"
+        reason = f"the grains move, which changes forces by {_percent(moves)} of the mean contact force"
+    return f"not in equilibrium ({reason}): stability cannot be judged"
 
 
 def _percent(share: float) -> str:
@@ -141,28 +141,28 @@ def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
 
 def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     """Possible reasons why forces do not balance; see `likely_causes`."""
-    found, state, rows = [], here.state, here.rows
+    causes, state, rows = [], here.state, here.rows
     i, j, moves = state.contacts.i[rows], state.contacts.j[rows], state.control.free.any(axis=1)
     bears = (here.line.limit[rows] > 0) & (moves[i] | moves[j])  # not across a gap without friction
     bare = int((~state.contacts.slip[rows[bears]].any(axis=1)).sum())
     if bare:
         which = f"all {bare}" if bare == bears.sum() else f"{bare} of {bears.sum()}"
-        found.append(f"no slips: {which} contacts are treated as never sheared")
+        causes.append(f"no slips: {which} contacts are treated as never sheared")
     control = state.control
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
     free = control.free[: len(here.loose), : state.cell.dim].all()
     if free and not (state.cell.periodic.any() or len(state.walls.mass) or acts):
-        found.append("no cell: no periodic box, walls or loads hold the grains together")
+        causes.append("no cell: no periodic box, walls or loads hold the grains together")
     if motion_imbalance(here) > BALANCED_BELOW:
-        found.append(f"motion: the grains move, at up to {_speeds(here).max():.2g} relative to each other or in space")
-    found += _load_causes(here)
+        causes.append(f"motion: the grains move, at up to {_speeds(here).max():.2g} relative to each other or in space")
+    causes += _load_causes(here)
     lost, error = _precision_loss(state)
     share = _ratio(here.mean_stiffness * error, here.mean_force)
     if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the position errors of two grains
-        found.append(
+        causes.append(
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
         )
-    return (*found, "another law, or parameters other than those under which the packing came to rest")
+    return (*causes, "another law, or parameters other than those under which the packing came to rest")
 
 
 def _load_causes(here: LinearisedState) -> list[str]:
@@ -171,27 +171,27 @@ def _load_causes(here: LinearisedState) -> list[str]:
     n, total = len(state.grains.radius), unbalanced_forces(state, forces(state, here.law)[0])
     free = state.control.free[:n, :3].any(axis=1)
     force, torque, mass = total[:n, :3][free], total[:n, 3:][free], state.grains.mass[free, None]
-    small, found = BALANCED_BELOW * here.mean_force, []
+    small, causes = BALANCED_BELOW * here.mean_force, []
     if not len(force) or not small:
-        return found
+        return causes
     pull = np.median(force / mass, axis=0)
     calm = np.abs(force - mass * pull).max(axis=1) <= small
     if calm.mean() > 0.5 and (np.abs(mass * pull) > small).any():
         g = ", ".join(f"{value:.3g}" for value in np.where(np.abs(pull) < 1e-6 * np.abs(pull).max(), 0.0, -pull))
-        found.append(f"gravity: forces on {calm.sum()} of {len(calm)} grains would balance under gravity ({g})")
+        causes.append(f"gravity: forces on {calm.sum()} of {len(calm)} grains would balance under gravity ({g})")
         force = force - mass * pull
     loose = np.abs(force).max(axis=1) > small
     if not loose.any() and (np.abs(torque) > small).any():
-        found.append(_torque_cause(here.law))
+        causes.append(_torque_cause(here.law))
     place, radius = state.grains.position[free], state.grains.radius[free]
     for axis in np.flatnonzero(~state.cell.periodic[: state.cell.dim]) if 0 < loose.mean() <= 0.7 else ():
-        for side, words in ((-1.0, "lowest"), (1.0, "highest")):
+        for side, edge in ((-1.0, "lowest"), (1.0, "highest")):
             height = side * place[:, axis] + radius
             if (height[loose] > height.max() - 0.5 * radius[loose]).all():
-                found.append(
-                    f"a wall: the {loose.sum()} grains whose forces do not balance are the {words} along {'xyz'[axis]}"
+                causes.append(
+                    f"a wall: the {loose.sum()} grains whose forces do not balance are the {edge} along {'xyz'[axis]}"
                 )
-    return found
+    return causes
 
 
 def _torque_cause(law: Law) -> str:

@@ -95,7 +95,7 @@ class Plane(NamedTuple):
         return float(self.value.imag * np.linalg.norm(self.u1) / np.linalg.norm(self.u0))
 
 
-@readable(head=lambda found: found.verdict)
+@readable(head=lambda form: form.verdict)
 class BirthForm(NamedTuple):
     """Normal form of a pair: how its growth continues at finite amplitude, and what ends it.
 
@@ -156,7 +156,7 @@ class BirthForm(NamedTuple):
         end = "no contact is lost"
         if np.isfinite(self.first):
             end = f"contact {i}–{j} {what}, when grains move by {self._moved(self.first)}"
-        words = {
+        sentences = {
             "bounded bursts": f"bounded bursts, in which grains move by up to {self._moved(self.peak)}; no "
             f"contact is lost (the first would be {i}–{j} at {self._moved(self.first)})",
             "runaway": f"runaway: growth becomes faster until {end}",
@@ -170,7 +170,7 @@ class BirthForm(NamedTuple):
         if self.closing < min(self.first, self.peak if self.fate == "bounded bursts" else np.inf):
             i, j = self.closing_contact
             closes = f"; before that, {i} and {j} come into contact, at {self._moved(self.closing)}"
-        return words[self.fate] + closes
+        return sentences[self.fate] + closes
 
 
 @checked
@@ -269,9 +269,9 @@ def zero_modes(matrix) -> np.ndarray:
             _, size, vectors = svd(matrix.toarray())
         return vectors[size <= ZERO_BELOW * size[0]].T
     values, vectors, scale = near_zero(matrix, SOFTEST, ZERO_BELOW)
-    found = vectors[:, np.abs(values) < ZERO_BELOW * scale]
-    basis, _, _ = svd(np.hstack([found.real, found.imag]), full_matrices=False)
-    return basis[:, : found.shape[1]]
+    zeros = vectors[:, np.abs(values) < ZERO_BELOW * scale]
+    basis, _, _ = svd(np.hstack([zeros.real, zeros.imag]), full_matrices=False)
+    return basis[:, : zeros.shape[1]]
 
 
 def invariant_plane(matrix, value: complex) -> Plane:
@@ -420,13 +420,13 @@ def first_changes(here: LinearisedState, free: Freedom, motion, start: float) ->
             out |= np.stack([stuck & (opened | (there.slides > 0)), opened, apart & (there.closed > 0), reversed_])
         return out
 
-    found, low, high = [(np.inf, -1)] * 4, 0.0, start
-    while not np.isfinite([found[0][0], found[1][0]]).all() and (now := changed(high)) is not None:
+    changes, low, high = [(np.inf, -1)] * 4, 0.0, start
+    while not np.isfinite([changes[0][0], changes[1][0]]).all() and (now := changed(high)) is not None:
         for kind in range(4):
-            if found[kind][1] < 0 and now[kind].any():
-                found[kind] = _bisect(lambda a, kind=kind: changed(a)[kind], low, high, now[kind])
+            if changes[kind][1] < 0 and now[kind].any():
+                changes[kind] = _bisect(lambda a, kind=kind: changed(a)[kind], low, high, now[kind])
         low, high = high, LADDER * high
-    return [(a, (int(contacts.i[c]), int(contacts.j[c])) if c >= 0 else (-1, -1)) for a, c in found]
+    return [(a, (int(contacts.i[c]), int(contacts.j[c])) if c >= 0 else (-1, -1)) for a, c in changes]
 
 
 def _bisect(lost, low: float, high: float, rows) -> tuple[float, int]:

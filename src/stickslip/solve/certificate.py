@@ -62,7 +62,7 @@ def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero:
     if not n:
         return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
     if basis is None:
-        basis = symmetric_basis(matrix, np.float64, lambda share, words: None)
+        basis = symmetric_basis(matrix, np.float64, lambda share, message: None)
     centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, tell)
     real, certain, undecided, loose = 0, [], [], []
     for group in _overlapping_groups(centres, radii):

@@ -99,11 +99,11 @@ def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndar
     for k, shift in enumerate(shifts):
         if report:
             report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
-        found, modes = _exponents_near(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
-        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # round-off of a real one
-        found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
-        new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
-        values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])
+        exponents, modes = _exponents_near(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
+        exponents = np.where(np.abs(exponents.imag) <= PAIR_ABOVE, exponents.real, exponents)  # round-off of a real one
+        exponents, modes = exponents[_is_growing(exponents)], modes[:, _is_growing(exponents)]
+        new = [not np.any(np.abs(values - s) < 1e-8) for s in exponents]
+        values, vectors = np.append(values, exponents[new]), np.hstack([vectors, modes[:, new]])
     return values, _normalise_columns(vectors)
 
 

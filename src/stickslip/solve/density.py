@@ -157,7 +157,7 @@ def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
     # keep the largest frequency in the last bin in spite of round-off
     edges = _bin_edges(bins, frequency.max(initial=0.0) * (1 + 1e-12) or 1.0)
     per = n * np.diff(edges)
-    density, of_pairs = (np.histogram(frequency[one], edges)[0] / per for one in (rings, rings & complex_ones))
+    density, of_pairs = (np.histogram(frequency[chosen], edges)[0] / per for chosen in (rings, rings & complex_ones))
     return DensityOfStates(
         edges, density, np.zeros(len(per)), of_pairs, np.sort(frequency[rings]), n, int(zero.sum()),
         int(negative.sum()), 0.0, "dense",
@@ -202,13 +202,15 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
 
 def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
     """Interval that contains all real parts and zero, from the symmetric part with a margin."""
-    symmetric, one = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
+    symmetric, identity = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
 
     def top(of) -> float:
         return float(eigsh(of, k=1, which="LA", tol=0.1 * MARGIN, v0=start, return_eigenvectors=False)[0])
 
     high = top(symmetric)
-    low = min(high - top(high * one - symmetric), 0.0)  # the smallest may be zero, where a relative tolerance fails
+    low = min(
+        high - top(high * identity - symmetric), 0.0
+    )  # the smallest may be zero, where a relative tolerance fails
     return low - MARGIN * (high - low), high + MARGIN * (high - low)
 
 

@@ -104,13 +104,13 @@ def equilibrate(
     here = linearised(end, law)
     if (rest := force_imbalance(here)) > BALANCED_BELOW:
         return end, outcome._replace(warning=no_equilibrium_message(rest))
-    words = _describe_instability(here, check)
-    if words and len(here.at_limit):
-        words += ", if contacts at the Coulomb limit keep sliding"
-    keep.found_stable = -1 if words else keep.renewals
-    if words:
-        outcome = outcome._replace(warning=words, unstable=True)
-        warnings.warn(words, UnstableEquilibriumWarning, stacklevel=2)
+    instability = _describe_instability(here, check)
+    if instability and len(here.at_limit):
+        instability += ", if contacts at the Coulomb limit keep sliding"
+    keep.found_stable = -1 if instability else keep.renewals
+    if instability:
+        outcome = outcome._replace(warning=instability, unstable=True)
+        warnings.warn(instability, UnstableEquilibriumWarning, stacklevel=2)
     return end, outcome
 
 
@@ -189,6 +189,6 @@ def _check_dense(full: np.ndarray, check: str) -> str:
 
 
 def _instability_message(buckling: int, pairs: int, rate: float) -> str:
-    found = [f"{pluralize(buckling, 'direction')} of negative stiffness"] if buckling else []
-    found += [f"{pluralize(pairs, 'complex pair')}, growing as exp({rate:.2e} t)"] if pairs else []
-    return f"the equilibrium is unstable: {' and '.join(found)}" if found else ""
+    motions = [f"{pluralize(buckling, 'direction')} of negative stiffness"] if buckling else []
+    motions += [f"{pluralize(pairs, 'complex pair')}, growing as exp({rate:.2e} t)"] if pairs else []
+    return f"the equilibrium is unstable: {' and '.join(motions)}" if motions else ""

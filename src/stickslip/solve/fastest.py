@@ -97,8 +97,8 @@ class FastestPair(NamedTuple):
         if self.eigenvalue is None:
             return f"no growing mode found; {self.guarantee}"
         kind = "buckling mode (real λ < 0)" if self.eigenvalue.imag == 0 else "pair found"
-        found = f"λ = {self.eigenvalue:.6g}, growth rate {self.growth_rate:.4g}, frequency {self.frequency:.4g}"
-        return f"fastest {kind}: {found}, residual {self.residual:.0e}; {self.guarantee}"
+        numbers = f"λ = {self.eigenvalue:.6g}, growth rate {self.growth_rate:.4g}, frequency {self.frequency:.4g}"
+        return f"fastest {kind}: {numbers}, residual {self.residual:.0e}; {self.guarantee}"
 
 
 @checked
@@ -170,8 +170,8 @@ def fastest_pair(
         mode[touched] = windows.vector
         mode /= np.sqrt(free.mass)
     frequency = 0.0 if windows.value is None else float(abs(np.sqrt(windows.value).real))
-    found = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*found, bottom, amplification, time, used, windows.done, unverified, free)
+    pair = (windows.value, mode, windows.growth, frequency, windows.residual)
+    return FastestPair(*pair, bottom, amplification, time, used, windows.done, unverified, free)
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
@@ -185,9 +185,9 @@ def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
     beside = count_below(symmetric, floor, order) - count_below(symmetric, -floor, order) if zero else 0
     tried = []
     for limit in _widest_gaps(values, top)[:GAPS]:
-        found = int(((values < limit) & ~(zero & (np.abs(values) < floor))).sum())
+        count = int(((values < limit) & ~(zero & (np.abs(values) < floor))).sum())
         expected = count_below(symmetric, limit, order) - beside
-        tried.append(Bottom(limit, found, expected, zero, skew / (2 * np.sqrt(limit))))
+        tried.append(Bottom(limit, count, expected, zero, skew / (2 * np.sqrt(limit))))
         if tried[-1].confirmed:
             break
     return next((bottom for bottom in tried if bottom.confirmed), tried[0])
@@ -235,8 +235,8 @@ def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longe
     while True:
         run.advance()
         if report:
-            words = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
-            report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), words)
+            progress = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
+            report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), progress)
         if len(run.spectra) == 1:
             continue
         peaks = _hopeful_peaks(run, windows)

@@ -233,6 +233,6 @@ def isotropic(tensor: np.ndarray) -> tuple[float, float]:
 
 def isotropic_tensor(dim: int, bulk: float, shear: float) -> np.ndarray:
     """(dim,) * 4 isotropic tensor (K − 2G/dim) δ_ab δ_cd + G (δ_ac δ_bd + δ_ad δ_bc)."""
-    one = np.eye(dim)
-    swapped = np.einsum("ac,bd->abcd", one, one) + np.einsum("ad,bc->abcd", one, one)
-    return (bulk - 2 * shear / dim) * np.einsum("ab,cd->abcd", one, one) + shear * swapped
+    delta = np.eye(dim)
+    swapped = np.einsum("ac,bd->abcd", delta, delta) + np.einsum("ad,bc->abcd", delta, delta)
+    return (bulk - 2 * shear / dim) * np.einsum("ab,cd->abcd", delta, delta) + shear * swapped

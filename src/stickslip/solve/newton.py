@@ -233,10 +233,10 @@ def _move(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> Trial
 
 def _contacts_changed(before: TrialPoint, after: TrialPoint) -> bool:
     """Return True if a contact opened, closed, stuck or began to slide."""
-    one, other = before.trial, after.trial
-    count = one.count[0]
+    old, other = before.trial, after.trial
+    count = old.count[0]
     return count != other.count[0] or not (
-        np.array_equal(one.mode[:count], other.mode[:count]) and np.array_equal(one.key[:count], other.key[:count])
+        np.array_equal(old.mode[:count], other.mode[:count]) and np.array_equal(old.key[:count], other.key[:count])
     )
 
 

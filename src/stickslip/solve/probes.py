@@ -77,10 +77,10 @@ class ProbeRun:
         excess = now - first
         ratio = now / np.maximum(first, 1e-12 * first.max())
         noise = 1.5 * np.median(np.abs(ratio - np.median(ratio)))  # real modes beat within the sketch
-        one = self.probes * (self.span / 4) ** 2  # power of one mode of unit amplitude under Hann's taper
-        top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > 2 * one) & (excess > 5 * noise * first)
+        unit = self.probes * (self.span / 4) ** 2  # power of one mode of unit amplitude under Hann's taper
+        top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > 2 * unit) & (excess > 5 * noise * first)
         index = np.flatnonzero(top)
-        gamma = np.log(excess[index] / one) / (2 * self.span * (len(self.spectra) - 0.5))
+        gamma = np.log(excess[index] / unit) / (2 * self.span * (len(self.spectra) - 0.5))
         theta = 2 * np.pi / self.span * (index + self._offset(excess, index))
         value = 4 / self.dt**2 * np.sin((theta + 1j * gamma) / 2) ** 2
         growth = np.sqrt(value).imag

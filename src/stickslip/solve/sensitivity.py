@@ -161,30 +161,30 @@ def contact_sensitivity(
         predicted = np.array([_predict_growth(modes, row, block) for row, _, block, _ in changes])
         order = np.argsort(predicted if growth else -predicted, kind="stable")
         chosen = order[: _default_count(len(free), len(changes)) if most is None else most]
-        after, words = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
-        for k, one in enumerate(chosen):
+        after, verdicts = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
+        for k, index in enumerate(chosen):
             if report:
                 report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[one], words[one] = _assess(_eigenvalues_after(state, law, modes, free, *changes[one]))
+            after[index], verdicts[index] = _assess(_eigenvalues_after(state, law, modes, free, *changes[index]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""
     scope = joined(scope, LEFT_OUT if damping_model(law) else "", sliding)
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
-    last = _rank_changes(growth, verdict, after, words, slope)
+    last = _rank_changes(growth, verdict, after, verdicts, slope)
     contact = contact[last]
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
-        here.line.mobilisation[contact], predicted[last], after[last], words[last], scope,
+        here.line.mobilisation[contact], predicted[last], after[last], verdicts[last], scope,
     )  # fmt: skip
 
 
-def _rank_changes(growth: float, verdict: str, after, words, slope) -> np.ndarray:
+def _rank_changes(growth: float, verdict: str, after, verdicts, slope) -> np.ndarray:
     """Order of changes: those that reverse the verdict, then by change in growth; unverified ones last."""
     known = np.isfinite(after)
-    turns = known & ((words == "stable") != (verdict == "stable"))
+    turns = known & ((verdicts == "stable") != (verdict == "stable"))
     return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
 
 
@@ -214,9 +214,9 @@ def _assess(values: np.ndarray) -> tuple[float, str]:
     scale = np.abs(values).max(initial=0.0)
     swings = np.abs(values.imag) > PAIR_ABOVE * scale
     falls = ~swings & (values.real < -ZERO_BELOW * scale)
-    words = [name for name, there in (("oscillates", swings.any()), ("buckles", falls.any())) if there]
+    motions = [name for name, there in (("oscillates", swings.any()), ("buckles", falls.any())) if there]
     rates = np.abs(np.sqrt(values[swings | falls].astype(complex)).imag)
-    return float(rates.max(initial=0.0)), " and ".join(words) or "stable"
+    return float(rates.max(initial=0.0)), " and ".join(motions) or "stable"
 
 
 def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):

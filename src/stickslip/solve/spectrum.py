@@ -24,7 +24,7 @@ NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus t
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
 
-@readable(head=lambda found: _summary(found))
+@readable(head=lambda result: _summary(result))
 class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
@@ -279,10 +279,10 @@ def match_pairs(spectra: list[Spectrum], *, at_least: float = 0.5) -> list[dict[
     return families
 
 
-def _summary(found: Spectrum) -> str:
-    pairs, real = found.pair_indices, found.eigenvalues.real[found.eigenvalues.imag == 0]
-    rate = f", the fastest grows at {found.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
+def _summary(result: Spectrum) -> str:
+    pairs, real = result.pair_indices, result.eigenvalues.real[result.eigenvalues.imag == 0]
+    rate = f", the fastest grows at {result.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
     return (
-        f"{len(found.eigenvalues)} eigenvalues, {pluralize(len(pairs), 'complex pair')}{rate}, "
-        f"smallest real eigenvalue {real.min(initial=np.inf):.4g}, residual {found.residual:.1e}"
+        f"{len(result.eigenvalues)} eigenvalues, {pluralize(len(pairs), 'complex pair')}{rate}, "
+        f"smallest real eigenvalue {real.min(initial=np.inf):.4g}, residual {result.residual:.1e}"
     )

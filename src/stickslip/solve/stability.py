@@ -45,7 +45,7 @@ METHODS = {  # what was computed, in words
 }
 
 
-@readable(head=lambda found: _summary(found), rows=lambda found: _rows(found))
+@readable(head=lambda result: _summary(result), rows=lambda result: _rows(result))
 class Stability(NamedTuple):
     """Stability of the linearised motion around a state, without rattlers.
 
@@ -120,23 +120,23 @@ class Stability(NamedTuple):
     @property
     def motion(self) -> str:
         """Spectrum in words: the verdict at an equilibrium, and the initial motion elsewhere."""
-        found = []
+        motions = []
         if len(self.pairs):
             rate, frequency = self.growth_rate[0], self.frequency[0]
             period = with_unit(f"period {2 * np.pi / frequency:.4g}", "time") if frequency > 0 else "no period"
             several = ", the fastest" if len(self.pairs) > 1 else ""
-            found.append(
+            motions.append(
                 f"oscillatory instability: {pluralize(len(self.pairs), 'complex pair')}{several} with {period} and "
                 f"e-folding time {with_unit(f'{1 / rate:.4g}', 'time')}"
             )
         if len(self.negative):
             e_folding = with_unit(f"{1 / np.sqrt(-self.negative.min()):.4g}", "time")
-            found.append(f"buckling: {len(self.negative)} negative λ, e-folding time {e_folding}")
+            motions.append(f"buckling: {len(self.negative)} negative λ, e-folding time {e_folding}")
         if self.zero_modes > self.rigid:
-            found.append(f"floppy modes: {self.zero_modes - self.rigid} in addition to {self.rigid} translations")
+            motions.append(f"floppy modes: {self.zero_modes - self.rigid} in addition to {self.rigid} translations")
         if not self.grows:
-            found.insert(0, "stable" if self.balanced else "nothing grows")
-        return "; ".join(found)
+            motions.insert(0, "stable" if self.balanced else "nothing grows")
+        return "; ".join(motions)
 
 
 def combine_stability(grows: bool, stuck) -> bool | None:
@@ -150,14 +150,14 @@ def combine_stability(grows: bool, stuck) -> bool | None:
     return None
 
 
-def combine_motions(count: int, found, stuck) -> str:
+def combine_motions(count: int, sliding, stuck) -> str:
     """Verdict in words, from both spectra if there are two."""
-    if stuck is None or not (found.grows or stuck.grows):
-        return found.motion
+    if stuck is None or not (sliding.grows or stuck.grows):
+        return sliding.motion
     undecided, verb = "" if stuck.grows else "not decided: ", "sticks" if count == 1 else "stick"
     return (
         f"{undecided}if the {pluralize(count, 'contact')} at the Coulomb limit {verb}, as after small disturbances: "
-        f"{stuck.motion}; if all of them keep sliding: {found.motion}"
+        f"{stuck.motion}; if all of them keep sliding: {sliding.motion}"
     )
 
 
@@ -211,15 +211,17 @@ def stability(
         raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
     here, has_dashpots = linearised(state, law), bool(damping_model(law))
     here = here.with_modes(modes_under(state, law, here.line))
-    found = _analyse(here, method, has_dashpots and dashpots, report)
+    sliding = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:
-        found = found._replace(scope=joined(found.scope, LEFT_OUT))
+        sliding = sliding._replace(scope=joined(sliding.scope, LEFT_OUT))
     rows = here.at_limit
-    if not len(rows) or found.method == "none":
-        return found
+    if not len(rows) or sliding.method == "none":
+        return sliding
     stuck = _analyse(here.with_modes(with_sticking(here.state, rows)), method, has_dashpots and dashpots, report)
-    found, undamped = (_with_stuck(*both, len(rows)) for both in ((found, stuck), (found.undamped, stuck.undamped)))
-    return found._replace(undamped=undamped)
+    sliding, undamped = (
+        _with_stuck(*both, len(rows)) for both in ((sliding, stuck), (sliding.undamped, stuck.undamped))
+    )
+    return sliding._replace(undamped=undamped)
 
 
 def joined(*scope: str) -> str:
@@ -227,9 +229,9 @@ def joined(*scope: str) -> str:
     return "; ".join(filter(None, scope))
 
 
-def _with_stuck(found: Stability | None, stuck: Stability | None, count: int) -> Stability | None:
+def _with_stuck(sliding: Stability | None, stuck: Stability | None, count: int) -> Stability | None:
     """Stability with contacts at the Coulomb limit sliding, and with them sticking."""
-    return found and found._replace(at_limit=count, if_stuck=stuck, scope=joined(found.scope, MIXED))
+    return sliding and sliding._replace(at_limit=count, if_stuck=stuck, scope=joined(sliding.scope, MIXED))
 
 
 def unloading_scope(law: Law) -> str:
@@ -271,11 +273,11 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
     scope = joined(scope, unloading_scope(law))
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
-    found = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
+    result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
     if not dashpots:
-        return found
+        return result
     drag = assembled(state, dampers, free)
-    return _with_dashpots(found, law, growing_exponents(matrix, drag, free, found.exponents, asked, report))
+    return _with_dashpots(result, law, growing_exponents(matrix, drag, free, result.exponents, asked, report))
 
 
 def _with_dashpots(undamped: Stability, law: Law, exponents: tuple) -> Stability:
@@ -322,49 +324,49 @@ def _analyse_large(state: State, law: Law, free: Freedom, method: str, report):
     """Pairs, their modes in the coordinates `free`, and the scope of the search."""
     if method in ("pairs", "certify"):
         tell, certify = report and partial(report, "complex pairs"), method == "certify"
-        found = complex_pairs(state, law, certificate=certify, report=tell)
-        values, modes, scope = found.eigenvalues, found.modes, "all complex pairs that floating point can resolve"
+        search = complex_pairs(state, law, certificate=certify, report=tell)
+        values, modes, scope = search.eigenvalues, search.modes, "all complex pairs that floating point can resolve"
         if certify:
-            scope = f"{scope}; certificate: {found.certified}"
+            scope = f"{scope}; certificate: {search.certified}"
     else:
-        one = fastest_pair(state, law, report=report)
-        there = one.eigenvalue is not None and one.eigenvalue.imag != 0
-        values = np.array([one.eigenvalue] if there else [], complex)
-        modes = one.mode[:, None] if there else np.zeros((len(one.free), 0), complex)
-        scope = str(one)
+        fastest = fastest_pair(state, law, report=report)
+        there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
+        values = np.array([fastest.eigenvalue] if there else [], complex)
+        modes = fastest.mode[:, None] if there else np.zeros((len(fastest.free), 0), complex)
+        scope = str(fastest)
     place = np.searchsorted(freedom(state).component, free.component)
     return values, modes[place], scope
 
 
-def _summary(found: Stability) -> str:
-    return f"{found.verdict}; {found.n} grains, {found.contacts} contacts, residual {found.residual:.1e}"
+def _summary(result: Stability) -> str:
+    return f"{result.verdict}; {result.n} grains, {result.contacts} contacts, residual {result.residual:.1e}"
 
 
 MOST_PAIRS = 8  # growing modes in a table
 
 
-def _rows(found: Stability):
+def _rows(result: Stability):
     """Rows of a table: the verdict and what it rests on, then the growing modes, the fastest first."""
-    yield "verdict", found.verdict
-    for cause in found.causes:
+    yield "verdict", result.verdict
+    for cause in result.causes:
         yield "possible reason", cause
-    yield "grains", found.n
-    yield "contacts that touch", found.contacts
-    yield "contacts at the Coulomb limit", found.at_limit or None
-    yield "rattlers", len(found.rattlers), "", "grains that nothing holds, left out"
-    yield "residual", found.residual, "", "largest unbalanced force over the mean contact force"
-    slides = "if all contacts at the limit keep sliding" if found.if_stuck else ""
-    for k, (rate, frequency) in enumerate(zip(found.growth_rate, found.frequency, strict=True)):
+    yield "grains", result.n
+    yield "contacts that touch", result.contacts
+    yield "contacts at the Coulomb limit", result.at_limit or None
+    yield "rattlers", len(result.rattlers), "", "grains that nothing holds, left out"
+    yield "residual", result.residual, "", "largest unbalanced force over the mean contact force"
+    slides = "if all contacts at the limit keep sliding" if result.if_stuck else ""
+    for k, (rate, frequency) in enumerate(zip(result.growth_rate, result.frequency, strict=True)):
         if k == MOST_PAIRS:
-            yield "more growing pairs", len(found.pairs) - MOST_PAIRS
+            yield "more growing pairs", len(result.pairs) - MOST_PAIRS
             break
         period = f"period {2 * np.pi / frequency:.4g}, " if frequency > 0 else ""
         yield f"growing pair {k + 1}", f"{period}e-folding time {1 / rate:.4g}", "time", slides
-    for k, rate in enumerate(np.sqrt(-found.negative[:MOST_PAIRS])):
+    for k, rate in enumerate(np.sqrt(-result.negative[:MOST_PAIRS])):
         yield f"buckling mode {k + 1}", f"e-folding time {1 / rate:.4g}", "time", slides
-    yield "more buckling modes", max(len(found.negative) - MOST_PAIRS, 0) or None
-    yield "floppy modes", max(found.zero_modes - found.rigid, 0), "", "besides translations of the whole packing"
-    yield "if contacts at the limit stick", found.if_stuck and found.if_stuck.motion
-    yield "without dashpots", found.undamped and found.undamped.verdict
-    yield "computed", found.way
-    yield "not considered", found.scope or None
+    yield "more buckling modes", max(len(result.negative) - MOST_PAIRS, 0) or None
+    yield "floppy modes", max(result.zero_modes - result.rigid, 0), "", "besides translations of the whole packing"
+    yield "if contacts at the limit stick", result.if_stuck and result.if_stuck.motion
+    yield "without dashpots", result.undamped and result.undamped.verdict
+    yield "computed", result.way
+    yield "not considered", result.scope or None

@@ -275,12 +275,12 @@ def _find_beats(motion: _ModalMotion, undamped: bool) -> list[tuple[float, float
     time = np.pi / np.minimum(apart, np.finfo(float).max)
     decay = 0.0 if undamped else -(s.real[:, None] + s.real) / 2
     gain = np.triu(np.where(np.isfinite(apart), np.sqrt((1 + cosine) / (1 - cosine)), 0.0) * np.exp(-decay * time), 1)
-    found = []
+    beats = []
     for flat in np.argsort(-gain, axis=None)[:PAIRS]:
         j, k = np.unravel_index(flat, gain.shape)
         if gain[j, k] > 1:
-            found.append((float(gain[j, k]), float(time[j, k]), float(speed[j]), float(speed[k])))
-    return found
+            beats.append((float(gain[j, k]), float(time[j, k]), float(speed[j]), float(speed[k])))
+    return beats
 
 
 def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: int, report):
@@ -296,29 +296,29 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
     amplitude = _amplitude_function(motion)
     early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
     times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), early[early < duration], beats]))
-    found = np.empty(len(times))
+    amplitudes = np.empty(len(times))
     for k, t in enumerate(times):
         if report and k % 10 == 0:
             report("transient growth", 0.6 * k / len(times), f"{k} of {len(times)} times up to {duration:.4g}")
-        found[k] = amplitude(t)
+        amplitudes[k] = amplitude(t)
     # the envelope first, then the phase of the oscillation below it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
-    starts = np.unique([*times[np.argsort(-found)[:2]], *beats[:1]])
+    starts = np.unique([*times[np.argsort(-amplitudes)[:2]], *beats[:1]])
     for k, t in enumerate(starts):
         if report:
-            report("transient growth", 0.6 + 0.4 * k / len(starts), f"×{found.max():.4g} so far")
+            report("transient growth", 0.6 + 0.4 * k / len(starts), f"×{amplitudes.max():.4g} so far")
         for reach in reaches:
             near = np.clip(t + np.linspace(-reach, reach, FINE), 0.0, duration)
             values = np.array([amplitude(t) for t in near])
-            times, found, t = np.append(times, near), np.append(found, values), near[np.argmax(values)]
+            times, amplitudes, t = np.append(times, near), np.append(amplitudes, values), near[np.argmax(values)]
         step = 2 * reach / (FINE - 1)
         top = scipy.optimize.minimize_scalar(
             lambda t: -amplitude(t), bounds=(max(t - step, 0.0), min(t + step, duration)), method="bounded",
             options={"xatol": 1e-4 * step},
         )  # fmt: skip
-        times, found = np.append(times, top.x), np.append(found, -top.fun)
+        times, amplitudes = np.append(times, top.x), np.append(amplitudes, -top.fun)
     times, first = np.unique(times, return_index=True)
-    return times, found[first]
+    return times, amplitudes[first]
 
 
 def _amplitude_function(motion: _ModalMotion):

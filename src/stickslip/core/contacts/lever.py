@@ -14,8 +14,8 @@ def with_shorter_arms(state, line, stiff: np.ndarray, damp: np.ndarray):
     """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ) from those of (F, T') with respect to (r, ρ')."""
     count = len(stiff)
     radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    one, other = radius[state.contacts.i[:count]], radius[state.contacts.j[:count]]
-    whole, apart = 1 / (one + other), (other - one) / (one + other)
+    own, other = radius[state.contacts.i[:count]], radius[state.contacts.j[:count]]
+    whole, apart = 1 / (own + other), (other - own) / (own + other)
     ends, middle = (_shares(whole, apart, half) for half in (line.half, line.half_mid))
     # dδ/dr = −n, and half as much halfway
     stiff_at = stiff.copy()

@@ -128,9 +128,9 @@ def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     spans = np.diff(control.knots)[:, None] * 0.5 * (control.course[1:] + control.course[:-1])
     area = np.concatenate([np.zeros((min(1, len(control.knots)), columns)), np.cumsum(spans, axis=0)])
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
-    one = np.eye(3)
+    eye = np.eye(3)
     flow = Flow(
-        np.stack([used, rate, rate, one, one, one, one, 0 * one]), np.stack([factor, factor]), control.rate[order],
+        np.stack([used, rate, rate, eye, eye, eye, eye, 0 * eye]), np.stack([factor, factor]), control.rate[order],
         control.follows[order].astype(int) % (columns + 1),
     )  # fmt: skip
     frame = Frame(

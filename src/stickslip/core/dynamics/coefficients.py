@@ -18,9 +18,9 @@ class GroupMembers(NamedTuple):
 
 def find_members(control: Control, place: np.ndarray | None = None) -> GroupMembers:
     """Find the members of the rigid groups; `place` is the position of each body in memory."""
-    found = groups(control)
-    member = np.concatenate([*found, np.zeros(0, np.int64)]).astype(np.int64)
-    return GroupMembers(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
+    rigid = groups(control)
+    member = np.concatenate([*rigid, np.zeros(0, np.int64)]).astype(np.int64)
+    return GroupMembers(member if place is None else place[member], np.cumsum([0, *map(len, rigid)]))
 
 
 class Plan(NamedTuple):

@@ -166,12 +166,12 @@ class _Run:
 
     def find_broken(self) -> tuple[int, int]:
         """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 if there is no such body."""
-        for code, found in (
+        for code, row in (
             (core.NOT_FINITE, core.find_not_finite(self.moved)),
             (core.RUNAWAY, core.find_runaway(self.moved, self.plan.dt)),
         ):
-            if found >= 0:
-                return code, int(self.moving.order[found])
+            if row >= 0:
+                return code, int(self.moving.order[row])
         return core.DONE, -1
 
     def gather(self) -> Bodies:

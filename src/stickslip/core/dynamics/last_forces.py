@@ -44,8 +44,8 @@ def with_mark(state: State, law: Law, memory: str) -> State:
 
 def matching_instant(state: State, law: Law, memory: str) -> Instant | None:
     """Forces stored by an earlier run, if they belong to this state."""
-    found = state.instant
-    return found if found is not None and found.mark == state_checksum(state, law, memory) else None
+    instant = state.instant
+    return instant if instant is not None and instant.mark == state_checksum(state, law, memory) else None
 
 
 def bodies_at_start(state: State, instant: Instant | None) -> Bodies:

@@ -75,7 +75,7 @@ def split_layers(x, rows, parts):
     """
     if parts == 1 or not len(rows):
         return [rows] * parts
-    sides = np.array([np.ptp(one[rows]) for one in x])
+    sides = np.array([np.ptp(coordinate[rows]) for coordinate in x])
     wide, along = sides[sides > 0], x[np.argmax(sides)]
     edge = (wide.prod() / parts) ** (1 / len(wide)) if len(wide) else 0.0
     layers = min(parts, max(2, round(sides.max() / edge))) if edge else parts

@@ -155,8 +155,8 @@ def block_function(kind: Kind, name: str):
             return cfunc(void(CPointer(float64), int64, *6 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
         files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
-        place, words = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
-        raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {words}; {HELP}") from None
+        place, reason = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
+        raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {reason}; {HELP}") from None
 
 
 @cache

@@ -132,8 +132,8 @@ def with_rolling(
     for name, value in values.items():
         needed = name in MODELS[model]
         if (needed and not value > 0) or (value and not needed and (model, name) != ("spring", "gamma_roll")):
-            words = "must be positive" if needed else "is not a parameter of it, leave it out"
-            raise ValueError(f"{name} = {value} was given with model = {model!r}: it {words}")
+            remedy = "must be positive" if needed else "is not a parameter of it, leave it out"
+            raise ValueError(f"{name} = {value} was given with model = {model!r}: it {remedy}")
     if resists_rolling(law._replace(properties=0)):
         raise ValueError("the law has a rolling moment of its own: use one without it")
     new = _with_parameters(law, ROLLING, values)

@@ -92,7 +92,7 @@ def _resolve_global(name: str, value, made: dict):
 
 def _find_globals(function) -> dict:
     """Global names and enclosing variables that a function uses, with their values."""
-    found, codes = dict(inspect.getclosurevars(function).nonlocals), [function.__code__]
+    values, codes = dict(inspect.getclosurevars(function).nonlocals), [function.__code__]
     while codes:
         code = codes.pop()
         codes += [c for c in code.co_consts if isinstance(c, types.CodeType)]
@@ -101,8 +101,8 @@ def _find_globals(function) -> dict:
                 name = step.argval
                 if name not in function.__globals__ and not hasattr(builtins, name):
                     raise ValueError(f"the contact law's {function.__name__} uses {name!r}, which is not defined")
-                found[name] = function.__globals__.get(name, getattr(builtins, name, None))
-    return found
+                values[name] = function.__globals__.get(name, getattr(builtins, name, None))
+    return values
 
 
 def _copy_function(function, made: dict):
@@ -285,13 +285,13 @@ def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str, m
 
 def _source_text(given: dict) -> str:
     """Source text of the functions, where it is known."""
-    found = []
+    texts = []
     for function in given.values():
         try:
-            found.append(inspect.getsource(function))
+            texts.append(inspect.getsource(function))
         except (OSError, TypeError):
-            found.append(f"# the text of {function.__name__} is not known\n")
-    return "\n".join(found)
+            texts.append(f"# the text of {function.__name__} is not known\n")
+    return "\n".join(texts)
 
 
 @checked

@@ -69,7 +69,7 @@ def _test_overlaps(size: float, end: float) -> list[float]:
 
 def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
     """Own memories of contacts, for the tests of other functions. An update that is not allowed raises ValueError."""
-    found: list[dict] = []
+    memories: list[dict] = []
     for overlap in size * np.array((0.0, 0.0137, 0.0973)):
         at = {"overlap": float(overlap), "r_eff": size}
         try:
@@ -91,8 +91,8 @@ def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
                     f"update at overlap = {overlap:.4g} gives {name} = {value:.6g}, then {again[name]:.6g} at the same "
                     f"overlap: a second update must change nothing"
                 )
-        found.append(new)
-    return found if own.memory else [{}]
+        memories.append(new)
+    return memories if own.memory else [{}]
 
 
 def _evaluate(own: UserLaw, role: str, values: dict, **given):
@@ -105,13 +105,13 @@ def _evaluate(own: UserLaw, role: str, values: dict, **given):
     except ZeroDivisionError:
         return np.nan
     except Exception as problem:
-        words = _error_location(problem)
+        reason = _error_location(problem)
         if any(isinstance(v, complex) for v in given.values()):
             raise ValueError(
-                f"{role} does not accept complex numbers, which its derivative needs, {words}: compare real parts, as "
+                f"{role} does not accept complex numbers, which its derivative needs, {reason}: compare real parts, as "
                 f"in overlap.real < 0.0, and use max, min, abs, math or numpy; {HELP}"
             ) from None
-        raise ValueError(f"{role} cannot be evaluated, {words}: correct it") from None
+        raise ValueError(f"{role} cannot be evaluated, {reason}: correct it") from None
 
 
 def _error_location(problem: Exception) -> str:
@@ -143,9 +143,9 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
             raise ValueError(f"{place} is {value:.4g}: it must not be negative")
         for name in slopes:
             slopes[name].append((at, *_derivatives(own, role, values, at, name, place)))
-    for name, found in slopes.items():
-        scale = max(abs(one) for _, _, *sides in found for one in sides)
-        for at, exact, left, right in found:
+    for name, samples in slopes.items():
+        scale = max(abs(slope) for _, _, *sides in samples for slope in sides)
+        for at, exact, left, right in samples:
             if min(abs(exact - left), abs(exact - right), abs(2 * exact - left - right) / 2) > SLOPE_TOLERANCE * scale:
                 raise ValueError(
                     f"{role} at overlap = {at['overlap']:.4g} has the slope {exact:.4g} by a complex step and "
@@ -226,5 +226,5 @@ def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:
 def locate_error(problem: BaseException, path) -> str:
     """Describe the line of a file in which an error occurred."""
     here = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename == str(path)]
-    words = f"line {here[-1].lineno}: {here[-1].line!r} " if here else ""
-    return f"{words}({type(problem).__name__}: {problem})"
+    place = f"line {here[-1].lineno}: {here[-1].line!r} " if here else ""
+    return f"{place}({type(problem).__name__}: {problem})"

@@ -46,7 +46,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     """Write the arrays of `from_arrays`, and the law if it has only one material; return notes on what is lost."""
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
-    pairs, words = without_walls(frame)
+    pairs, notes = without_walls(frame)
     arrays = {
         "position": grains.position, "radius": grains.radius, "mass": grains.mass, "dim": state.cell.dim,
         "i0": grains.inertia / (grains.mass * grains.radius**2), "pair_i": pairs["i"], "pair_j": pairs["j"],
@@ -66,18 +66,18 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         lost.append("the memory of rolling, twisting or of the law")
     if law.damping & NO_TENSION:
         lost.append("the condition that dashpots do not make contacts attractive")
-    left = [f"the {words} of the law" for part, words in PROPERTIES.items() if law.properties & part]
+    left = [f"the {feature} of the law" for part, feature in PROPERTIES.items() if law.properties & part]
     lost += left
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
-        assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {words}" for words in left)]
+        assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {text}" for text in left)]
         arrays |= {"assumed": assumed} if assumed else {}
     with replace_atomically(Path(path)) as part:
         np.savez(part, **arrays)
-    return words + ([f".npz does not store {', '.join(lost)}"] if lost else [])
+    return notes + ([f".npz does not store {', '.join(lost)}"] if lost else [])
 
 
 def recognize(head: bytes) -> bool:
@@ -91,18 +91,18 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     arrays = load_arrays(path)
     if "position" not in arrays and not set(arrays) & {*CONTACTS, *LAW}:
         flat = next(iter(arrays.values())) if list(arrays) == [""] else None
-        words = [Assumption(extent_note(path.name))]
+        notes = [Assumption(extent_note(path.name))]
         if flat is not None and flat.ndim == 2 and flat.shape[1] == 4:
-            words = [Assumption(f"{path.name} has four columns without names: x y z radius is assumed"), *words]
+            notes = [Assumption(f"{path.name} has four columns without names: x y z radius is assumed"), *notes]
             arrays = dict(zip(("x", "y", "z", "radius"), flat.T, strict=True))
         elif flat is not None:
             arrays = {name: flat[name] for name in flat.dtype.names or ()}
         packing = packing_of_columns(arrays, path.name, path.stem)
-        return [packing._replace(words=[*packing.words, *words])]
+        return [packing._replace(notes=[*packing.notes, *notes])]
     arrays, given = check_arrays(path, arrays)
     del arrays["units"]
-    words = [repeated_note(words) for words in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
-    return [Packing(path.stem, arrays, words, law=given or None)]
+    notes = [repeated_note(text) for text in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
+    return [Packing(path.stem, arrays, notes, law=given or None)]
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -188,7 +188,7 @@ def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
     if wanted not in (None, "all") and wanted not in states:
         raise PackingError(f"{path} has no state {wanted!r}: it has {some}")
     names = list(states) if wanted in (None, "all") else [wanted]
-    assumed = [repeated_note(words) for words in str(tree.get("assumed", "")).splitlines()]
+    assumed = [repeated_note(text) for text in str(tree.get("assumed", "")).splitlines()]
     return [Packing(name, {}, assumed, state=states[name], law=_law_above(tree, name)) for name in names]
 
 

@@ -85,17 +85,17 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
         raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
-    arrays, words = {n: known[n] for n in ("position", "velocity", "mass") if n in known}, []
+    arrays, notes = {n: known[n] for n in ("position", "velocity", "mass") if n in known}, []
     arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
     arrays |= more
     if arrays["position"].shape[1] == 2 or not np.any(arrays["position"][:, 2:]):
         arrays["dim"] = 2
-        words.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
+        notes.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
     if "spin" in known and known["spin"].shape[1] == 3:
         arrays["spin"] = known["spin"]
     if "mass" not in arrays:
         arrays["density"] = known.get("density", 1.0)
-        words += [] if "density" in known else [mass_note(what)]
+        notes += [] if "density" in known else [mass_note(what)]
     ids = known.get("id")
     if ids is not None and len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all():
         order = np.argsort(ids, kind="stable")
@@ -105,7 +105,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         }
     else:
         ids = None
-    return Packing(name, arrays, words, ids=ids)
+    return Packing(name, arrays, notes, ids=ids)
 
 
 UNSORTED = ("cell", "periodic")

@@ -30,7 +30,7 @@ class Packing(NamedTuple):
 
     name: str  # of the state in its file: a time step, the number of a frame, a path in an archive
     arrays: dict  # for `from_arrays`
-    words: list[str]  # notes
+    notes: list[str]  # on what was assumed or left out
     step: int = -1  # time step; −1: unknown
     ids: np.ndarray | None = None  # (N,) numbers by which contacts name the grains, increasing
     types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
@@ -139,9 +139,11 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
     return [len(names) - 1 if frame is None else names.index(frame)]
 
 
-def digits_note(words: Sequence[str]) -> list[str]:
+def digits_note(tokens: Sequence[str]) -> list[str]:
     """Note on positions that are written with few digits; none if they have many."""
-    most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in words[:SAMPLED]), default=FEW_DIGITS + 1)
+    most = max(
+        (len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in tokens[:SAMPLED]), default=FEW_DIGITS + 1
+    )
     few = f"few digits: positions have at most {most}, and overlaps are small differences of positions; {ALL_DIGITS}"
     return [Absent(few)] if most <= FEW_DIGITS else []
 

@@ -131,7 +131,7 @@ def _read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str
         packing, contacts = read_folder(path, None if frame == "all" else frame)
         if contacts and packing.law is None and not given and own is None:
             unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
-            packing, contacts = packing._replace(words=[*packing.words, unused]), None
+            packing, contacts = packing._replace(notes=[*packing.notes, unused]), None
         return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
@@ -164,22 +164,22 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
 
     Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
     """
-    its, words = packing.law, packing.words
+    its, notes = packing.law, packing.notes
     law = _chosen_law(packing, given, own, memory=local.path is not None)
     if own is not None or given:
-        words = [note for note in words if not getattr(note, "of_law", False)]
+        notes = [note for note in notes if not getattr(note, "of_law", False)]
     elif its is None:
-        words = [*words, assumed_law(law)]
+        notes = [*notes, assumed_law(law)]
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
         several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
-        words = [*words, Absent(several)]
+        notes = [*notes, Absent(several)]
     if packing.state is None:
         pairs = None if local.path is None else read_pairs(local.path, packing, local.columns)
         state, said = build_state(packing, pairs, law)
-        return packing.name, with_inertia(state, i0), law, [*words, *said]
+        return packing.name, with_inertia(state, i0), law, [*notes, *said]
     same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
     state = with_neighbor_list(with_inertia(packing.state, i0))
-    return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
+    return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes
 
 
 def _chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
@@ -325,25 +325,25 @@ def convert(
         raise PackingError(_unknown_suffix(to))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
-        found = read_packings(path, **{**options, "frame": "all", **chosen})
-        frames = [frame_of(state, law)._replace(assumed=_assumptions(said)) for _, state, law, said in found]
-        words = list(dict.fromkeys(word for *_, said in found for word in said))
+        packings = read_packings(path, **{**options, "frame": "all", **chosen})
+        frames = [frame_of(state, law)._replace(assumed=_assumptions(said)) for _, state, law, said in packings]
+        notes = list(dict.fromkeys(note for *_, said in packings for note in said))
     else:
-        state, law, words = read_packing(path, **options)
+        state, law, notes = read_packing(path, **options)
         of_mode = read_mode(modes, mode, len(state.grains.radius))
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
-        words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
+        notes = [*notes, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
     targets = _output_files(to, frames)
     check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
-    words += write_packing(to, frames)
+    notes += write_packing(to, frames)
     if to.suffix.lower() == ".vtu" and len(frames) > 1:
-        words.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
+        notes.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
         targets = targets[:2]
-    return targets, words
+    return targets, notes
 
 
 def _assumptions(notes: list[str]) -> tuple[str, ...]:
-    return tuple(one for one in notes if isinstance(one, Assumption))
+    return tuple(note for note in notes if isinstance(note, Assumption))
 
 
 def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
@@ -367,5 +367,5 @@ def capture_warnings(call, *given, **options):
     """Call a function and return its result together with the messages of its PackingWarnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PackingWarning)
-        found = call(*given, **options)
-    return found, list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, PackingWarning)))
+        result = call(*given, **options)
+    return result, list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, PackingWarning)))

@@ -158,14 +158,14 @@ def _damage(dumps: dict[Path, Dump]) -> list[str]:
     return [frame.problem for dump in dumps.values() for frame in dump.frames if frame.problem]
 
 
-def missing_frames(found: Look) -> list[str]:
+def missing_frames(seen: Look) -> list[str]:
     """Notes on what is missing if nothing more will be written."""
-    cut = [path.name for path, dump in (found.dumps | found.local).items() if dump.partial]
+    cut = [path.name for path, dump in (seen.dumps | seen.local).items() if dump.partial]
     notes = [f"{name} ends in the middle of a frame, which is left out" for name in cut]
-    for steps, words in ((found.waiting, "not yet written"), (found.lost, "not in the dumps")):
+    for steps, state in ((seen.waiting, "not yet written"), (seen.lost, "not in the dumps")):
         if steps:
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
-            notes.append(f"left out because their contacts are {words}: step {some}")
+            notes.append(f"left out because their contacts are {state}: step {some}")
     return notes
 
 
@@ -178,8 +178,8 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
         if the frame cannot be used; the message is one sentence.
     """
     how = {"columns": source.columns, "boundary": source.boundary}
-    (state, words), said = capture_warnings(read_frame, pair.grains, pair.contacts, source.law, **how)
-    return with_inertia(state, source.i0), [*words, *said]
+    (state, notes), said = capture_warnings(read_frame, pair.grains, pair.contacts, source.law, **how)
+    return with_inertia(state, source.i0), [*notes, *said]
 
 
 @checked
@@ -220,16 +220,16 @@ def follow_packings(
     ['7']
     """
     require_positive(interval=interval)
-    source, found, known, last = open_source(place, memory=memory, **options), None, {}, time.monotonic()
+    source, seen, known, last = open_source(place, memory=memory, **options), None, {}, time.monotonic()
     while True:
-        before, found = found, look(source, found)
-        last = time.monotonic() if before is None or before.sizes != found.sizes else last
-        for pair in found.ready:
+        before, seen = seen, look(source, seen)
+        last = time.monotonic() if before is None or before.sizes != seen.sizes else last
+        for pair in seen.ready:
             step, digest = pair.grains.step, pair.grains.digest
             if known.get(step) != digest:
                 known[step] = digest
-                state, words = read_pair(source, pair)
-                yield str(step), state, source.law, words
+                state, notes = read_pair(source, pair)
+                yield str(step), state, source.law, notes
         if time.monotonic() - last >= until_idle:
             return
         time.sleep(interval)

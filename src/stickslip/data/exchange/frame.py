@@ -67,8 +67,8 @@ def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns of the contacts between grains, and a note on contacts with walls."""
     between = frame.contacts["j"] < len(frame.state.grains.radius)
     walls = int((~between).sum())
-    words = [f"{pluralize(walls, 'contact')} with walls not written, for lack of a second grain"] if walls else []
-    return {name: column[between] for name, column in frame.contacts.items()}, words
+    notes = [f"{pluralize(walls, 'contact')} with walls not written, for lack of a second grain"] if walls else []
+    return {name: column[between] for name, column in frame.contacts.items()}, notes
 
 
 def law_to_dict(law: Law) -> dict:
@@ -83,14 +83,18 @@ def law_to_dict(law: Law) -> dict:
     }  # fmt: skip
 
 
-def law_from_dict(words: dict) -> Law:
+def law_from_dict(entries: dict) -> Law:
     """Rebuild the law described by `law_to_dict`; ValueError, KeyError or TypeError if there is no such law."""
-    table = np.array(words["table"], float)
+    table = np.array(entries["table"], float)
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
-    damping = DAMPING[words["damping"]] + (0 if words["tension"] else NO_TENSION)
-    kind = restore_kind(int(words["own"]["digest"], 16), words["own"]) if "own" in words else NAMES.index(words["law"])
-    return Law(kind, COULOMB[words["coulomb"]], table, damping, words.get("properties", 0))
+    damping = DAMPING[entries["damping"]] + (0 if entries["tension"] else NO_TENSION)
+    kind = (
+        restore_kind(int(entries["own"]["digest"], 16), entries["own"])
+        if "own" in entries
+        else NAMES.index(entries["law"])
+    )
+    return Law(kind, COULOMB[entries["coulomb"]], table, damping, entries.get("properties", 0))
 
 
 def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
@@ -134,14 +138,14 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
 
 def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
     """List what a format does not store: walls, the law, and anything in `Control` other than free grains."""
-    state, words = frame.state, []
+    state, losses = frame.state, []
     control, n = state.control, len(state.grains.radius)
     if walls and len(state.walls.mass):
-        words.append(f"{len(state.walls.mass)} wall(s)")
+        losses.append(f"{len(state.walls.mass)} wall(s)")
     if law:
-        words.append("the contact law")
+        losses.append("the contact law")
     acts = control.force.any() or control.torque.any() or control.gravity.any() or control.spring.any()
     held = not control.free[:n, : state.cell.dim].all() or control.cell_free.any() or control.cell_rate.any()
     if imposed and (acts or held or (control.group >= 0).any()):
-        words.append("loads and boundary conditions")
-    return words
+        losses.append("loads and boundary conditions")
+    return losses

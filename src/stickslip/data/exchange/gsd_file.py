@@ -37,15 +37,15 @@ NOUNS = {
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames as a trajectory; return notes on what other programs do not see in it."""
     hoomd = require("gsd.hoomd", "exchange")
-    words = []
+    notes = []
     with replace_atomically(Path(path)) as part, hoomd.open(str(part), "w") as file:
         for step, frame in enumerate(frames):
             picture, lost = _to_hoomd(hoomd, frame, step)
             for name, chunk in _state_chunks(frame).items():
                 file.file.write_chunk(name, chunk)
             file.append(picture)
-            words += [word for word in lost if word not in words]
-    return words
+            notes += [note for note in lost if note not in notes]
+    return notes
 
 
 def _to_hoomd(hoomd, frame: Frame, step: int):
@@ -67,7 +67,7 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
     p.moment_inertia = np.repeat(grains.inertia[:, None], 3, axis=1)
     p.angmom = 2 * quaternion_product(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
     p.types, p.typeid = [f"material {k}" for k in range(kinds)], grains.material
-    pairs, words = without_walls(frame)
+    pairs, notes = without_walls(frame)
     out.bonds.N, out.bonds.types = len(pairs["i"]), ["sticking", "sliding"]
     out.bonds.group = np.stack([pairs["i"], pairs["j"]], axis=1)
     out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
@@ -79,10 +79,10 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
             f"bonds/{name}": _exported(column) for name, column in pairs.items() if name not in ("i", "j", "image")
         }
     if not cell.periodic[: cell.dim].all():
-        words.append("GSD has no open boxes: other programs see a periodic box around the grains")
+        notes.append("GSD has no open boxes: other programs see a periodic box around the grains")
     if len(state.walls.mass):
-        words.append(f"{pluralize(len(state.walls.mass), 'wall')} stored for stickslip; other programs do not see them")
-    return out, words
+        notes.append(f"{pluralize(len(state.walls.mass), 'wall')} stored for stickslip; other programs do not see them")
+    return out, notes
 
 
 def _exported(column: np.ndarray) -> np.ndarray:
@@ -117,8 +117,8 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
     return {META: _json_chunk(meta), **chunks}
 
 
-def _json_chunk(words: dict) -> np.ndarray:
-    return np.frombuffer(json.dumps(words).encode(), np.uint8)
+def _json_chunk(entries: dict) -> np.ndarray:
+    return np.frombuffer(json.dumps(entries).encode(), np.uint8)
 
 
 def recognize(head: bytes) -> bool:
@@ -171,8 +171,8 @@ def _read_frame(path, file, number: int) -> Packing:
         parts["instant"] = parts["instant"]._replace(mark=int(parts["instant"].mark))
     state = State(**parts, time=float(meta["time"]))
     check(state)
-    words = [repeated_note(words) for words in meta.get("assumed", ())]
-    return Packing(str(number), {}, words, state=state, law=law_from_dict(meta["law"]))
+    notes = [repeated_note(text) for text in meta.get("assumed", ())]
+    return Packing(str(number), {}, notes, state=state, law=law_from_dict(meta["law"]))
 
 
 def _read_array(file, number: int, shapes: dict, name: str) -> np.ndarray:
@@ -202,12 +202,12 @@ def _read_foreign(frame):
         "position": position, "radius": p.diameter.astype(float) / 2, "mass": p.mass.astype(float), "cell": vectors,
         "velocity": p.velocity.astype(float), "spin": spin, "dim": dim,
     }  # fmt: skip
-    words = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
+    notes = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
     if (p.diameter == 1).all():
-        words.append("all diameters are 1, the default of GSD if none are given")
+        notes.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():
         arrays["i0"] = inertia[:, 2] / (arrays["mass"] * arrays["radius"] ** 2)
-    return arrays, words
+    return arrays, notes
 
 
 def quaternion(angle: np.ndarray) -> np.ndarray:

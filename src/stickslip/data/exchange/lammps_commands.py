@@ -18,7 +18,7 @@ class Run(NamedTuple):
     """Commands that hold at the end of a run."""
 
     source: str  # name of the log or script
-    pair_style: list[str]  # words; empty if none was given
+    pair_style: list[str]  # style and arguments; empty if none was given
     pair_coeff: list[list[str]]
     fixes: dict[str, list[str]]  # group, style and the words that follow, by id
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
@@ -51,22 +51,22 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = ()) -> R
     run = Run(path.name, [], [], {}, {}, {}, {}, [], int(version[1]) if version else 0)
     values, is_log = {}, recognize_log(text)
     for line in re.sub(r"&[ \t]*\n", " ", text).split("\n"):
-        words = line.partition("#")[0].split()
-        if not words:
+        tokens = line.partition("#")[0].split()
+        if not tokens:
             continue
-        if words[0] == "variable" and len(words) > 3:
-            values |= _value(words, values)
+        if tokens[0] == "variable" and len(tokens) > 3:
+            values |= _value(tokens, values)
         if UNRESOLVED.search(line) and not is_log:
             line = _substitute(line, values)
-            words = line.partition("#")[0].split()
-        if not is_log and words[0] in ("include", "if", "jump") and words[1:2] != ["SELF"]:
-            run.unknown.append(" ".join(words))
+            tokens = line.partition("#")[0].split()
+        if not is_log and tokens[0] in ("include", "if", "jump") and tokens[1:2] != ["SELF"]:
+            run.unknown.append(" ".join(tokens))
         if UNRESOLVED.search(line):
-            if not is_log and words[0] in ("fix", "pair_style", "pair_coeff"):
-                run.unknown.append(" ".join(words))
+            if not is_log and tokens[0] in ("fix", "pair_style", "pair_coeff"):
+                run.unknown.append(" ".join(tokens))
             continue
-        run = _apply(run, [word.strip('"') for word in words])
-        if until and words[0] in ("write_restart", "write_data") and words[1:2] == [until]:
+        run = _apply(run, [word.strip('"') for word in tokens])
+        if until and tokens[0] in ("write_restart", "write_data") and tokens[1:2] == [until]:
             break
     return run
 
@@ -79,9 +79,9 @@ def read_lines_of(path: Path) -> str:
         return path.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
 
 
-def _value(words: list[str], values: dict[str, str]) -> dict[str, str]:
+def _value(tokens: list[str], values: dict[str, str]) -> dict[str, str]:
     """Value of a variable that has one without running LAMMPS."""
-    name, style, first = words[1], words[2], _substitute(words[3], values).strip('"')
+    name, style, first = tokens[1], tokens[2], _substitute(tokens[3], values).strip('"')
     if style in ("index", "string") and name not in values:
         return {name: first}
     return {name: first} if style == "equal" and re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?", first) else {}
@@ -91,9 +91,9 @@ def _substitute(line: str, values: dict[str, str]) -> str:
     return re.sub(r"\$(?:\{(\w+)\}|(\w))", lambda m: values.get(m[1] or m[2], m[0]), line)
 
 
-def _apply(run: Run, words: list[str]) -> Run:
+def _apply(run: Run, tokens: list[str]) -> Run:
     """Run after one more command."""
-    key, rest = words[0], words[1:]
+    key, rest = tokens[0], tokens[1:]
     if key in ("units", "boundary", "atom_style", "newton"):
         run.settings[key] = rest
     elif key == "neigh_modify" and "exclude" in rest:
@@ -121,11 +121,11 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
     if name == "all":
         return np.ones(n, bool)
     members = np.zeros(n, bool)
-    for style, *words in run.groups.get(name, [["unknown"]]):
+    for style, *arguments in run.groups.get(name, [["unknown"]]):
         if style in ("type", "id") and (types if style == "type" else ids) is not None:
-            members |= _select(types + 1 if style == "type" else ids, words)
+            members |= _select(types + 1 if style == "type" else ids, arguments)
         elif style in ("union", "subtract", "intersect"):
-            parts = [group_members(run, word, ids, types, n) for word in words if word != name]
+            parts = [group_members(run, word, ids, types, n) for word in arguments if word != name]
             if any(part is None for part in parts) or not parts:
                 return None
             others = np.any([np.zeros(n, bool), *parts[1:]], axis=0)
@@ -137,13 +137,13 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
     return members
 
 
-def _select(numbers: np.ndarray, words: list[str]) -> np.ndarray:
-    """Mask of the numbers that are meant by words such as 3, 1:10 and 2*5, or by a comparison."""
+def _select(numbers: np.ndarray, tokens: list[str]) -> np.ndarray:
+    """Mask of the numbers that are meant by arguments such as 3, 1:10 and 2*5, or by a comparison."""
     compare = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal}
-    if words and words[0] in (*compare, "!="):
-        return compare[words[0]](numbers, int(words[1])) if words[0] in compare else numbers != int(words[1])
+    if tokens and tokens[0] in (*compare, "!="):
+        return compare[tokens[0]](numbers, int(tokens[1])) if tokens[0] in compare else numbers != int(tokens[1])
     chosen = np.zeros(len(numbers), bool)
-    for word in words:
+    for word in tokens:
         low, *more = (int(part or 0) for part in re.split("[:*]", word))
         high = (more[0] or numbers.max()) if more else low
         chosen |= (numbers >= low) & (numbers <= high) & ((numbers - low) % (more[1] if len(more) > 1 else 1) == 0)

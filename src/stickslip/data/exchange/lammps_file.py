@@ -85,24 +85,24 @@ def read_data_file(path: Path, frame: str | None = None, boundary: str | None = 
     boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
     atom_style : style of the atoms, if the section Atoms does not name it
     """
-    ids, arrays, box, words = read_data(path, atom_style)
+    ids, arrays, box, notes = read_data(path, atom_style)
     only_state(path, frame)
-    return [_finish_packing(box, ids, arrays, boundary, words)]
+    return [_finish_packing(box, ids, arrays, boundary, notes)]
 
 
 def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
     """Packing from one time step of a dump of grains; `said` are notes on the file."""
-    ids, arrays, words = grains_from_dump(table, path)
-    return _finish_packing(table, ids, arrays, boundary, [*words, *said])
+    ids, arrays, notes = grains_from_dump(table, path)
+    return _finish_packing(table, ids, arrays, boundary, [*notes, *said])
 
 
 def _finish_packing(
-    table: Table, ids: np.ndarray | None, arrays: dict, boundary: str | None, words: list[str]
+    table: Table, ids: np.ndarray | None, arrays: dict, boundary: str | None, notes: list[str]
 ) -> Packing:
     """Packing with its cell, periodic flags and dimension."""
     types, force = arrays.pop("types", None), arrays.pop("force", None)
-    arrays, words = add_box(table, arrays, boundary, words)
-    return Packing(str(table.step), arrays, words, table.step, ids, types, force)
+    arrays, notes = add_box(table, arrays, boundary, notes)
+    return Packing(str(table.step), arrays, notes, table.step, ids, types, force)
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:
@@ -248,8 +248,8 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
             f"kn and damping_n used in LAMMPS, and a packing with enough digits ({ALL_DIGITS})"
         )
     if miss > NEGLIGIBLE:
-        words = f"the law's normal forces differ from those in the dump by up to {miss:.1g} of their mean"
-        warnings.warn(f"{words}: {ALL_DIGITS}", PackingWarning, stacklevel=4)
+        problem = f"the law's normal forces differ from those in the dump by up to {miss:.1g} of their mean"
+        warnings.warn(f"{problem}: {ALL_DIGITS}", PackingWarning, stacklevel=4)
 
 
 def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -279,8 +279,8 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
     if len(np.unique(matched)) < len(matched):
         raise PackingError("a contact is listed twice: give each contact once, from a single time step, with dx dy dz")
     if len(matched) < len(rows):
-        words = f"{pluralize(len(rows) - len(matched), 'touching pair')} not in the dump: slip set to zero"
-        warnings.warn(words, PackingWarning, stacklevel=3)
+        message = f"{pluralize(len(rows) - len(matched), 'touching pair')} not in the dump: slip set to zero"
+        warnings.warn(message, PackingWarning, stacklevel=3)
     return matched, entries, sign[entries]
 
 
@@ -331,8 +331,8 @@ def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State,
         state = reconstruct_memory(packing, pairs, law)
         mode = state.contacts.mode[: state.contacts.count[0]]
         count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
-        words = [MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit")]
-        return with_wall_memory(state, law, packing.force, words) if len(state.walls.mass) else (state, words)
+        notes = [MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit")]
+        return with_wall_memory(state, law, packing.force, notes) if len(state.walls.mass) else (state, notes)
     state = _placed_state(packing, law)
     if packing.memory is not None:
         return restore_memory(state, law, packing.memory), []
@@ -349,7 +349,7 @@ def _placed_state(packing: Packing, law: Law) -> State:
     return accepted(state if packing.setting is None else packing.setting(state), law)
 
 
-def with_wall_memory(state: State, law: Law, net: np.ndarray | None, words: list[str]) -> tuple[State, list[str]]:
+def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list[str]) -> tuple[State, list[str]]:
     """State with the slip at walls that the force on each grain leaves over, and notes; dumps have no slip at walls.
 
     Parameters
@@ -370,4 +370,4 @@ def with_wall_memory(state: State, law: Law, net: np.ndarray | None, words: list
     note = Assumption(
         f"slip of {pluralize(len(rows), 'contact')} with walls, which only restart files have, follows from {how}"
     )
-    return accepted(state._replace(contacts=state.contacts._replace(slip=slip)), law), [*words, note]
+    return accepted(state._replace(contacts=state.contacts._replace(slip=slip)), law), [*notes, note]

@@ -82,7 +82,7 @@ class Course:
 
     def __init__(self, run: Run, packing: Packing, masks: dict[str, np.ndarray]):
         self.run, self.packing, self.masks = run, packing, masks
-        self.words: list[str] = []
+        self.notes: list[str] = []
         self.n, self.types = len(packing.arrays["radius"]), packing.types
         self.kinds = int(self.types.max()) + 1 if self.types is not None else 1
         self.contacts: dict[tuple[int, int], Contact] = {}
@@ -101,11 +101,11 @@ class Course:
 
     def wall_number(self, name: str) -> int:
         """Number of a fix among those of walls, in whose order restart files store memory."""
-        return [key for key, words in self.run.fixes.items() if words[1].startswith("wall/gran")].index(name)
+        return [key for key, tokens in self.run.fixes.items() if tokens[1].startswith("wall/gran")].index(name)
 
-    def obstacle(self, words: str) -> None:
+    def obstacle(self, text: str) -> None:
         """Note that something acts that was not taken over."""
-        self.words.append(Obstacle(f"{UNDECIDED}{words}"))
+        self.notes.append(Obstacle(f"{UNDECIDED}{text}"))
 
 
 def is_run_folder(folder: Path) -> bool:
@@ -147,23 +147,23 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
             f"LAMMPS, or a packing"
         )
     path, run, packing = _newest_packing(files, frame)
-    words, contacts = [f"grains from {path.name}, time step {packing.step}", *_origin_notes(files, path)], None
+    notes, contacts = [f"grains from {path.name}, time step {packing.step}", *_origin_notes(files, path)], None
     if packing.memory is None:
         contacts = _matching_contacts(files.contacts, packing)
-        words += [f"contacts in {contacts.name}"] if contacts else []
+        notes += [f"contacts in {contacts.name}"] if contacts else []
     if run is None:
-        words.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
-        return packing._replace(words=[*words, *packing.words]), contacts
+        notes.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
+        return packing._replace(notes=[*notes, *packing.notes]), contacts
     masks = lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
     course = Course(run, packing, masks)
     _take_over(course)
-    words += [f"law, walls and loads from {run.source}: {_describe(course)}", *course.words]
+    notes += [f"law, walls and loads from {run.source}: {_describe(course)}", *course.notes]
     known = [NO_WALLS if course.walls else "", "pair_style" if course.law else ""]
-    kept = [note for note in packing.words if not isinstance(note, Obstacle)]
+    kept = [note for note in packing.notes if not isinstance(note, Obstacle)]
     kept = [note for note in kept if not any(part and part in note for part in known)]
     memory = packing.memory and _with_wall_numbers(packing.memory, course)
     law, setting = course.law or packing.law, _setting(course)
-    return packing._replace(words=[*words, *kept], law=law, setting=setting, memory=memory), contacts
+    return packing._replace(notes=[*notes, *kept], law=law, setting=setting, memory=memory), contacts
 
 
 def _with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
@@ -199,7 +199,7 @@ def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, 
             raise
         rest = files._replace(restarts=[other for other in files.restarts if other != path])
         path, run, packing = _newest_packing(rest, frame)
-        return path, run, packing._replace(words=[Absent(str(problem)), *packing.words])
+        return path, run, packing._replace(notes=[Absent(str(problem)), *packing.notes])
 
 
 def _newest_grains(files: Files, frame: str | None) -> Path:
@@ -268,22 +268,22 @@ def _matching_contacts(paths: list[Path], packing: Packing) -> Path | None:
 
 def _origin_notes(files: Files, grains: Path) -> list[str]:
     """Notes on grains that a run began from, and on several runs in a folder."""
-    sources, words = files.logs or files.scripts, []
+    sources, notes = files.logs or files.scripts, []
     if grains in files.data and any(_names(path, grains.name, ("read_data",)) for path in sources):
-        words.append(Absent(f"{grains.name} is where the run began: it left no later state"))
+        notes.append(Absent(f"{grains.name} is where the run began: it left no later state"))
     naming = [path for path in sources if _names(path, grains.name)]
     if len(sources) > 1 and not naming:
         several = ", ".join(path.name for path in sources[:3])
         doubt = f"none of {several} names {grains.name}, which may be of another run: give each run a folder of its own"
-        words.append(Obstacle(f"{UNDECIDED}{doubt}"))
+        notes.append(Obstacle(f"{UNDECIDED}{doubt}"))
     runs = [read_commands(path, grains.name, _logs_before(path, files.logs)) for path in naming]
     laws = [(run.pair_style, run.pair_coeff, run.fixes) for run in runs]
     if any(law != laws[0] for law in laws):
         several = " and ".join(path.name for path in naming[:3])
-        words.append(
+        notes.append(
             Obstacle(f"{UNDECIDED}{several} name {grains.name} with different laws or fixes: keep one of them")
         )
-    return words
+    return notes
 
 
 FILING = ("restart", "write_restart", "write_data", "dump", "write_dump", "read_data")  # commands that name files
@@ -292,8 +292,8 @@ FILING = ("restart", "write_restart", "write_data", "dump", "write_dump", "read_
 def _names(path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:
     """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
     lines = [line.split() for line in head_text(read_content(path)).split("\n")]
-    words = [Path(word).name for line in lines if line[:1] and line[0] in commands for word in line[1:] if word != "*"]
-    return any(fnmatchcase(name, word) or name.startswith(f"{word}.") for word in words)
+    names = [Path(word).name for line in lines if line[:1] and line[0] in commands for word in line[1:] if word != "*"]
+    return any(fnmatchcase(name, word) or name.startswith(f"{word}.") for word in names)
 
 
 def _newest_commands(files: Files, grains: Path) -> Path | None:
@@ -325,24 +325,24 @@ def _take_over(course: Course) -> None:
     if units not in SAME_UNITS:
         course.obstacle(f"units {units}, in which LAMMPS converts forces, were not taken over")
     _take_pairs(course)
-    for name, (group, style, *words) in run.fixes.items():
+    for name, (group, style, *arguments) in run.fixes.items():
         take = TAKEN.get(style)
         try:
             if take is not None:
-                take(course, name, group, words)
+                take(course, name, group, arguments)
             elif style not in SILENT:
                 raise ValueError("it acts on the grains")
             if style in MOVERS:
                 course.moved |= course.members(group)
             if course.packing.arrays.get("dim") == 2 and style == "nve/sphere":
-                course.packing.arrays["i0"] = 0.5 if "disc" in words else 0.4
+                course.packing.arrays["i0"] = 0.5 if "disc" in arguments else 0.4
         except RecursionError:
             course.obstacle(f"fix {name} ({style}) was not taken over: group {group} is defined by itself")
         except (ValueError, IndexError, KeyError, TypeError) as problem:
             course.obstacle(f"fix {name} ({style}) was not taken over: {problem}")
     if course.moved.any() and not course.moved.all():
         course.frozen |= ~course.moved
-        course.words.append(f"{pluralize(int((~course.moved).sum()), 'grain')} that no fix moves are held")
+        course.notes.append(f"{pluralize(int((~course.moved).sum()), 'grain')} that no fix moves are held")
     _finish_law(course)
 
 
@@ -358,7 +358,7 @@ def _check_stored(course: Course, style: str) -> None:
 
 def _take_pairs(course: Course) -> None:
     """Laws of pairs of types."""
-    style, *words = course.run.pair_style or ["none"]
+    style, *arguments = course.run.pair_style or ["none"]
     _check_stored(course, style)
     stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
@@ -366,7 +366,7 @@ def _take_pairs(course: Course) -> None:
             values = {name: stored[name] for name in PARAMETERS}
             course.contacts |= dict.fromkeys(everywhere, Contact(stored["law"], stored["damping"], values))
         elif style.removeprefix("gran/") in HISTORY:
-            contact, _ = contact_of(style.removeprefix("gran/"), words)
+            contact, _ = contact_of(style.removeprefix("gran/"), arguments)
             course.contacts |= dict.fromkeys(everywhere, contact)
         elif style == "granular":
             _take_coefficients(course)
@@ -377,8 +377,8 @@ def _take_pairs(course: Course) -> None:
 
 
 def _take_coefficients(course: Course) -> None:
-    for first, second, *words in course.run.pair_coeff:
-        contact, _ = contact_of("granular", words)
+    for first, second, *arguments in course.run.pair_coeff:
+        contact, _ = contact_of("granular", arguments)
         ends = [(a, b) for a in _types(first, course.kinds) for b in _types(second, course.kinds)]
         course.contacts |= {(min(pair), max(pair)): contact for pair in ends}
     for a in range(course.kinds):
@@ -394,10 +394,10 @@ def _types(word: str, kinds: int) -> range:
     return range(first - 1, (int(high or kinds) if star else first))
 
 
-def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
+def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> None:
     """Flat walls of `fix wall/gran`, each with its own row in the law's table."""
     number = course.wall_number(name)
-    contact, (kind, *rest) = wall_contact(words[0], words[1:])
+    contact, (kind, *rest) = wall_contact(arguments[0], arguments[1:])
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest  # adds output only
     if kind not in ("xplane", "yplane", "zplane") or len(rest) != 2 or not course.members(group).all():
         raise ValueError(
@@ -407,7 +407,7 @@ def _take_wall(course: Course, name: str, group: str, words: list[str]) -> None:
     for word, side in zip(rest, (1.0, -1.0), strict=True):
         if word != "NULL":
             _add_wall(course, name, Plane(side * _finite(word), side * np.eye(3)[axis], number))
-            own = _classic(course, contact) if words[0] == "hooke/history" else contact
+            own = _classic(course, contact) if arguments[0] == "hooke/history" else contact
             course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
@@ -442,10 +442,10 @@ def _classic(course: Course, contact: Contact) -> Contact:
     return contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
 
 
-def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None:
+def _take_plane(course: Course, name: str, group: str, arguments: list[str]) -> None:
     """Plane of `fix wall/gran/region`."""
     number = course.wall_number(name)
-    contact, rest = wall_contact(words[0], words[1:])
+    contact, rest = wall_contact(arguments[0], arguments[1:])
     style, *numbers = course.run.regions[rest[rest.index("region") + 1]]
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest
     side = -1.0 if numbers[6:] == ["side", "out"] else 1.0
@@ -457,8 +457,8 @@ def _take_plane(course: Course, name: str, group: str, words: list[str]) -> None
     course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
 
 
-def _take_gravity(course: Course, name: str, group: str, words: list[str]) -> None:
-    size, kind, *numbers = words
+def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -> None:
+    size, kind, *numbers = arguments
     values = [_finite(word) for word in numbers[: {"vector": 3, "spherical": 2, "chute": 1}[kind]]]
     members, mass = course.members(group), course.packing.arrays.get("mass")
     if not members.all() and mass is None:
@@ -476,12 +476,12 @@ def _take_gravity(course: Course, name: str, group: str, words: list[str]) -> No
         course.force[members] += _finite(size) * mass[members, None] * direction
 
 
-def _take_freeze(course: Course, name: str, group: str, words: list[str]) -> None:
+def _take_freeze(course: Course, name: str, group: str, arguments: list[str]) -> None:
     course.frozen |= course.members(group)
 
 
-def _take_setforce(course: Course, name: str, group: str, words: list[str]) -> None:
-    members, forces = course.members(group), words[:3]
+def _take_setforce(course: Course, name: str, group: str, arguments: list[str]) -> None:
+    members, forces = course.members(group), arguments[:3]
     velocity = course.packing.arrays.get("velocity")
     if any(parse_number(word) for word in forces if word != "NULL") or "NULL" in forces:
         raise ValueError("only setforce 0 0 0 is read")
@@ -490,23 +490,23 @@ def _take_setforce(course: Course, name: str, group: str, words: list[str]) -> N
     course.frozen |= members
 
 
-def _take_addforce(course: Course, name: str, group: str, words: list[str]) -> None:
-    if len(words) > 3:
-        raise ValueError(f"its options `{' '.join(words[3:])}` are not read")
+def _take_addforce(course: Course, name: str, group: str, arguments: list[str]) -> None:
+    if len(arguments) > 3:
+        raise ValueError(f"its options `{' '.join(arguments[3:])}` are not read")
     if (course.frozen & course.members(group)).any():
         raise ValueError("it comes after the fix that holds some of its grains, which therefore move")
-    course.force[course.members(group)] += [_finite(word) for word in words[:3]]
+    course.force[course.members(group)] += [_finite(word) for word in arguments[:3]]
 
 
-def _take_deform(course: Course, name: str, group: str, words: list[str]) -> None:
+def _take_deform(course: Course, name: str, group: str, arguments: list[str]) -> None:
     """Note how the cell was being strained: it is fixed here."""
-    end = next((k for k, word in enumerate(words) if word in ("remap", "flip", "units", "vmax")), len(words))
-    places = [k for k, word in enumerate(words[:end]) if word in ("x", "y", "z", "xy", "xz", "yz")]
+    end = next((k for k, word in enumerate(arguments) if word in ("remap", "flip", "units", "vmax")), len(arguments))
+    places = [k for k, word in enumerate(arguments[:end]) if word in ("x", "y", "z", "xy", "xz", "yz")]
     if not places:
-        raise ValueError(f"`{' '.join(words)}` is not read")
-    how = ", ".join(" ".join(words[a:b]) for a, b in zip(places, [*places[1:], end], strict=True))
+        raise ValueError(f"`{' '.join(arguments)}` is not read")
+    how = ", ".join(" ".join(arguments[a:b]) for a, b in zip(places, [*places[1:], end], strict=True))
     strained = f"fix {name} (deform) was straining the cell ({how})"
-    course.words.append(Assumption(f"{strained}: judged at the instant, with the cell fixed"))
+    course.notes.append(Assumption(f"{strained}: judged at the instant, with the cell fixed"))
 
 
 TAKEN = {
@@ -524,11 +524,11 @@ def _finish_law(course: Course) -> None:
     course.law, lacks = law_of_contacts(course.contacts, course.kinds, len(course.walls))
     for lack in lacks:
         course.obstacle(f"{lack}: the law here differs")
-    course.words += map(Assumption, differences(course.contacts))
+    course.notes += map(Assumption, differences(course.contacts))
     if course.contacts != given:
-        course.words.append(Assumption(TSUJI))
+        course.notes.append(Assumption(TSUJI))
     if resists_rolling(course.law) and course.packing.memory is None:
-        course.words.append(Absent("the memory of rolling and twisting is in restart files only: it is zero here"))
+        course.notes.append(Absent("the memory of rolling and twisting is in restart files only: it is zero here"))
 
 
 def _describe(course: Course) -> str:

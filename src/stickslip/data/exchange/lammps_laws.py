@@ -93,8 +93,8 @@ class Contact(NamedTuple):
     slots: int = 3  # values in the memory of the tangential force
 
 
-def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
-    """Law of a pair style or a wall, and the words that follow its coefficients.
+def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
+    """Law of a pair style or a wall, and the arguments that follow its coefficients.
 
     Parameters
     ----------
@@ -103,50 +103,50 @@ def contact_of(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
     Raises
     ------
     ValueError
-        if the words are not those of the style, or the style is not known.
+        if the arguments are not those of the style, or the style is not known.
     """
     if style == "granular":
-        return _granular(list(words))
+        return _granular(list(arguments))
     if style not in HISTORY:
         raise ValueError(f"the style {style}")
     law, damping = HISTORY[style]
-    kn, kt, damping_n, damping_t, mu, flag = (None if w == "NULL" else parse_number(w) for w in words[:6])
+    kn, kt, damping_n, damping_t, mu, flag = (None if w == "NULL" else parse_number(w) for w in arguments[:6])
     kt = 2 / 7 * kn if kt is None else kt
     damping_t = damping_n / 2 if damping_t is None else damping_t
-    rest = list(words[6:])
+    rest = list(arguments[6:])
     tension = "limit_damping" not in rest[:1]
     values = dict(zip(PARAMETERS, (kn, kt, mu, damping_n, damping_t if flag else 0.0), strict=True))
     return Contact(law, damping, values, tension), rest[not tension :]
 
 
-def wall_contact(style: str, words: Sequence[str]) -> tuple[Contact, list[str]]:
+def wall_contact(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
     """Law of a wall, as `contact_of`: the lever arms at walls are R."""
-    contact, rest = contact_of(style, words)
+    contact, rest = contact_of(style, arguments)
     return contact._replace(properties=contact.properties & ~LEVER), rest
 
 
-def _granular(words: list[str]) -> tuple[Contact, list[str]]:
-    name, more, lacks = words.pop(0), {}, []
+def _granular(arguments: list[str]) -> tuple[Contact, list[str]]:
+    name, more, lacks = arguments.pop(0), {}, []
     if name not in NORMAL:
         raise ValueError(f"the normal model {name}")
     (count, normal), (tangential, *rest) = NORMAL[name], ("none",)
-    numbers, words = [parse_number(w) for w in words[:count]], words[count:]
+    numbers, arguments = [parse_number(w) for w in arguments[:count]], arguments[count:]
     lacks += [] if normal else [f"the normal model {name}"]
     damping, tension, properties = "viscoelastic", True, LEVER
-    while words and words[0] in ("tangential", "limit_damping", "cutoff", *OTHERS):
-        key = words.pop(0)
+    while arguments and arguments[0] in ("tangential", "limit_damping", "cutoff", *OTHERS):
+        key = arguments.pop(0)
         if key == "limit_damping":
             tension = False
         elif key == "cutoff":
-            words.pop(0)
+            arguments.pop(0)
         elif key == "tangential":
-            tangential = words.pop(0)
+            tangential = arguments.pop(0)
             properties |= KEEPS_FORCE if tangential.endswith(FORCE) else 0
             count = TANGENTIAL[tangential][0]
-            rest, words = [None if w == "NULL" else parse_number(w) for w in words[:count]], words[count:]
+            rest, arguments = [None if w == "NULL" else parse_number(w) for w in arguments[:count]], arguments[count:]
         else:
-            model = words.pop(0)
-            own, words = words[: OTHERS[key][model]], words[OTHERS[key][model] :]
+            model = arguments.pop(0)
+            own, arguments = arguments[: OTHERS[key][model]], arguments[OTHERS[key][model] :]
             damping = model if key == "damping" else damping
             if model == "marshall":
                 properties |= TWISTING | SCALED
@@ -154,7 +154,7 @@ def _granular(words: list[str]) -> tuple[Contact, list[str]]:
                 properties |= SDS[key][0]
                 more |= dict(zip(SDS[key][1], map(parse_number, own), strict=True))
     contact = Contact("", damping, more, tension, properties, tuple(lacks), slots=TANGENTIAL[tangential][1])
-    return _combine(contact, normal or "hertz", tangential, numbers, rest), words
+    return _combine(contact, normal or "hertz", tangential, numbers, rest), arguments
 
 
 def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
@@ -236,7 +236,7 @@ def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: in
     law = Law(NAMES.index(first.law), SHARP, np.zeros((1, 1, 0)), damping, properties)
     names = parameter_names(law)
     values = np.tile(_table(first, names), (types + walls, types + walls, 1))
-    lacks = [words for contact in table.values() for words in contact.lacks]
+    lacks = [lack for contact in table.values() for lack in contact.lacks]
     for (a, b), contact in table.items():
         values[a, b] = values[b, a] = _table(contact, names)[0, 0]
         if _model(contact, properties) != _model(first, properties):
@@ -247,13 +247,13 @@ def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: in
 
 def differences(table: dict[tuple[int, int], Contact]) -> list[str]:
     """Describe differences from LAMMPS that leave the forces at rest unchanged."""
-    words = [LEVER_ARMS] if any(contact.properties & LEVER for contact in table.values()) else []
+    notes = [LEVER_ARMS] if any(contact.properties & LEVER for contact in table.values()) else []
     for c in table.values():
-        words += [PULL_OFF] if c.law == "jkr" else []
-        words += [REVERSED] if c.properties & (ROLLING | TWISTING) else []
+        notes += [PULL_OFF] if c.law == "jkr" else []
+        notes += [REVERSED] if c.properties & (ROLLING | TWISTING) else []
         if BY_NAME[c.law].parameters and c.values["damping_n"] and (c.law == "jkr" or c.damping in RESTITUTION):
-            words.append(COHESIVE_DASHPOTS.format(c.law))
-    return list(dict.fromkeys(words))
+            notes.append(COHESIVE_DASHPOTS.format(c.law))
+    return list(dict.fromkeys(notes))
 
 
 def memory_layout(contacts: Sequence[Contact]) -> tuple[int, int]:

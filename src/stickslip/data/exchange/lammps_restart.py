@@ -94,15 +94,15 @@ def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
     if not content.startswith(MAGIC) or not content.endswith(MAGIC):
         raise ValueError("no complete restart file of LAMMPS")
     while (start := content.find(mark, start)) >= 0:
-        place, found = start + len(HEADER_END), []
+        place, blocks = start + len(HEADER_END), []
         while content[place : place + 4] == BLOCK and place + 8 <= len(content):
             size = struct.unpack_from("<i", content, place + 4)[0]
             if size < 0 or place + 8 + 8 * size > len(content):
                 break
-            found.append(np.frombuffer(content, "<f8", size, place + 8))
+            blocks.append(np.frombuffer(content, "<f8", size, place + 8))
             place += 8 + 8 * size
         if place == len(content) - len(MAGIC):
-            return start + len(HEADER_END), found
+            return start + len(HEADER_END), blocks
         start += 1
     raise ValueError("a restart file of LAMMPS in an unknown format")
 
@@ -206,14 +206,14 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     }  # fmt: skip
     flags = about[BOUNDARY].reshape(3, 2)
     box = Table(int(about[STEP]), vectors, about[LOW], (flags == 0).all(axis=1), {})
-    arrays, words = add_box(box, arrays, None, [])
+    arrays, notes = add_box(box, arrays, None, [])
     law, said = _law_of_pair_style(content[:start])
     walls = [style for style in _stores(content[:start]) if style.startswith(WALL)]
     left_out = [f"{style} acts on the grains: {NO_PLACE}" for style in walls]
     if about[UNITS] not in SAME_UNITS:
         left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
-    words = [*([] if walls else words), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
-    return [Packing(str(box.step), arrays, words, box.step, known.ids, known.types, memory=known, law=law)]
+    notes = [*([] if walls else notes), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
+    return [Packing(str(box.step), arrays, notes, box.step, known.ids, known.types, memory=known, law=law)]
 
 
 def time_step(path: Path) -> int:
@@ -359,15 +359,17 @@ def _counters(count: np.ndarray) -> np.ndarray:
     return np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
 
 
-def restore_memory(state: State, law: Law, found: Restart) -> State:
+def restore_memory(state: State, law: Law, restart: Restart) -> State:
     """State with the memory of a restart file: the grains of `state`, which are already where LAMMPS had them."""
     n = len(state.grains.radius)
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin), instant=None)
     bare = accept(bare, forces(bare, law)[1])
     listed, count = bare.contacts, int(bare.contacts.count[0])
     key = listed.i[:count].astype(np.int64) * state.n_bodies + listed.j[:count]
-    theirs = np.append(found.i * state.n_bodies + found.j, found.grain * state.n_bodies + n + found.wall)
-    values, more = (np.concatenate(parts) for parts in ((found.slip, found.wall_slip), (found.more, found.wall_more)))
+    theirs = np.append(restart.i * state.n_bodies + restart.j, restart.grain * state.n_bodies + n + restart.wall)
+    values, more = (
+        np.concatenate(parts) for parts in ((restart.slip, restart.wall_slip), (restart.more, restart.wall_more))
+    )
     order = np.argsort(theirs)
     place = np.searchsorted(theirs, key, sorter=order)
     place = order[np.minimum(place, len(order) - 1)] if len(order) else place
@@ -477,12 +479,12 @@ class Places(NamedTuple):
         return cls(3 + first + 3 * rolls + 3 * twists, first if rolls else -1, first + 3 * rolls if twists else -1)
 
 
-def wall_values(found: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def wall_values(restart: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mask of the contacts with walls that exist, their slip, and the values after it.
 
     Of laws with bonds, a number that tells whether they exist comes first.
     """
-    values = np.hstack([found.wall_slip, found.wall_more, np.zeros((len(found.wall), 1))])
+    values = np.hstack([restart.wall_slip, restart.wall_more, np.zeros((len(restart.wall), 1))])
     return (values[:, 0] > 0) | (not bonds), values[:, bonds : bonds + 3], values[:, bonds + 3 :]
 
 

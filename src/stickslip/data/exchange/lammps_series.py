@@ -51,17 +51,17 @@ class Dump(NamedTuple):
 
 def find_dumps(folder: Path, known: dict[Path, Dump], pattern: str = "*") -> dict[Path, Dump]:
     """Dumps in a folder whose names match a pattern; `known` are those of the look before."""
-    found = {}
+    dumps = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or not fnmatch(path.name, pattern) or not path.is_file():
             continue
         stat, before = path.stat(), known.get(path)
         if before and (before.size, before.modified) == (stat.st_size, stat.st_mtime_ns):
-            found[path] = before
+            dumps[path] = before
         elif (before and stat.st_size >= before.size) or _is_dump(path):
             kept = before if before and stat.st_size >= before.size else Dump((), 0, 0, 0)
-            found[path] = _read_on(path, kept, stat.st_mtime_ns)
-    return found
+            dumps[path] = _read_on(path, kept, stat.st_mtime_ns)
+    return dumps
 
 
 def _is_dump(path: Path) -> bool:
@@ -166,23 +166,23 @@ def _read_head(file: BinaryIO, digest) -> tuple[int, str, int] | None:
             file.seek(-len(line) + (0 if name else 1), 1)
             raise ValueError("the header was cut off")
         digest.update(line)
-        words = line.decode("utf-8", "replace")
+        text = line.decode("utf-8", "replace")
         if line.startswith(ITEM):
-            name = words.removeprefix("ITEM:").strip()
+            name = text.removeprefix("ITEM:").strip()
             kind = name.removeprefix("NUMBER OF ") if name.startswith("NUMBER OF ") else kind
         elif name == "TIMESTEP" or name.startswith("NUMBER OF "):
-            numbers[name] = parse_integer(words)
+            numbers[name] = parse_integer(text)
     try:
         return numbers["TIMESTEP"], kind, numbers[f"NUMBER OF {kind}"]
     except KeyError as missing:
         raise ValueError(f"the header has no {missing.args[0]}") from None
 
 
-def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, words: str) -> DumpFrame | None:
+def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, damage: str) -> DumpFrame | None:
     """Damaged frame, which ends where the next one begins; None if there is none yet."""
     stop = _find_begin(file)
     place = f"{path.name}, step {step}" if step >= 0 else f"{path.name}, byte {start}"
-    return None if stop is None else DumpFrame(step, "", path, start, stop, "", f"{place}: {words}")
+    return None if stop is None else DumpFrame(step, "", path, start, stop, "", f"{place}: {damage}")
 
 
 def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame], list[str]]:
@@ -190,21 +190,21 @@ def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame],
 
     Of several frames with the same step, the one that was written last is used.
     """
-    found: dict[int, DumpFrame] = {}
+    frames: dict[int, DumpFrame] = {}
     twice: dict[tuple[Path, Path], int] = {}
     for path, dump in sorted(dumps.items(), key=lambda item: (item[1].modified, item[0])):
         for frame in dump.frames:
             if frame.kind == kind:
-                other = found.get(frame.step)
+                other = frames.get(frame.step)
                 if other and other.path != path:
                     twice.setdefault((other.path, path), frame.step)
-                found[frame.step] = frame
+                frames[frame.step] = frame
     notes = [
         f"step {step} is in {old.name} and in {new.name}: the latter, which was written last, is used; name the files "
         f"that belong together"
         for (old, new), step in twice.items()
     ]
-    return dict(sorted(found.items())), notes
+    return dict(sorted(frames.items())), notes
 
 
 def read_content(frame: DumpFrame) -> Table:
@@ -231,5 +231,5 @@ def read_frame(
     packing = packing_from_table(table, grains.path, boundary)
     if contacts is not None and local is not None:
         pairs = pairs_from_table(local, contacts.path, packing, columns)
-    state, words = build_state(packing, pairs, law)
-    return state, [*packing.words, *words]
+    state, notes = build_state(packing, pairs, law)
+    return state, [*packing.notes, *notes]

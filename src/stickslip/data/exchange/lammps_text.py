@@ -50,10 +50,10 @@ class Table(NamedTuple):
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
         try:
-            found = np.stack([parse_numbers(self.columns[name]) for name in names]).T
+            values = np.stack([parse_numbers(self.columns[name]) for name in names]).T
         except ValueError:
             raise PackingError(f"column {' or '.join(names)} contains entries that are not numbers") from None
-        return np.ascontiguousarray(found[:, 0] if len(names) == 1 else found)
+        return np.ascontiguousarray(values[:, 0] if len(names) == 1 else values)
 
     def has(self, *names: str) -> bool:
         """Return True if all columns exist."""
@@ -92,12 +92,12 @@ def parse_step(step: int, piece: str) -> Table:
     rows = parse_integer(items["NUMBER"][1].split()[0])
     vectors, corner, periodic = _parse_bounds(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
-    names, words = head.split()[1:], body.split()
-    if len(words) != rows * len(names):
-        raise ValueError(f"step {step} declares {rows} rows of {len(names)} numbers but has {len(words)} numbers")
+    names, tokens = head.split()[1:], body.split()
+    if len(tokens) != rows * len(names):
+        raise ValueError(f"step {step} declares {rows} rows of {len(names)} numbers but has {len(tokens)} numbers")
     columns: dict[str, list[str]] = {}
     for k, name in enumerate(names):
-        column = words[k :: len(names)]
+        column = tokens[k :: len(names)]
         if columns.setdefault(name, column) != column:
             raise ValueError(f"step {step} has two columns {name} with different numbers")
     return Table(step, vectors, corner, periodic, columns, "ATOMS" in items)
@@ -130,7 +130,7 @@ def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 
-def add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
+def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) -> tuple[dict, list[str]]:
     """Add cell, periodic flags and dimension to the arrays."""
     periodic = table.periodic
     if boundary is not None:
@@ -139,26 +139,26 @@ def add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) 
         periodic = np.array([letter == "p" for letter in boundary])
     elif periodic is None:
         periodic = np.ones(3, bool)
-        words = [
-            *words,
+        notes = [
+            *notes,
             Absent("the file does not say which directions are periodic: all are assumed to be (--boundary)"),
         ]
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
     if not any(a[:, 2].any() for a in flat):
-        arrays, words = arrays | {"dim": 2}, [*words, "all grains lie at z = 0: treated as two-dimensional"]
+        arrays, notes = arrays | {"dim": 2}, [*notes, "all grains lie at z = 0: treated as two-dimensional"]
         periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
     if not periodic.all() and arrays.get("dim", 3) == 3:
         axes = " and ".join(np.array(["x", "y", "z"])[~periodic])
-        words = [*words, Absent(f"the box is open along {axes}: {NO_WALLS}")]
-    return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), words
+        notes = [*notes, Absent(f"the box is open along {axes}: {NO_WALLS}")]
+    return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), notes
 
 
 def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
     """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
     arrays = {"position": _position(table, path)}
     place = next(column for name, column in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
-    words: list[str] = digits_note(place)
+    notes: list[str] = digits_note(place)
     names = [name for name in ("radius", "diameter", "c_radius", "c_diameter") if table.has(name)]
     if not names:
         raise PackingError(
@@ -171,7 +171,7 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     elif table.has("density"):
         arrays["mass"] = table.numbers("density") * VOLUME * arrays["radius"] ** 3
     else:
-        words.append(mass_note(path.name))
+        notes.append(mass_note(path.name))
         arrays["mass"] = VOLUME * arrays["radius"] ** 3
     for name, columns in (("velocity", VELOCITY), ("spin", SPIN), ("force", FORCE)):
         if table.has(*columns):
@@ -185,8 +185,8 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
         check_ids(path, ids)
         if len(ids) and ids[-1] > len(ids):
             gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
-            words.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
-    return ids, arrays, words
+            notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
+    return ids, arrays, notes
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
@@ -242,7 +242,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         )
         rows = _parse_rows(body, count, "Atoms", labels)
         vectors, corner = _parse_data_box(head)
-        names, words = _columns_of_atoms(path, style, asked, rows, head)
+        names, notes = _columns_of_atoms(path, style, asked, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
@@ -265,7 +265,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
         arrays |= {"velocity": motion[:, 1:4], "spin": motion[:, 4:7]}
     check_ids(path, rows[:, 0])
-    return rows[:, 0].astype(np.int64), arrays, box, words
+    return rows[:, 0].astype(np.int64), arrays, box, notes
 
 
 def _columns_of_atoms(
@@ -342,12 +342,12 @@ PLURAL = {"ellipsoid": "ellipsoids", "line": "lines", "tri": "triangles", "body"
 
 def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
     """Split a data file into its header and its sections, keyed by name, each with the comment in its heading."""
-    found, name, hint, start = {}, "", None, 0
+    sections, name, hint, start = {}, "", None, 0
     for mark in HEADER.finditer(text):
-        found[name] = hint, text[start : mark.start()]
+        sections[name] = hint, text[start : mark.start()]
         name, hint, start = mark[1], mark[2], mark.end()
-    found[name] = hint, text[start:]
-    return found
+    sections[name] = hint, text[start:]
+    return sections
 
 
 def _parse_rows(body: str, rows: int, name: str, labels: dict[str, str] | None = None) -> np.ndarray:
@@ -357,8 +357,8 @@ def _parse_rows(body: str, rows: int, name: str, labels: dict[str, str] | None =
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
         raise ValueError(f"section {name} has {len(lines)} lines but the file declares {rows} atoms")
-    words = " ".join(lines).split()
-    values = parse_numbers([labels.get(word, word) for word in words] if labels else words).reshape(rows, -1)
+    tokens = " ".join(lines).split()
+    values = parse_numbers([labels.get(word, word) for word in tokens] if labels else tokens).reshape(rows, -1)
     if not (np.abs(values) < HUGE).all():
         raise ValueError(f"section {name} contains NaN, infinity or numbers beyond {HUGE:g}")
     return values
@@ -366,10 +366,10 @@ def _parse_rows(body: str, rows: int, name: str, labels: dict[str, str] | None =
 
 def _parse_data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     def line(*names):
-        found = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
-        values = None if found is None else parse_numbers(found[1].split())
+        match = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
+        values = None if match is None else parse_numbers(match[1].split())
         if values is not None and not (np.abs(values) < HUGE).all():
-            raise ValueError(f"the box has {found[0].strip()!r}")
+            raise ValueError(f"the box has {match[0].strip()!r}")
         return values
 
     general = [line(name) for name in ("avec", "bvec", "cvec")]

@@ -30,21 +30,21 @@ def write_lammps(path: str | Path, frame: Frame) -> list[str]:
     if state.cell.dim == 2:
         vectors, corner = vectors.copy(), corner.copy()
         vectors[2], corner[2] = (0, 0, 1), -0.5
-    words = [f"LAMMPS data does not store {', '.join(lost)}" for lost in [list_losses(frame)] if lost]
+    notes = [f"LAMMPS data does not store {', '.join(lost)}" for lost in [list_losses(frame)] if lost]
     if not state.cell.periodic[: state.cell.dim].all():
         letters = "".join("p" if p else "f" for p in state.cell.periodic[: state.cell.dim]) + "p" * (3 - state.cell.dim)
-        words.append(f"LAMMPS data does not store which directions are periodic: use `boundary {' '.join(letters)}`")
+        notes.append(f"LAMMPS data does not store which directions are periodic: use `boundary {' '.join(letters)}`")
     i0 = state.grains.inertia / (state.grains.mass * state.grains.radius**2)
     if np.abs(i0 - 0.4).max() > 1e-12:
-        words.append(
+        notes.append(
             "LAMMPS uses the moment of inertia of spheres, 2/5 m R², or with `disc` 1/2 m R²: set it here with --i0"
         )
     if state.grains.angle.any():
-        words.append("LAMMPS data does not store angles")
+        notes.append("LAMMPS data does not store angles")
     with replace_atomically(path) as part:
         part.write_text(_format_data(frame, vectors, corner), encoding="utf-8")
-        words += _write_contacts(contacts_path(path), frame, vectors, corner)
-    return words
+        notes += _write_contacts(contacts_path(path), frame, vectors, corner)
+    return notes
 
 
 def _format_rows(rows) -> list[str]:
@@ -74,9 +74,9 @@ def _format_data(frame: Frame, vectors, corner) -> str:
 def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     """Write the contacts between grains as `compute pair/local` does; return notes on what is not written."""
     state, law = frame.state, frame.law
-    pairs, words = without_walls(frame)
+    pairs, notes = without_walls(frame)
     if law.coulomb != SHARP:
-        return [*words, "LAMMPS has sharp friction, but this law is smooth: the memory of contacts is not written"]
+        return [*notes, "LAMMPS has sharp friction, but this law is smooth: the memory of contacts is not written"]
     rows = touching(state)
     rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
     c = linearise(state, law)
@@ -100,8 +100,8 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
         part.write_text("\n".join([*head, *(f"{i} {j} {row}" for i, j, row in ends), ""]), encoding="utf-8")
     sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
     if damping_model(law) and sliding:
-        words.append(
+        notes.append(
             f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored without the force carried by "
             f"dashpots"
         )
-    return [*words, f"LAMMPS cannot import the memory of contacts: it is in {path.name}, for --contacts"]
+    return [*notes, f"LAMMPS cannot import the memory of contacts: it is in {path.name}, for --contacts"]

@@ -26,10 +26,10 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
         raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote")
     try:
         with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            found = {name: file[name] for name in REQUIRED}
+            arrays = {name: file[name] for name in REQUIRED}
     except Exception:  # numpy and zipfile raise various errors for a damaged file
         raise PackingError(f"{path} contains no modes: give the .npz that `stickslip stability` wrote") from None
-    translation, rotation, exponent = (found[name] for name in REQUIRED)
+    translation, rotation, exponent = (arrays[name] for name in REQUIRED)
     if any(array.dtype.kind not in "fciu" for array in (translation, rotation, exponent)):
         raise PackingError(f"{path} contains entries that are not numbers: write the modes again")
     if exponent.ndim != 1 or translation.shape != (len(exponent), *translation.shape[1:2], 3):

@@ -41,16 +41,16 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     """Read the grains of a table."""
     only_state(path, frame)
     lines = _content_lines(read_lines(path))
-    names, words = _names(lines[0]) if lines else None, []
+    names, notes = _names(lines[0]) if lines else None, []
     if names is None:
         names = ["x", "y", "z", "radius"]
-        words = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed")]
+        notes = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed")]
     else:
         lines = lines[1:]
     _check_names(path, names)
     rows = _numbers(path, [line for line in lines if not line.startswith(COMMENT)], len(names))
     packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, path.stem)
-    return [packing._replace(words=[*words, *packing.words, Assumption(extent_note(path.name))])]
+    return [packing._replace(notes=[*notes, *packing.notes, Assumption(extent_note(path.name))])]
 
 
 def _content_lines(text: str) -> list[str]:
@@ -69,13 +69,13 @@ def _split(line: str) -> list[str]:
 
 def _names(line: str) -> list[str] | None:
     """Names of columns in a line; None if the line has numbers."""
-    words = _split(line.lstrip("#%").strip())
+    fields = _split(line.lstrip("#%").strip())
     if line.startswith("#format"):
-        words = line.split()[1].split("_") if len(line.split()) > 1 else []
+        fields = line.split()[1].split("_") if len(line.split()) > 1 else []
     return (
         None
-        if not words or all(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf", w.lower()) for w in words)
-        else words
+        if not fields or all(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf", w.lower()) for w in fields)
+        else fields
     )
 
 
@@ -91,14 +91,14 @@ def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
     """(rows, width) numbers of lines, all of the same length."""
     if lines and DECIMAL_COMMA.search(lines[0]):
         raise PackingError(f"{path} has decimal commas, as in {lines[0][:60]!r}: write decimal points")
-    words = [_split(line) for line in lines]
-    for number, row in enumerate(words, 1):
+    rows = [_split(line) for line in lines]
+    for number, row in enumerate(rows, 1):
         if len(row) != width:
             raise PackingError(
                 f"{path} has {len(row)} entries in row {number}, where its columns are {width}: it is damaged"
             )
     try:
-        return parse_numbers([word if word else "nan" for row in words for word in row]).reshape(-1, width)
+        return parse_numbers([word if word else "nan" for row in rows for word in row]).reshape(-1, width)
     except ValueError as problem:
         raise PackingError(f"{path} contains an entry that is not a number ({problem}): {NEEDED} are needed") from None
 
@@ -127,12 +127,12 @@ def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
 
 def _mercury_header(path: Path, line: str) -> int:
     """Number of grains of a time step."""
-    words = line.split()
-    if len(words) not in MERCURY or not words[0].isdecimal() or len(words[0]) > 12:
+    fields = line.split()
+    if len(fields) not in MERCURY or not fields[0].isdecimal() or len(fields[0]) > 12:
         raise PackingError(
             f"{path} has {line[:60]!r} where a time step of MercuryDPM begins: N t and the domain are needed"
         )
-    return int(words[0])
+    return int(fields[0])
 
 
 def _mercury_step(path: Path, name: str, lines: list[str]) -> Packing:
@@ -142,7 +142,7 @@ def _mercury_step(path: Path, name: str, lines: list[str]) -> Packing:
     walls = Assumption(
         "MercuryDPM's .data has no walls and no periodic boundaries: none were read; they are in its .restart"
     )
-    return packing._replace(words=[*packing.words, walls, Assumption(extent_note(path.name))])
+    return packing._replace(notes=[*packing.notes, walls, Assumption(extent_note(path.name))])
 
 
 def refuse(path: Path) -> PackingError:

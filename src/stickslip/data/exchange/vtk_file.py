@@ -24,8 +24,8 @@ from .frame import Frame, list_losses, wrapped_into
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
     """Paths of the files of grains and of contacts for each frame."""
     stems = [path.stem] if count == 1 else [f"{path.stem}_{k:04d}" for k in range(count)]
-    one = "{}-contacts{}" if count == 1 else "{0[0]}-contacts_{0[1]}{1}"
-    names = [one.format(stem if count == 1 else stem.rsplit("_", 1), path.suffix) for stem in stems]
+    pattern = "{}-contacts{}" if count == 1 else "{0[0]}-contacts_{0[1]}{1}"
+    names = [pattern.format(stem if count == 1 else stem.rsplit("_", 1), path.suffix) for stem in stems]
     return [(path.with_name(stem + path.suffix), path.with_name(n)) for stem, n in zip(stems, names, strict=True)]
 
 
@@ -46,8 +46,8 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
             part.replace(target)
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
     bare = sum(not len(frame.contacts["i"]) for frame in frames)
-    words = [f"{pluralize(bare, 'frame')} without contacts: no file of lines was written"] if bare else []
-    return [*words, f"VTK does not store {', '.join(lost)}"]
+    notes = [f"{pluralize(bare, 'frame')} without contacts: no file of lines was written"] if bare else []
+    return [*notes, f"VTK does not store {', '.join(lost)}"]
 
 
 def _positions(frame: Frame) -> np.ndarray:
@@ -110,7 +110,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     except (ValueError, IndexError, KeyError, zlib.error) as problem:
         raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
     packing = packing_of_columns(columns, path.name, path.stem)
-    return [packing._replace(words=[*packing.words, Assumption(extent_note(path.name))])]
+    return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]
 
 
 def _squeeze(column: np.ndarray) -> np.ndarray:
@@ -121,27 +121,27 @@ def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
     """Points and point data of a legacy file."""
     reader = _Legacy(content)
     columns, count, of_points = {}, -1, False
-    while words := reader.words():
-        key = words[0].upper()
+    while tokens := reader.tokens():
+        key = tokens[0].upper()
         if key == "POINTS":
-            count = int(words[1])
-            columns["points"] = reader.numbers(3 * count, words[2]).reshape(count, 3)
+            count = int(tokens[1])
+            columns["points"] = reader.numbers(3 * count, tokens[2]).reshape(count, 3)
         elif key in ("POINT_DATA", "CELL_DATA"):
             of_points = key == "POINT_DATA"
         elif key in ("VECTORS", "NORMALS") and of_points:
-            columns[words[1]] = reader.numbers(3 * count, words[2]).reshape(count, 3)
+            columns[tokens[1]] = reader.numbers(3 * count, tokens[2]).reshape(count, 3)
         elif key == "SCALARS" and of_points:
-            reader.words()  # LOOKUP_TABLE
-            width = int(words[3]) if len(words) > 3 else 1
-            columns[words[1]] = reader.numbers(width * count, words[2]).reshape(count, width)
+            reader.tokens()  # LOOKUP_TABLE
+            width = int(tokens[3]) if len(tokens) > 3 else 1
+            columns[tokens[1]] = reader.numbers(width * count, tokens[2]).reshape(count, width)
         elif key == "FIELD" and of_points:
-            for _ in range(int(words[2])):
-                name, width, rows, kind = reader.words()
+            for _ in range(int(tokens[2])):
+                name, width, rows, kind = reader.tokens()
                 columns[name] = reader.numbers(int(width) * int(rows), kind).reshape(int(rows), int(width))
         elif key == "METADATA":
             reader.skip_block()
-        elif key in ("VERTICES", "LINES", "POLYGONS", "CELLS", "CELL_TYPES") and reader.binary and len(words) > 1:
-            reader.numbers(int(words[-1]), "int")
+        elif key in ("VERTICES", "LINES", "POLYGONS", "CELLS", "CELL_TYPES") and reader.binary and len(tokens) > 1:
+            reader.numbers(int(tokens[-1]), "int")
     return columns
 
 
@@ -150,16 +150,16 @@ class _Legacy:
 
     def __init__(self, content: bytes):
         self.content, self.at = content, 0
-        self.words(), self.words()
-        self.binary = self.words()[0].upper() == "BINARY"
+        self.tokens(), self.tokens()
+        self.binary = self.tokens()[0].upper() == "BINARY"
 
-    def words(self) -> list[str]:
-        """Words of the next line that is not empty; none at the end."""
+    def tokens(self) -> list[str]:
+        """Tokens of the next line that is not empty; none at the end."""
         while self.at < len(self.content):
             line, _, _ = self.content[self.at :].partition(b"\n")
             self.at += len(line) + 1
-            if words := line.decode("latin-1").split():
-                return words
+            if tokens := line.decode("latin-1").split():
+                return tokens
         return []
 
     def skip_block(self) -> None:
@@ -175,7 +175,7 @@ class _Legacy:
         if self.binary:
             start, self.at = self.at, self.at + count * dtype.itemsize
             return np.frombuffer(self.content, dtype, count, start).astype(float)
-        words = []
-        while len(words) < count and (line := self.words()):
-            words += line
-        return parse_numbers(words[:count])
+        tokens = []
+        while len(tokens) < count and (line := self.tokens()):
+            tokens += line
+        return parse_numbers(tokens[:count])

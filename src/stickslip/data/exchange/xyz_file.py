@@ -82,8 +82,8 @@ def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
             f"{path} has a damaged frame {name} ({problem}): its second line must name its columns"
         ) from None
     packing = packing_of_columns(columns, path.name, name, **more)
-    words = [*packing.words, NO_CONTACTS] if law else packing.words
-    return packing._replace(law=law, words=words if "cell" in more else [*words, extent_note(path.name)])
+    notes = [*packing.notes, NO_CONTACTS] if law else packing.notes
+    return packing._replace(law=law, notes=notes if "cell" in more else [*notes, extent_note(path.name)])
 
 
 def _columns(kinds: list[str], rows: list[list[str]]) -> dict[str, np.ndarray]:
