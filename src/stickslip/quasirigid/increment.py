@@ -25,11 +25,11 @@ from ..solve.linear import factorised
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
 from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
 from .lcp import complementarity, inconsistent
-from .matrices import LinearSystem, linear_system, statuses, stiffness_matrix
+from .matrices import LinearSystem, force_rates, linear_system
 from .opening import ApexStatuses, decide_statuses
 from .rattling import gaps, with_modes
 from .status import ContactStatus, Verdict, contact_status
-from .system import RESIDUAL, pinned_coordinates
+from .system import RESIDUAL, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
@@ -166,7 +166,7 @@ class Increment:
                 return end, done * self.increment, Verdict.NEGATIVE
             self._record_changes(choice, slides, sign, load)
             slides = choice.sliding
-            rate = _force_changes(now, slides, choice.velocity)
+            rate = force_rates(now, slides, choice.velocity)
             self.last = now, slides
             step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
@@ -275,7 +275,7 @@ class Increment:
                 velocity = solve(missing)
             except LinAlgError:
                 break
-            force, moved = force + _force_changes(now, last, velocity), moved + velocity
+            force, moved = force + force_rates(now, last, velocity), moved + velocity
             better = self._advance(force, moved, slides, sign, contacts, done)
             left = self._unbalanced_force(better)
             if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
@@ -348,7 +348,7 @@ def _make_solver(matrix: LinearSystem, slides, geometric: bool):
     """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
     size = len(matrix.free)
     kept = np.setdiff1d(np.arange(size), pinned_coordinates(matrix))
-    k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
+    k = regular_stiffness(matrix, slides, geometric)[kept][:, kept]
     solve = factorised(k)
 
     def spread(load: np.ndarray) -> np.ndarray:
@@ -359,13 +359,6 @@ def _make_solver(matrix: LinearSystem, slides, geometric: bool):
         return out
 
     return spread
-
-
-def _force_changes(matrix: LinearSystem, slides, velocity) -> np.ndarray:
-    """(M, 2) dF of all contacts over an increment."""
-    relative = (matrix.c.T @ velocity).reshape(-1, 2)
-    turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
-    return -np.einsum("mab,mb->ma", matrix.springs, turned)
 
 
 def _increment_matrices(place: PathState, law: Law) -> LinearSystem:

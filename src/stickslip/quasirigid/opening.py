@@ -30,8 +30,8 @@ from .cone_apex import (
     statuses_at_apex,
     stiffness_change,
 )
-from .matrices import LinearSystem, stiffness_matrix
-from .system import pinned_coordinates
+from .matrices import LinearSystem
+from .system import pinned_coordinates, regular_stiffness
 
 COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
 
@@ -70,7 +70,7 @@ def reduce_to_contacts(
     """
     size, held = len(matrix.free), pinned_coordinates(matrix)
     kept = np.setdiff1d(np.arange(size), held if without is None else np.union1d(held, without))
-    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=geometric)[kept][:, kept]
+    stuck = regular_stiffness(matrix, np.zeros(matrix.count, bool), geometric)[kept][:, kept]
     solve = factorised(stuck)
     columns = matrix.c.tocsc()[kept][:, np.stack([2 * contacts, 2 * contacts + 1], axis=1).ravel()].toarray()
     reach, free = np.zeros((size, columns.shape[1])), np.zeros(size)
