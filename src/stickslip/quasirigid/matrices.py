@@ -30,7 +30,7 @@ from ..core.laws.properties import resists_rolling
 from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.readable import readable
-from ..core.state import OPEN, SLIDE, State
+from ..core.state import OPEN, SLIDE, STICK, State
 from ..solve.freedom import Freedom, freedom, incidence, stiffness_of
 from .walls import append_wall_rotations
 
@@ -92,7 +92,9 @@ def linear_system(
         rotate.
     """
     _check_supported(state, law)
-    rows, line = touching(state), linearise(state, law)
+    rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
+    stuck = state._replace(contacts=state.contacts._replace(mode=modes))
+    line = linearise(stuck, law)
     parted = ~line.normal[rows].any(axis=1)  # contacts with memory that do not overlap, to the last digits
     loose = _excluded_bodies(state, rattlers, rows[parted])
     kept = ~(loose[state.contacts.i[rows]] | loose[state.contacts.j[rows]])
@@ -106,8 +108,9 @@ def linear_system(
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, frame, count))
     slip = np.einsum("ck,ck->c", line.slip[rows], frame[:, 1])
     # a contact at the limit exerts exactly μ F_n, whatever the round-off of its slip; without friction none sticks
-    sliding = (state.contacts.mode[rows] == SLIDE) & (line.mu[rows] > 0)
-    k_n, k_t = line.slope_n[rows], np.where(line.mu[rows] > 0, line.stiffness_t[rows], 0.0)
+    slippery = ~parted & (line.mu[rows] == 0)
+    sliding = (state.contacts.mode[rows] == SLIDE) & ~slippery
+    k_n, k_t = line.slope_n[rows], np.where(slippery, 0.0, line.stiffness_t[rows])
     pull = np.where(sliding, line.mu[rows] * line.force_n[rows], k_t * np.abs(slip))
     sign = np.where(slip < 0, -1.0, 1.0)
     force = np.zeros((len(rows), state.cell.dim))
@@ -120,7 +123,7 @@ def linear_system(
         rows, frame, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign,
         line.mu[rows], force, sliding, sparse.csr_array((len(free), len(free))), free,
     )  # fmt: skip
-    matrix = matrix._replace(geometric=_geometric_stiffness(state, law, line, matrix))
+    matrix = matrix._replace(geometric=_geometric_stiffness(stuck, law, line, matrix))
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
 
 
@@ -171,6 +174,8 @@ def _directions(rows, frame, count: int):
     """(6 count, dM) sparse: (F, T/R) of a contact from its components."""
     m, width = frame.shape[:2]
     load = np.concatenate([frame, -np.cross(frame[:, :1], frame)], axis=2)
+    if width == 2:
+        load[:, 1, 3:] = [0.0, 0.0, 1.0]
     row = np.broadcast_to((6 * rows[:, None] + np.arange(6))[:, None, :], load.shape)
     column = np.broadcast_to(np.arange(width * m).reshape(m, width, 1), load.shape)
     turns = np.ones(load.shape, bool)
@@ -179,12 +184,28 @@ def _directions(rows, frame, count: int):
 
 
 def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: LinearSystem):
-    """(n, n) geometric stiffness: −J of the contacts of a system, without c K S cᵀ."""
-    kept = np.zeros(len(line.normal))
-    kept[matrix.rows] = 1.0
-    line = line._replace(closed=kept * line.closed, force_n=kept * line.force_n, secant=kept * line.secant)
-    whole = stiffness_of(state, line, blocks_of(state, law, line)[0], matrix.free)
-    return sparse.csr_array(-whole - stiffness_matrix(matrix, geometric=False))
+    """(n, n) geometric stiffness: −J of sticking contacts without c K cᵀ.
+
+    In a plane it is (F_n t − F_t n)(t·dr)/|r|, free of the round-off of a difference, which may decide at forks of paths.
+    """
+    rows, frame, force, free, count = matrix.rows, matrix.frame, matrix.force, matrix.free, len(line.normal)
+    if matrix.width == 2:
+        turning = force[:, :1] * frame[:, 1] - force[:, 1:] * frame[:, 0]
+        blocks = np.zeros((count, 6, 6))
+        blocks[rows, :3, :3] = (line.inverse[rows, None] * turning)[:, :, None] * frame[:, 1][:, None, :]
+        vectors = np.zeros((count, 3))
+        vectors[rows] = force[:, :1] * frame[:, 0] + force[:, 1:] * frame[:, 1]
+        line = line._replace(force_n=np.ones(count), normal=vectors, secant=np.zeros(count))
+        return sparse.csr_array(-stiffness_of(state, line, blocks, free))
+    kept, slip, k_t = np.zeros(count), np.zeros_like(line.slip), matrix.springs[:, 1, 1]
+    kept[rows] = 1.0
+    pull = np.einsum("ma,mak->mk", force[:, 1:], frame[:, 1:])
+    slip[rows] = -pull / np.where(k_t > 0, k_t, 1.0)[:, None]
+    line = line._replace(
+        before=slip, slip=slip, closed=kept * line.closed, force_n=kept * line.force_n, secant=kept * line.secant
+    )
+    whole = stiffness_of(state, line, blocks_of(state, law, line)[0], free)
+    return sparse.csr_array(-whole - stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=False))
 
 
 def statuses(matrix: LinearSystem, sliding) -> np.ndarray:

@@ -110,7 +110,7 @@ def load_path(
 
     Parameters
     ----------
-    state : State in equilibrium under its own control, in two dimensions
+    state : State in equilibrium under its own control
     law : Law with sharp friction, linear in the overlap (`linear`)
     legs : Control at the end of each leg; forces, torques, gravity and stress change linearly within each leg
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg

@@ -37,8 +37,9 @@ class StatusSolver:
         self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
-        whole = regular_stiffness(matrix, np.zeros(matrix.count, bool), geometric)
-        self.stuck = sparse.csc_array(whole[self.kept][:, self.kept])
+        geometry = (matrix.geometric if geometric else 0.0 * matrix.geometric) + roll_springs(matrix, geometric)
+        ordered = matrix._replace(c=c, geometric=sparse.csr_array(geometry)[self.kept][:, self.kept])
+        self.stuck = sparse.csc_array(stiffness_matrix(ordered, np.zeros(matrix.count, bool)))
         columns = sparse.csc_array(c)
         normal, along = columns[:, matrix.width * critical], columns[:, matrix.width * critical + 1]
         sign, slope = matrix.sign[critical], matrix.slope[critical]
@@ -164,18 +165,21 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
     return np.array(moves).reshape(-1, len(matrix.free))
 
 
-def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool):
-    """(n, n) sparse k, with springs that keep rolling spheres from spinning about the line through their contacts.
+def roll_springs(matrix: LinearSystem, geometric: bool = True):
+    """(n, n) sparse stiffness that keeps rolling spheres from spinning about the line through their contacts.
 
     If the load does not drive this motion, the springs carry no force. The balance leaves the spin open, and inertia
     and drag decide it; it affects other contacts by the order of the overlap over the radius.
     """
-    k = stiffness_matrix(matrix, sliding, geometric=geometric)
     spins = np.where(matrix.free.axis >= 3, rolling_motions(matrix, geometric), 0.0)
-    if not len(spins):
-        return k
-    held = sparse.csr_array(np.sqrt(matrix.springs.max()) * spins)
-    return sparse.csr_array(k + held.T @ held)
+    held = sparse.csr_array(np.sqrt(matrix.springs.max(initial=0.0)) * spins)
+    return sparse.csr_array(held.T @ held)
+
+
+def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool):
+    """(n, n) sparse k(S) with `roll_springs`."""
+    k = stiffness_matrix(matrix, sliding, geometric=geometric)
+    return sparse.csr_array(k + roll_springs(matrix, geometric)) if matrix.width == 3 else k
 
 
 def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:
