@@ -1,6 +1,6 @@
-"""Small packings of five kinds: boxes, sheared cells, rows with loose disks, heaps, strained cells; all but rows balance.
+"""Small packings of five kinds: boxes, sheared cells, rows with loose disks, heaps, strained cells.
 
-Rows of spheres are square layers.
+All but rows are in balance. Rows of spheres are square layers.
 """
 
 from functools import cache
@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 
 import stickslip as ss
+from stickslip.core.dynamics.cell_motion import strained
 from stickslip.core.laws.builtin import KT, MU
 from stickslip.core.state import SLIDE
 from stickslip.loading.biaxial import settle
-from stickslip.core.dynamics.cell_motion import strained
 from stickslip.loading.shear import sheared
 from stickslip.quasirigid.matrices import linear_system
 
@@ -31,7 +31,8 @@ def sample(kind: str, seed: int):
 def spheres(kind: str, seed: int):
     """State, law and whether rattlers are included, of one packing of spheres."""
     return {
-        "box": _box_of_spheres, "sheared": _sheared_spheres, "row": _layer, "gravity": _heap, "strained": _strained_spheres,
+        "box": _box_of_spheres, "sheared": _sheared_spheres, "row": _layer, "gravity": _heap,
+        "strained": _strained_spheres,
     }[kind](seed)  # fmt: skip
 
 

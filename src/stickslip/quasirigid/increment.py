@@ -125,9 +125,11 @@ class Increment:
         begins = np.flatnonzero(apex & (sides != 0))
         state = with_modes(state, m.rows[begins], SLIDE)
         if m.width == 3:  # the memory keeps the direction, whatever the length
-            state.contacts.slip[m.rows[begins]] = NUDGE * np.einsum(
-                "ma,mak->mk", choice.velocity[begins, 1:], m.frame[begins, 1:]
-            ) / np.abs(choice.velocity).max()
+            state.contacts.slip[m.rows[begins]] = (
+                NUDGE
+                * np.einsum("ma,mak->mk", choice.velocity[begins, 1:], m.frame[begins, 1:])
+                / np.abs(choice.velocity).max()
+            )
         self._set_state(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
         side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
@@ -168,7 +170,10 @@ class Increment:
             load = start + done * self.increment
             choice = self._choose_status(now, slides, load)
             if not choice.ok:
-                return self._finish(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
+                # at the apex of a round cone, statuses with one direction prove nothing
+                faint = m.width == 3 and (force[now.limit, 0] <= APEX * self.mean).any()
+                verdict = Verdict.NOT_FOUND if faint else choice.verdict
+                return self._finish(force, moved, slides, sign, (), done), done * self.increment, verdict
             if self.looked == load and not self._is_stable(now, choice, load):
                 end = self._finish(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
@@ -355,7 +360,8 @@ class Increment:
         along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
         length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
         mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
-        mode[where], slip[where] = np.where(slides, SLIDE, STICK), trial.slip[where] if solid else length[:, None] * along
+        mode[where] = np.where(slides, SLIDE, STICK)
+        slip[where] = trial.slip[where] if solid else length[:, None] * along
         mode[new] = STICK
         fresh = np.zeros(len(mode), bool)
         fresh[new] = True

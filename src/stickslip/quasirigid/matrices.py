@@ -184,28 +184,32 @@ def _directions(rows, frame, count: int):
 
 
 def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: LinearSystem):
-    """(n, n) geometric stiffness: −J of sticking contacts without c K cᵀ.
-
-    In a plane it is (F_n t − F_t n)(t·dr)/|r|, free of the round-off of a difference, which may decide at forks of paths.
-    """
-    rows, frame, force, free, count = matrix.rows, matrix.frame, matrix.force, matrix.free, len(line.normal)
+    """(n, n) geometric stiffness: −J of sticking contacts without c K cᵀ."""
+    rows, kept, slip = matrix.rows, np.zeros(len(line.normal)), np.zeros_like(line.slip)
     if matrix.width == 2:
-        turning = force[:, :1] * frame[:, 1] - force[:, 1:] * frame[:, 0]
-        blocks = np.zeros((count, 6, 6))
-        blocks[rows, :3, :3] = (line.inverse[rows, None] * turning)[:, :, None] * frame[:, 1][:, None, :]
-        vectors = np.zeros((count, 3))
-        vectors[rows] = force[:, :1] * frame[:, 0] + force[:, 1:] * frame[:, 1]
-        line = line._replace(force_n=np.ones(count), normal=vectors, secant=np.zeros(count))
-        return sparse.csr_array(-stiffness_of(state, line, blocks, free))
-    kept, slip, k_t = np.zeros(count), np.zeros_like(line.slip), matrix.springs[:, 1, 1]
+        return _geometric_stiffness_in_plane(state, line, matrix)
     kept[rows] = 1.0
-    pull = np.einsum("ma,mak->mk", force[:, 1:], frame[:, 1:])
+    k_t, pull = matrix.springs[:, 1, 1], np.einsum("ma,mak->mk", matrix.force[:, 1:], matrix.frame[:, 1:])
     slip[rows] = -pull / np.where(k_t > 0, k_t, 1.0)[:, None]
     line = line._replace(
         before=slip, slip=slip, closed=kept * line.closed, force_n=kept * line.force_n, secant=kept * line.secant
     )
-    whole = stiffness_of(state, line, blocks_of(state, law, line)[0], free)
+    whole = stiffness_of(state, line, blocks_of(state, law, line)[0], matrix.free)
     return sparse.csr_array(-whole - stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=False))
+
+
+def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
+    """(n, n) the same in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
+
+    It is free of the round-off of a difference, which may decide at forks of paths.
+    """
+    rows, force, (normal, along) = matrix.rows, matrix.force, matrix.frame.transpose(1, 0, 2)
+    turning = line.inverse[rows, None] * (force[:, :1] * along - force[:, 1:] * normal)
+    blocks, vectors = np.zeros((len(line.normal), 6, 6)), np.zeros_like(line.normal)
+    blocks[rows, :3, :3] = turning[:, :, None] * along[:, None, :]
+    vectors[rows] = force[:, :1] * normal + force[:, 1:] * along
+    line = line._replace(normal=vectors, force_n=np.ones(len(vectors)), secant=np.zeros(len(vectors)))
+    return sparse.csr_array(-stiffness_of(state, line, blocks, matrix.free))
 
 
 def statuses(matrix: LinearSystem, sliding) -> np.ndarray:

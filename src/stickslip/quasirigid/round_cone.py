@@ -6,7 +6,18 @@ linear. A solution is verified by the rate of the return mapping; if none is fou
 
 import numpy as np
 
-from .cone_apex import OPENS, ROUNDS, SLACK, SLIDES, SLIDES_BACK, STICKS, Apex, StatusSolution, solve_piece, stiffness_change
+from .cone_apex import (
+    OPENS,
+    ROUNDS,
+    SLACK,
+    SLIDES,
+    SLIDES_BACK,
+    STICKS,
+    Apex,
+    StatusSolution,
+    solve_piece,
+    stiffness_change,
+)
 
 
 def force_change(apex: Apex, solution: StatusSolution) -> np.ndarray:
