@@ -50,11 +50,11 @@ def test_rates_are_those_of_small_increments_by_newtons_method():
         state, outcome = ss.equilibrate(state, law, check="nothing")
         assert outcome.ok
         m = ss.quasirigid.linear_system(state, law)
-        if len(rolling_motions(m)):  # whose spin the balance leaves open
-            continue
+        share = m.margin / m.force[:, 0].mean()
+        if len(rolling_motions(m)) or ((share > 1e-12) & (share < 1e-3)).any():
+            continue  # the balance leaves a spin open, or a contact comes to slide within the increment
         load = external_force(state._replace(control=end), m.free) - external_force(state, m.free)
-        near = np.flatnonzero(m.margin < 1e-8 * m.force[:, 0].mean())
-        choice = ss.quasirigid.contact_status(m, load, critical=near)
+        choice = ss.quasirigid.contact_status(m, load, critical=share <= 1e-12)
         assert choice.verdict is Verdict.UNIQUE
         strain, errors = m.free.strain(choice.velocity), []
         for size in (1e-3, 1e-4):
