@@ -69,14 +69,14 @@ def test_rates_are_those_of_small_increments_by_newtons_method():
     assert tried >= 2
 
 
-def test_paths_do_not_depend_on_the_increment():
-    for seed in (0, 2):
-        coarse, fine = path_of(seed), path_of(seed, 0.01)
-        assert coarse.verdict is fine.verdict
-        assert coarse.points[-1].load == pytest.approx(fine.points[-1].load, rel=1e-3)
-        start = coarse.points[0].state
-        ends = [shortening(p.states[-1], start) for p in (coarse, fine)]
-        assert ends[0] == pytest.approx(ends[1], rel=1e-3)
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_paths_do_not_depend_on_the_increment(seed):
+    coarse, fine = path_of(seed), path_of(seed, 0.01)
+    assert coarse.verdict is fine.verdict
+    assert coarse.points[-1].load == pytest.approx(fine.points[-1].load, rel=1e-3)
+    start = coarse.points[0].state
+    ends = [shortening(p.states[-1], start) for p in (coarse, fine)]
+    assert ends[0] == pytest.approx(ends[1], rel=2e-3)
 
 
 def test_forces_stay_in_the_cone_and_balance_along_a_path():
@@ -148,3 +148,6 @@ def test_slow_dynamics_of_spheres_follow_the_path(seed):
     before = run.load < 0.95 * path.points[-1].load
     predicted = np.interp(run.load, path.load, [shortening(s, state) for s in path.states])
     assert np.abs(slow - predicted)[before].max() < 0.02 * np.abs(predicted[before]).max()
+    assert path.complete is (seed == 0)
+    if not path.complete:  # and collapses there
+        assert np.abs(slow[-1]) > 3 * np.abs(predicted[before]).max()

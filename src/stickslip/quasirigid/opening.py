@@ -10,6 +10,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.optimize import linprog
 
@@ -31,7 +32,8 @@ from .cone_apex import (
 )
 from .matrices import LinearSystem
 from .round_cone import force_change, status_on_round_cones
-from .system import pinned_coordinates, regular_stiffness
+from .status import contact_status
+from .system import pinned_coordinates, regular_stiffness, rolling_motions
 
 COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
 
@@ -132,6 +134,8 @@ def decide_statuses(
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
+    if matrix.width == 3 and not len(lone) and (choice := _open_all(search)) is not None:
+        return choice
     choices, complete = _try_groups(search, lone)
     if not choices and len(lone) and not wedged:
         choices, complete = _try_groups(search._replace(any_motion=True), lone)
@@ -142,6 +146,31 @@ def decide_statuses(
         return ApexStatuses(apex, None, None, None, (), complete)
     status, velocity, stable = choices[0]
     return ApexStatuses(apex, status, velocity, stable, tuple(choice[0] for choice in choices[1:]), complete)
+
+
+def _open_all(search: _Search) -> ApexStatuses | None:
+    """Statuses with which all contacts of spheres at the apex open, or None if these are not consistent.
+
+    A sphere that is left with two contacts may roll, so that its other contacts open.
+    """
+    matrix, apex = search.matrix, search.apex
+    c = sparse.csr_array(matrix.c * ~np.repeat(apex, 3))
+    c.eliminate_zeros()
+    springs = np.where(apex[:, None, None], 0.0, matrix.springs)
+    rest = matrix._replace(c=c, springs=springs, limit=matrix.limit & ~apex)
+    choice = contact_status(rest, search.load, geometric=search.geometric)
+    if not choice.ok or choice.stable is False:
+        return None
+    velocity = (matrix.c.T @ choice.velocity).reshape(-1, 3)
+    rolls = (matrix.c.T @ rolling_motions(rest, search.geometric).T)[::3][apex]
+    size = np.abs(velocity).max(initial=0.0) or 1.0
+    apart = velocity[apex, 0] / size
+    if (apart < -SLACK).any():
+        way = linprog(np.zeros(rolls.shape[1]), -rolls, apart, bounds=(None, None)) if rolls.size else None
+        if way is None or way.status != 0:
+            return None
+    status = np.where(apex, OPENS, np.where(choice.sliding, SLIDES, STICKS))
+    return ApexStatuses(apex, status, velocity, choice.stable is not False, (), False)
 
 
 def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
