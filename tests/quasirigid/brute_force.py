@@ -10,7 +10,8 @@ from scipy.optimize import linprog
 
 from stickslip.quasirigid.matrices import stiffness_matrix
 
-NULL = 1e-11  # share of the largest singular value of k below which one is zero: SVD is accurate to 1e-15
+# share of the largest singular value of k below which one is zero
+NULL = 1e-9
 # a singular value of A_SS is certainly zero below the first share of the unit of its entries, certainly not above the
 # second: what is exactly singular comes out below 1e-16, whatever else above 1e-11
 RANK = (1e-14, 1e-12)
@@ -27,7 +28,7 @@ class Dense(NamedTuple):
     q: np.ndarray
     drives: bool  # no status balances the load: a motion that moves no contact takes it
     k0: np.ndarray
-    inverse: np.ndarray  # of k0, without its null space
+    inverse: np.ndarray  # of k0, on loads that do not drive its null motions
     h: np.ndarray
     load: np.ndarray
 
@@ -52,16 +53,20 @@ class Answer(NamedTuple):
 
 
 def dense(m, load, critical) -> Dense:
-    """A = 1 − Gᵀ k₀⁺ H and q = −Gᵀ k₀⁺ b."""
+    """A = 1 − Gᵀ k₀⁺ H and q = −Gᵀ k₀⁺ b, where k₀⁺ leaves out motions that nothing resists."""
     k0 = stiffness_matrix(m, np.zeros(m.count, bool)).toarray()
     c = m.c.toarray()
-    normal, along = c[:, 0::2][:, critical], c[:, 1::2][:, critical]
+    normal, along = c[:, 0 :: m.width][:, critical], c[:, 1 :: m.width][:, critical]
     h = along * (m.springs[critical, 1, 1] * m.sign[critical])
     g = normal * m.slope[critical] + along * m.sign[critical]
-    u, values, vt = np.linalg.svd(k0)
-    null = values < NULL * values[0]
-    inverse = vt[~null].T @ np.diag(1 / values[~null]) @ u[:, ~null].T
-    left = u[:, null]
+    u, values, _ = np.linalg.svd(k0)
+    left = u[:, values < NULL * values[0]]
+    # along the null motions: no mean translation, no spin of spheres that roll, nothing of grains without contacts
+    moves = [move for move in (m.free.axis == np.arange(3)[:, None]).astype(float) if np.abs(move @ k0).max() < NULL]
+    own = left.T * ((m.free.axis >= 3) | ~c.any(axis=1))
+    still = np.linalg.svd(np.array([*moves, *own]).reshape(-1, len(k0)))[2][: left.shape[1]]
+    bordered = np.block([[k0, left], [still, np.zeros((len(still),) * 2)]])
+    inverse = np.linalg.inv(bordered)[: len(k0), : len(k0)]
     assert np.abs(left.T @ h).max(initial=0.0) < 1e-9  # so that it is left out of every k(S)
     drives = np.abs(left.T @ load).max(initial=0.0) > 1e-9 * np.abs(load).max()
     both = _refined(k0, inverse, np.column_stack([h, load]) - left @ (left.T @ np.column_stack([h, load])))
@@ -189,7 +194,7 @@ def _further(slip, slides, turn, size):
 def force_rates(m, problem: Dense, critical, answer: Answer) -> np.ndarray:
     """(M, 2) rates of all contact forces."""
     v = problem.inverse @ (problem.load + problem.h @ answer.slip)
-    relative = (m.c.T @ v).reshape(-1, 2)
+    relative = (m.c.T @ v).reshape(-1, m.width)
     stretch = relative.copy()
     rows = critical[answer.slides]
     stretch[rows, 1] = -m.slope[rows] * m.sign[rows] * relative[rows, 0]

@@ -25,7 +25,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ("docs/index.md", 1, ("oscillatory instability: 1 complex pair",)),
         ("docs/index.md", 2, ("the lid bears ", " events; ")),
         ("docs/quasi_rigid.md", 0, (" events,", " alternatives")),
-        ("docs/quasi_rigid.md", 2, ("'UNIQUE': ", "'MECHANISM': ")),
+        ("docs/quasi_rigid.md", 1, ("MECHANISM 0.8",)),
+        ("docs/quasi_rigid.md", 3, ("'UNIQUE': ", "'MECHANISM': ")),
         ("docs/look.md", 0, ("2 axes",)),
         ("docs/many_runs.md", 0, ("'spring.stiffness': 4, 'seed': 2", "1/m")),
         (

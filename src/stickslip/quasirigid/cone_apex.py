@@ -43,11 +43,11 @@ SLACK = 1e-9  # share of the largest velocity below which a velocity may have ei
 
 @readable
 class Apex(NamedTuple):
-    """Piecewise-linear map of E contacts that may change their status; V is (E, 2), normal and tangential."""
+    """Map of E contacts that may change their status; V is (E, d), d = 2 in a plane, where g is piecewise linear."""
 
-    compliance: np.ndarray  # (2E, 2E) Z [length/force]
-    velocity: np.ndarray  # (E, 2) V₀, the velocities if all of them stick
-    springs: np.ndarray  # (E, 2, 2) K [force/length]
+    compliance: np.ndarray  # (dE, dE) Z [length/force]
+    velocity: np.ndarray  # (E, d) V₀, the velocities if all of them stick
+    springs: np.ndarray  # (E, d, d) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
     alone: np.ndarray  # (E,) bool: contacts of disks without others; nothing holds such a disk if all open or slide
@@ -64,7 +64,7 @@ class StatusSolution(NamedTuple):
     """Statuses that are consistent with their velocities, or None if none were found."""
 
     status: np.ndarray | None  # (E,)
-    velocity: np.ndarray | None  # (E, 2)
+    velocity: np.ndarray | None  # (E, d)
     method: str
 
 
@@ -158,11 +158,11 @@ def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
     """(E, 2) V for given statuses, or None if their piece is singular."""
-    out = _solve(piece_matrix(apex, status), apex.velocity.ravel())
+    out = solve_piece(piece_matrix(apex, status), apex.velocity.ravel())
     return None if out is None else out.reshape(-1, 2)
 
 
-def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+def solve_piece(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
     """Solution; None if the matrix is singular to within round-off, as for a disk whose contacts all slide or open."""
     if not len(matrix):
         return right

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.measure import branch_vectors
 from ..core.state import State
 from .lcp import SLACK
 from .rattling import NUDGE, gaps
@@ -71,6 +72,11 @@ def next_event(
 def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
     """(M,) fractions of the increment after which sticking contacts reach the cone, on either side."""
     m, reached = increment.matrix, np.full(len(force), np.inf)
+    if m.width == 3:
+        sticks = ~choice.sliding
+        reached[sticks] = _shares_to_round_cone(m.mu[sticks], force[sticks], rate[sticks], known[sticks])
+        reached[increment.paired & (force[:, 0] <= increment.faint)] = np.inf
+        return reached
     for side in (1.0, -1.0):
         margin = m.mu * force[:, 0] - side * force[:, 1]
         slope = m.mu * rate[:, 0] - side * rate[:, 1]
@@ -83,11 +89,29 @@ def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
     return reached
 
 
+def _shares_to_round_cone(mu: np.ndarray, force: np.ndarray, rate: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """(C,) fractions after which |F_t| = μ F_n, the first positive root of a quadratic; infinite if there is none.
+
+    Contacts `on` the cone, (C,) bool, leave it first.
+    """
+    sign = np.append(np.ones(1), -np.ones(force.shape[1] - 1))
+    weight = np.where(np.arange(force.shape[1]) == 0, mu[:, None], 1.0)
+    start, slope = weight * force, weight * rate
+    # (μ F_n)² − |F_t|² = a x² + 2 b x + c, positive at first
+    a, b, c = (slope * slope) @ sign, (start * slope) @ sign, (start * start) @ sign
+    c = np.where(on, 0.0, np.maximum(c, 0.0))
+    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+    falls = (b < 0) & ~on & (b * b >= a * c)
+    rises = (b > 0) & (a < 0)
+    out = np.where(falls, c / np.where(falls, root - b, 1.0), np.inf)
+    return np.where(rises, (b + root) / np.where(rises, -a, 1.0), out)
+
+
 def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
     """First contact that reaches the cone, if it does so before the end found so far."""
     m, soonest = increment.matrix, reached.min(initial=np.inf)
     # the force on a disk with two contacts turns with the line between them, which a linear step predicts poorly
-    far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
+    far = m.mu * force[:, 0] - np.linalg.norm(force[:, 1:], axis=1) > NEAR_CONE * force[:, 0]
     early = np.where(increment.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
     if early < min(soonest, first.step):
         return NextEvent(float(early), first.contacts, NEARS)
@@ -142,6 +166,8 @@ def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEv
     moves = increment.matrix.free.spread(choice.velocity)[:, :3]
     normal, gap = gaps(state, rows)
     apart = moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]]
+    if increment.matrix.free.length:
+        apart = apart + branch_vectors(state)[rows] @ increment.matrix.free.strain(choice.velocity).T
     closing = np.einsum("ck,ck->c", apart, normal)
     small = float(state.grains.radius.min())
     reach = np.maximum(gap, 0.0) + NUDGE * small  # slightly beyond zero, so that they touch

@@ -15,6 +15,7 @@ from scipy.linalg import LinAlgError
 
 from ..core.contacts.forces import ContactLoads, accept, forces
 from ..core.contacts.jacobian import linearise
+from ..core.contacts.memory import FREE, HELD
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import between
 from ..core.laws.builtin import KN, KT, MU, Law
@@ -25,11 +26,11 @@ from ..solve.linear import factorised
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
 from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
 from .lcp import complementarity, inconsistent
-from .matrices import LinearSystem, linear_system, statuses, stiffness_matrix
+from .matrices import LinearSystem, force_rates, linear_system
 from .opening import ApexStatuses, decide_statuses
-from .rattling import gaps, with_modes
+from .rattling import NUDGE, gaps, with_modes
 from .status import ContactStatus, Verdict, contact_status
-from .system import RESIDUAL, pinned_coordinates
+from .system import RESIDUAL, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
@@ -38,6 +39,8 @@ CROWD = 200  # events after which a path without progress of the load ends; no r
 OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
 BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
+STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment in space is halved
+BRACKET = 1e-3  # share of an increment within which the load is found at which a sliding contact in space sticks again
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
 LOOK = 0.01  # share of a leg after which other statuses are sought even without an event; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
@@ -69,7 +72,7 @@ class Increment:
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
-        self.last, self.solve, self.missed, self.looked = None, None, 0.0, place.looked
+        self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
         self._set_state(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -119,7 +122,14 @@ class Increment:
         loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
         sides = choice.side
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
-        state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
+        begins = np.flatnonzero(apex & (sides != 0))
+        state = with_modes(state, m.rows[begins], SLIDE)
+        if m.width == 3:  # the memory keeps the direction, whatever the length
+            state.contacts.slip[m.rows[begins]] = (
+                NUDGE
+                * np.einsum("ma,mak->mk", choice.velocity[begins, 1:], m.frame[begins, 1:])
+                / np.abs(choice.velocity).max()
+            )
         self._set_state(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
         side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
@@ -155,26 +165,30 @@ class Increment:
         for _ in range(CROWD):
             # contacts that reached the cone in several events at one load are decided together
             beside = self._at_cone(force, slides)
-            sign[beside] = -np.sign(force[beside, 1])
+            sign[beside] = np.where(force[beside, 1] > 0, -1.0, 1.0)
             now = m._replace(sign=sign, limit=slides | beside)
             load = start + done * self.increment
             choice = self._choose_status(now, slides, load)
             if not choice.ok:
-                return self._finish(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
+                # at the apex of a round cone, statuses with one direction prove nothing
+                faint = m.width == 3 and (force[now.limit, 0] <= APEX * self.mean).any()
+                verdict = Verdict.NOT_FOUND if faint else choice.verdict
+                return self._finish(force, moved, slides, sign, (), done), done * self.increment, verdict
             if self.looked == load and not self._is_stable(now, choice, load):
                 end = self._finish(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
             self._record_changes(choice, slides, sign, load)
             slides = choice.sliding
-            rate = _force_changes(now, slides, choice.velocity)
+            rate = force_rates(now, slides, choice.velocity)
             self.last = now, slides
             step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
+            self.ahead = step, rate
             if kind == INCREMENT:
                 break
             load = start + done * self.increment
-            if kind != REACHES:
-                end = self._finish(force, moved, slides, sign, contacts, done)
+            if kind != REACHES or m.width == 3:  # directions in space turn: c is computed again before a contact slides
+                end = self._finish(force, moved, slides, sign, () if kind == REACHES else contacts, done)
                 if kind == CLOSES and end.fresh.any():
                     self.events += [Event(load, CLOSES, *self._bodies_of(c)) for c in contacts]
                 return end, done * self.increment, Verdict.CONSISTENT
@@ -201,7 +215,7 @@ class Increment:
         except LinAlgError:
             return None
         critical = np.flatnonzero(now.limit)
-        normal, along = (now.c.T @ velocity).reshape(-1, 2)[critical].T
+        normal, along = (now.c.T @ velocity).reshape(-1, now.width)[critical, :2].T
         rate = now.slope[critical] * normal + now.sign[critical] * along
         if not np.isfinite(rate).all() or inconsistent(slides[critical], rate).any():
             return None
@@ -214,7 +228,7 @@ class Increment:
     def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
         m = self.matrix
-        margin = m.mu * force[:, 0] - np.abs(force[:, 1])
+        margin = m.mu * force[:, 0] - np.linalg.norm(force[:, 1:], axis=1)
         blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
         return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
 
@@ -245,6 +259,9 @@ class Increment:
         return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
 
     def _record_changes(self, choice: ContactStatus, before, sign, load) -> None:
+        if self.matrix.width == 3:
+            for contact in np.flatnonzero(choice.sliding & ~before):
+                self.events.append(Event(load, REACHES, *self._bodies_of(contact)))
         for contact in np.flatnonzero(before & ~choice.sliding):
             self.events.append(Event(load, "sticks again", *self._bodies_of(contact)))
         if choice.verdict in (Verdict.NOT_UNIQUE, Verdict.SINGULAR):
@@ -275,7 +292,7 @@ class Increment:
                 velocity = solve(missing)
             except LinAlgError:
                 break
-            force, moved = force + _force_changes(now, last, velocity), moved + velocity
+            force, moved = force + force_rates(now, last, velocity), moved + velocity
             better = self._advance(force, moved, slides, sign, contacts, done)
             left = self._unbalanced_force(better)
             if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
@@ -283,7 +300,32 @@ class Increment:
             place, missing = better, left
         if np.abs(missing).max(initial=0.0) > APEX * self.mean:
             self.missed = max(self.missed, OUT_OF_BALANCE * (1 + np.abs(missing).max() / self.mean))
+        if self.matrix.width == 3:
+            self._compare_rates(place, slides, done)
         return place
+
+    def _compare_rates(self, place: PathState, slides: np.ndarray, done: float) -> None:
+        """Estimate the error of a piece in space, in which directions turn, from the rates at both of its ends.
+
+        It is half the difference times the piece. If the slip of a contact has changed its sign, the piece is halved
+        until the load at which this happens is known to a share BRACKET of an increment.
+        """
+        after, (step, rate) = _increment_matrices(place, self.law), self.ahead
+        if not np.array_equal(place.state.contacts.key[after.rows], self.state.contacts.key[self.matrix.rows]):
+            return
+        try:
+            velocity = _make_solver(after, slides, self.geometric)(self.load)
+        except LinAlgError:
+            return
+        begin, end = (
+            np.einsum("ma,mak->mk", values, m.frame)
+            for values, m in ((rate, self.matrix), (force_rates(after, slides, velocity), after))
+        )
+        off = 0.5 * step * np.abs(end - begin).max(initial=0.0) / self.mean
+        self.missed = max(self.missed, OUT_OF_BALANCE * off / STRAYS)
+        normal, along = (after.c.T @ velocity).reshape(-1, 3)[:, :2].T
+        if inconsistent(slides, np.where(slides, after.slope * normal + along, -1.0)).any() and done > BRACKET:
+            self.missed = max(self.missed, OUT_OF_BALANCE * (1 + done * self.increment))
 
     def _unbalanced_force(self, place: PathState) -> np.ndarray:
         """(n,) unbalanced force of a state.
@@ -301,9 +343,12 @@ class Increment:
 
     def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
         """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
-        m, before = self.matrix, self.state
-        state = with_neighbor_list(displaced(before, m.free, moved))
-        _, trial = forces(state, self.law)
+        m, before, solid = self.matrix, self.state, self.matrix.width == 3
+        held = before.contacts.mode.copy()
+        held[m.rows] = np.where(slides, SLIDE, STICK)
+        held = before._replace(contacts=before.contacts._replace(mode=held))
+        state = with_neighbor_list(displaced(held if solid else before, m.free, moved))
+        _, trial = forces(state, self.law, memory=HELD if solid else FREE)
         count = int(trial.count[0])
         where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
         born = np.array([c for c in contacts if c >= m.count], int) - m.count
@@ -315,7 +360,8 @@ class Increment:
         along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
         length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
         mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
-        mode[where], slip[where] = np.where(slides, SLIDE, STICK), length[:, None] * along
+        mode[where] = np.where(slides, SLIDE, STICK)
+        slip[where] = trial.slip[where] if solid else length[:, None] * along
         mode[new] = STICK
         fresh = np.zeros(len(mode), bool)
         fresh[new] = True
@@ -348,7 +394,7 @@ def _make_solver(matrix: LinearSystem, slides, geometric: bool):
     """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
     size = len(matrix.free)
     kept = np.setdiff1d(np.arange(size), pinned_coordinates(matrix))
-    k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
+    k = regular_stiffness(matrix, slides, geometric)[kept][:, kept]
     solve = factorised(k)
 
     def spread(load: np.ndarray) -> np.ndarray:
@@ -361,13 +407,6 @@ def _make_solver(matrix: LinearSystem, slides, geometric: bool):
     return spread
 
 
-def _force_changes(matrix: LinearSystem, slides, velocity) -> np.ndarray:
-    """(M, 2) dF of all contacts over an increment."""
-    relative = (matrix.c.T @ velocity).reshape(-1, 2)
-    turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
-    return -np.einsum("mab,mb->ma", matrix.springs, turned)
-
-
 def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
     """Matrices of grains that support each other, including the springs of pairs about to touch."""
     state = place.state
@@ -376,9 +415,9 @@ def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
     rows = m.rows[kept]
     material = np.concatenate([state.grains.material, state.walls.material])
     q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
-    springs = np.zeros((len(rows), 2, 2))
-    springs[:, 0, 0], springs[:, 1, 1] = q[:, KN], q[:, KT]
-    both = np.stack([2 * kept, 2 * kept + 1], axis=1).ravel()
-    parts = {name: getattr(m, name)[kept] for name in ("rows", "damping", "sign", "force", "limit")}
+    springs = np.zeros((len(rows), m.width, m.width))
+    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1] = q[:, KN], q[:, KT], q[:, KT]
+    columns = (m.width * kept[:, None] + np.arange(m.width)).ravel()
+    parts = {name: getattr(m, name)[kept] for name in ("rows", "frame", "damping", "sign", "force", "limit")}
     slope = q[:, MU] * q[:, KN] / q[:, KT]
-    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, both]), springs=springs, mu=q[:, MU], slope=slope, **parts)
+    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, columns]), springs=springs, mu=q[:, MU], slope=slope, **parts)

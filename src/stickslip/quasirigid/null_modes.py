@@ -110,7 +110,7 @@ def _load_share(load: np.ndarray, vector: np.ndarray) -> float:
 def _rigid_motions(matrix: LinearSystem) -> np.ndarray:
     """(n, r) orthonormal translations of the whole packing that no contact and no fixed body resists."""
     moves = []
-    for axis in range(2):
+    for axis in range(matrix.free.dim):
         move = (matrix.free.axis == axis).astype(float)
         if move.any() and np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12:
             moves.append(move / np.linalg.norm(move))

@@ -10,6 +10,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.optimize import linprog
 
@@ -28,10 +29,11 @@ from .cone_apex import (
     enumerate_statuses,
     piece_matrix,
     statuses_at_apex,
-    stiffness_change,
 )
-from .matrices import LinearSystem, stiffness_matrix
-from .system import pinned_coordinates
+from .matrices import LinearSystem
+from .round_cone import force_change, status_on_round_cones
+from .status import contact_status
+from .system import pinned_coordinates, regular_stiffness, rolling_motions
 
 COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
 
@@ -41,12 +43,11 @@ class ReducedMap(NamedTuple):
 
     apex: Apex
     free: np.ndarray  # (n,) velocities if all these contacts stick
-    reach: np.ndarray  # (n, 2E) velocities per unit force of each contact on its first body
+    reach: np.ndarray  # (n, dE) velocities per unit force of each contact on its first body
 
     def velocities(self, solution: StatusSolution) -> np.ndarray:
         """(n,) velocities of all coordinates."""
-        lost = np.einsum("eab,eb->ea", stiffness_change(self.apex, solution.status), solution.velocity)
-        return self.free - self.reach @ lost.ravel()
+        return self.free - self.reach @ force_change(self.apex, solution).ravel()
 
 
 def reduce_to_contacts(
@@ -70,15 +71,16 @@ def reduce_to_contacts(
     """
     size, held = len(matrix.free), pinned_coordinates(matrix)
     kept = np.setdiff1d(np.arange(size), held if without is None else np.union1d(held, without))
-    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=geometric)[kept][:, kept]
+    stuck = regular_stiffness(matrix, np.zeros(matrix.count, bool), geometric)[kept][:, kept]
     solve = factorised(stuck)
-    columns = matrix.c.tocsc()[kept][:, np.stack([2 * contacts, 2 * contacts + 1], axis=1).ravel()].toarray()
+    chosen = (matrix.width * contacts[:, None] + np.arange(matrix.width)).ravel()
+    columns = matrix.c.tocsc()[kept][:, chosen].toarray()
     reach, free = np.zeros((size, columns.shape[1])), np.zeros(size)
     free[kept] = solve(load[kept])
     for k, column in enumerate(columns.T):
         reach[kept, k] = solve(column)
     apex = Apex(
-        columns.T @ reach[kept], (columns.T @ free[kept]).reshape(-1, 2), matrix.springs[contacts],
+        columns.T @ reach[kept], (columns.T @ free[kept]).reshape(-1, matrix.width), matrix.springs[contacts],
         matrix.slope[contacts], np.asarray(sign, float),
         np.zeros(len(contacts), bool) if alone is None else alone[contacts],
     )  # fmt: skip
@@ -90,6 +92,7 @@ class ApexStatuses(NamedTuple):
 
     apex: np.ndarray  # (M,) bool: contacts at the apex
     status: np.ndarray | None  # (M,) as in `cone_apex`; None if no consistent combination was found
+    velocity: np.ndarray | None  # (M, d) V of the contacts that are not released with a body
     stable: bool | None  # whether det k has the same sign as if all contacts stick; None if nothing was found
     others: tuple[np.ndarray, ...]  # (M,) other consistent combinations
     complete: bool  # True if all combinations were enumerated, so that there are no others
@@ -131,15 +134,43 @@ def decide_statuses(
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
+    if matrix.width == 3 and not len(lone) and (choice := _open_all(search)) is not None:
+        return choice
     choices, complete = _try_groups(search, lone)
     if not choices and len(lone) and not wedged:
         choices, complete = _try_groups(search._replace(any_motion=True), lone)
     if wedged:  # there was no room to open: combinations in which bodies carry load come first
         choices.reverse()
-    choices.sort(key=lambda choice: not choice[1])
+    choices.sort(key=lambda choice: not choice[2])
     if not choices:
-        return ApexStatuses(apex, None, None, (), complete)
-    return ApexStatuses(apex, *choices[0], tuple(status for status, _ in choices[1:]), complete)
+        return ApexStatuses(apex, None, None, None, (), complete)
+    status, velocity, stable = choices[0]
+    return ApexStatuses(apex, status, velocity, stable, tuple(choice[0] for choice in choices[1:]), complete)
+
+
+def _open_all(search: _Search) -> ApexStatuses | None:
+    """Statuses with which all contacts of spheres at the apex open, or None if these are not consistent.
+
+    A sphere that is left with two contacts may roll, so that its other contacts open.
+    """
+    matrix, apex = search.matrix, search.apex
+    c = sparse.csr_array(matrix.c * ~np.repeat(apex, 3))
+    c.eliminate_zeros()
+    springs = np.where(apex[:, None, None], 0.0, matrix.springs)
+    rest = matrix._replace(c=c, springs=springs, limit=matrix.limit & ~apex)
+    choice = contact_status(rest, search.load, geometric=search.geometric)
+    if not choice.ok or choice.stable is False:
+        return None
+    velocity = (matrix.c.T @ choice.velocity).reshape(-1, 3)
+    rolls = (matrix.c.T @ rolling_motions(rest, search.geometric).T)[::3][apex]
+    size = np.abs(velocity).max(initial=0.0) or 1.0
+    apart = velocity[apex, 0] / size
+    if (apart < -SLACK).any():
+        way = linprog(np.zeros(rolls.shape[1]), -rolls, apart, bounds=(None, None)) if rolls.size else None
+        if way is None or way.status != 0:
+            return None
+    status = np.where(apex, OPENS, np.where(choice.sliding, SLIDES, STICKS))
+    return ApexStatuses(apex, status, velocity, choice.stable is not False, (), False)
 
 
 def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
@@ -169,7 +200,7 @@ def _release_most(search: _Search, released: np.ndarray) -> list:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (statuses, stable) with some bodies released, bodies that stay caught, and whether all were found.
+    """Consistent (statuses, V, stable) with some bodies released, bodies that stay caught, and whether all were found.
 
     A body may be dragged along in its least motion although another motion would release it; in that case, not all
     combinations were found.
@@ -193,14 +224,17 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
         if drawn.any():
             caught = np.union1d(caught, released[drawn])
             continue
-        status = np.zeros(matrix.count, int)
-        status[special], status[gone] = solution.status, OPENS
-        good.append((status, stable))
+        status, velocity = np.zeros(matrix.count, int), np.zeros(matrix.force.shape)
+        status[special], status[gone], velocity[special] = solution.status, OPENS, solution.velocity
+        good.append((status, velocity, stable))
     return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
 
 
 def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], bool]:
     """Consistent statuses, each with its stability, and whether the list is complete."""
+    if apex.velocity.shape[1] == 3:
+        solution, sign = status_on_round_cones(apex)
+        return [(solution, sign > 0)] if sign else [], False
     if count_choices(apex) <= ENUMERATED:
         every = enumerate_statuses(apex)
         solutions = [StatusSolution(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
@@ -218,7 +252,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies."""
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
-    out[body[c.row[c.data != 0]], c.col[c.data != 0] // 2] = True
+    out[body[c.row[c.data != 0]], c.col[c.data != 0] // matrix.width] = True
     turns = np.zeros(len(out), bool)
     turns[body[matrix.free.axis == 5]] = True
     return out & turns[:, None]
@@ -229,15 +263,15 @@ def _dragged_bodies(search: _Search, velocity: np.ndarray, loose: np.ndarray, go
     matrix, ours = search.matrix, search.ours
     if not len(loose):
         return np.zeros(len(ours), bool)
-    columns = np.repeat(gone, 2)
+    columns = np.repeat(gone, matrix.width)
     apart = (matrix.c.T @ velocity)[columns]
     own = matrix.c[loose][:, np.flatnonzero(columns)].toarray()
     if search.any_motion:
         size = np.abs(apart).max(initial=0.0) or 1.0
-        way = linprog(np.zeros(len(loose)), -own.T[::2], apart[::2] / size, bounds=(None, None))
+        way = linprog(np.zeros(len(loose)), -own.T[:: matrix.width], apart[:: matrix.width] / size, bounds=(None, None))
         return (ours & gone).any(axis=1) & (way.status != 0)
     follow = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
-    normal = (own.T @ follow + apart)[::2]
+    normal = (own.T @ follow + apart)[:: matrix.width]
     closes = np.zeros(matrix.count, bool)
     closes[gone] = normal < -SLACK * np.abs(velocity).max(initial=0.0)
     return (ours & closes).any(axis=1)

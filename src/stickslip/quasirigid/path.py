@@ -28,7 +28,7 @@ from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_for
 from .matrices import linear_system, stiffness_matrix
 from .rattling import gaps, move_aside, with_modes
 from .status import Verdict
-from .system import pinned_coordinates, unbalanced_axes
+from .system import driven_motions, pinned_coordinates
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
@@ -105,7 +105,7 @@ def load_path(
 
     Parameters
     ----------
-    state : State in equilibrium under its own control, in two dimensions
+    state : State in equilibrium under its own control
     law : Law with sharp friction, linear in the overlap (`linear`)
     legs : Control at the end of each leg; forces, torques, gravity and stress change linearly within each leg
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg
@@ -290,10 +290,13 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
         at = state._replace(control=end)
-        if axes := unbalanced_axes(matrix, external_force(at, matrix.free)):
-            raise ValueError(
-                f"a leg has a net force along {axes} that nothing balances: give loads without net force along {axes}"
+        for motion in driven_motions(matrix, external_force(at, matrix.free)):
+            axis, body = (values[motion != 0] for values in (matrix.free.axis, matrix.free.body))
+            whole = (axis == axis[0]).all()
+            load = (
+                f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
             )
+            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
         pull = np.abs(external_force(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):

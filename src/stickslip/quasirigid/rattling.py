@@ -16,11 +16,15 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors
 from ..core.state import OPEN, State
+from .matrices import contact_frames
 
 NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap of a new contact
 ROUNDS = 30  # iterations of pushing, since directions change
 NEAR = 30.0  # gap, in deepest overlaps, within which a pair may close while rattlers move
 BALANCED = 1e-8  # residual of a force balance, for forces of size 1
+ROTATIONS = {2: [2], 3: [0, 1, 2]}  # axes about which grains rotate
+TURNS = 2 * np.pi * np.arange(12) / 12
+EDGES = {2: np.array([[1.0], [-1.0]]), 3: np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)}  # of the cone, over μ F_n
 
 
 def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
@@ -62,9 +66,10 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
         if not len(rows) or gap.min() >= 0:
             return release_rattlers(state, loose), nothing
         i, j = contacts.i[rows], contacts.j[rows]
-        move, pressed = _smallest_displacement(_gap_directions(i, j, normal, whole), tiny - gap)
+        move, pressed = _smallest_displacement(_gap_directions(i, j, normal[:, : state.cell.dim], whole), tiny - gap)
         friction = law.table[material[i], material[j], MU]
-        wedge = _wedging_contacts(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
+        frame = contact_frames(normal[pressed], np.zeros_like(normal[pressed]), state.cell.dim)
+        wedge = _wedging_contacts(i[pressed], j[pressed], frame, friction[pressed], whole)
         if len(wedge) or move is None:
             held = rows[pressed][wedge] if len(wedge) else rows[pressed]
             caught = np.zeros_like(whole)
@@ -75,7 +80,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
             position, drawn = _dragged_positions(state, before, caught, held), drawn | caught
         else:
             position = state.grains.position.copy()
-            position[loose, :2] += move.reshape(-1, 2)
+            position[loose, : state.cell.dim] += move.reshape(-1, state.cell.dim)
         state = release_rattlers(
             with_neighbor_list(state._replace(grains=state.grains._replace(position=position))), loose
         )
@@ -93,37 +98,39 @@ def _nearby_pairs(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the least slip at contacts."""
-    contacts, count = state.contacts, len(state.grains.radius)
+    contacts, count, dim = state.contacts, len(state.grains.radius), state.cell.dim
     i, j = contacts.i[rows], contacts.j[rows]
     normal = gaps(state, rows)[0]
-    frame = np.stack([normal[:, :2], np.stack([normal[:, 1], -normal[:, 0]], axis=1)], axis=1)
+    frame, turning = contact_frames(normal, np.zeros_like(normal), dim), ROTATIONS[dim]
+    spin = np.cross(frame, normal[:, None])[:, :, turning]
     way = np.concatenate([state.grains.position - before.grains.position, state.walls.point - before.walls.point])
-    roll = np.append((state.grains.angle - before.grains.angle)[:, 2] * state.grains.radius, np.zeros(len(way) - count))
+    roll = np.zeros_like(way)
+    roll[:count] = (state.grains.angle - before.grains.angle) * state.grains.radius[:, None]
     way[caught], roll[caught] = 0.0, 0.0
     bent = shifts(contacts, state.cell.vectors)[rows] - shifts(contacts, before.cell.vectors)[rows]
-    slip = np.einsum("cab,cb->ca", frame, (way[i] - way[j] + bent)[:, :2])
-    slip[:, 1] += roll[i] + roll[j]
-    number = np.cumsum(caught) - 1
-    columns = np.zeros((len(rows), 2, 3 * int(caught.sum())))
+    slip = np.einsum("cab,cb->ca", frame, way[i] - way[j] + bent)
+    slip += np.einsum("cab,cb->ca", spin, (roll[i] + roll[j])[:, turning])
+    number, size = np.cumsum(caught) - 1, dim + len(turning)
+    columns = np.zeros((len(rows), dim, size * int(caught.sum())))
     for body, sign in ((i, 1.0), (j, -1.0)):
         for row in np.flatnonzero(caught[body]):
-            at = 3 * number[body[row]]
-            columns[row, :, at : at + 2] += sign * frame[row]
-            columns[row, 1, at + 2] += 1.0
-    follow = np.linalg.lstsq(columns.reshape(2 * len(rows), -1), -slip.ravel(), rcond=None)[0].reshape(-1, 3)
+            at = size * number[body[row]]
+            columns[row, :, at : at + dim] += sign * frame[row, :, :dim]
+            columns[row, :, at + dim : at + size] += spin[row]
+    follow = np.linalg.lstsq(columns.reshape(dim * len(rows), -1), -slip.ravel(), rcond=None)[0].reshape(-1, size)
     position = state.grains.position.copy()
-    position[caught[:count], :2] = before.grains.position[caught[:count], :2] + follow[:, :2]
+    position[caught[:count], :dim] = before.grains.position[caught[:count], :dim] + follow[:, :dim]
     return position
 
 
 def _gap_directions(i, j, normal, whole) -> np.ndarray:
-    """(C, 2L) derivatives of gaps with respect to positions of rattlers."""
-    number = np.where(whole, np.cumsum(whole) - 1, -1)
-    out = np.zeros((len(i), 2 * int(whole.sum())))
+    """(C, dim L) derivatives of gaps with respect to positions of rattlers."""
+    number, dim = np.where(whole, np.cumsum(whole) - 1, -1), normal.shape[1]
+    out = np.zeros((len(i), dim * int(whole.sum())))
     for body, sign in ((i, 1.0), (j, -1.0)):
         rows = np.flatnonzero(whole[body])
-        for axis in range(2):
-            out[rows, 2 * number[body[rows]] + axis] += sign * normal[rows, axis]
+        for axis in range(dim):
+            out[rows, dim * number[body[rows]] + axis] += sign * normal[rows, axis]
     return out
 
 
@@ -141,28 +148,32 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
     return -scale * rest[:-1] / rest[-1], pressed
 
 
-def _wedging_contacts(i, j, normal, mu, whole) -> np.ndarray:
-    """Indices of contacts that can hold rattlers in balance by forces within their cones; empty if none can."""
+def _wedging_contacts(i, j, frame, mu, whole) -> np.ndarray:
+    """Indices of contacts that can hold rattlers in balance by forces within their cones; empty if none can.
+
+    In space, the cones are replaced by pyramids within them.
+    """
     if len(i) < 2:
         return np.zeros(0, int)
-    along = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    number = np.where(whole, np.cumsum(whole) - 1, -1)
-    columns = np.zeros((3 * int(whole.sum()) + 1, 2 * len(i)))
-    for edge, side in enumerate((1.0, -1.0)):
-        force = normal[:, :2] + side * mu[:, None] * along
+    dim = frame.shape[1]
+    turning, number = ROTATIONS[dim], np.where(whole, np.cumsum(whole) - 1, -1)
+    size, edges = dim + len(turning), EDGES[dim]
+    columns = np.zeros((size * int(whole.sum()) + 1, len(edges) * len(i)))
+    for edge, weights in enumerate(edges):
+        pull = mu[:, None] * np.einsum("a,cak->ck", weights, frame[:, 1:])
+        force, moment = frame[:, 0] + pull, -np.cross(frame[:, 0], pull)
         for body, sign in ((i, 1.0), (j, -1.0)):
             rows = np.flatnonzero(whole[body])
-            at = 3 * number[body[rows]]
-            columns[at, 2 * rows + edge] += sign * force[rows, 0]
-            columns[at + 1, 2 * rows + edge] += sign * force[rows, 1]
-            columns[at + 2, 2 * rows + edge] += side * mu[rows]
+            at = size * number[body[rows]][:, None]
+            columns[at + np.arange(dim), len(edges) * rows[:, None] + edge] += sign * force[rows, :dim]
+            columns[at + dim + np.arange(size - dim), len(edges) * rows[:, None] + edge] += moment[rows][:, turning]
     columns[-1] = 1.0
     aim = np.zeros(len(columns))
     aim[-1] = 1.0
     weights, rest = nnls(columns, aim)
     if rest > BALANCED:
         return np.zeros(0, int)
-    return np.flatnonzero(weights.reshape(-1, 2).sum(axis=1) > 1e-9)
+    return np.flatnonzero(weights.reshape(-1, len(edges)).sum(axis=1) > 1e-9)
 
 
 def release_rattlers(state: State, loose: np.ndarray) -> State:

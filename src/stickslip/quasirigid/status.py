@@ -35,8 +35,8 @@ from .lcp import (
     scale_problem,
     sign_slack,
 )
-from .matrices import LinearSystem, force_rates
-from .system import StatusSolver, pinned_coordinates, unbalanced_axes
+from .matrices import LinearSystem, force_rates, stiffness_matrix
+from .system import StatusSolver, driven_motions
 from .uniqueness import Uniqueness, certificate, is_regular, may_be_p_matrix, sign_of_minor
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
@@ -150,8 +150,8 @@ def contact_status(
             f"start of shape {np.shape(start)} was given: one bool for each of the {matrix.count} contacts is needed"
         )
     slides = np.ones(len(system.critical), bool) if start is None else np.asarray(start, bool)[system.critical]
-    if unbalanced_axes(matrix, system.load):
-        return _make_failure(matrix, system, Verdict.MECHANISM, _unbalanced_translation(matrix, system))
+    if len(driven := driven_motions(matrix, system.load, geometric)):
+        return _make_failure(matrix, system, Verdict.MECHANISM, _unbalanced_motion(matrix, system, driven, geometric))
     unique = len(slides) <= MAPPED if unique is None else unique
     with one_thread():
         return _search(matrix, system, slides, unique) or _search_without_idle_motions(
@@ -191,15 +191,20 @@ def _search_without_idle_motions(
     )  # fmt: skip
 
 
-def _unbalanced_translation(matrix: LinearSystem, system: StatusSolver) -> UnresistedMotion:
-    """Translation of the whole packing along which nothing balances the load."""
-    move = np.zeros(len(system.load))
-    for pin in pinned_coordinates(matrix):
-        along = matrix.free.axis == matrix.free.axis[pin]
-        move[along] = system.load[along].sum()
-    move /= np.linalg.norm(move)
+def _unbalanced_motion(
+    matrix: LinearSystem, system: StatusSolver, driven: np.ndarray, geometric: bool
+) -> UnresistedMotion:
+    """Translation of the whole packing, or rolling of a sphere, along which nothing balances the load."""
+    balance = driven.T @ (driven @ system.load)
+    move = balance / np.linalg.norm(balance)
+    nothing = np.zeros(len(system.critical), bool)
+    turned = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=geometric) @ move
+    velocity = move.copy()
+    if matrix.free.dim == 3 and np.abs(turned).max() > 0:  # the forces of a sphere that rolls do not turn with it
+        system.factorise(nothing)
+        velocity[system.kept] -= system.factor(turned[system.kept])
     power = float(move @ system.load) / np.linalg.norm(system.load)
-    return UnresistedMotion(move, move, power, np.zeros(len(system.critical), bool))
+    return UnresistedMotion(velocity / np.linalg.norm(velocity), move, power, nothing)
 
 
 def _make_status(

@@ -33,15 +33,15 @@ class StatusSolver:
             )
         if not np.isfinite(self.load).all():
             raise ValueError("a load that is not finite was given: every component must be a finite number")
-        order = elimination_order(matrix.c, matrix.free.body)
+        order = elimination_order(matrix.c, matrix.free.body, matrix.width)
         self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
-        turned = matrix.geometric[self.kept][:, self.kept] if geometric else matrix.geometric
-        ordered = matrix._replace(c=c, geometric=turned)
-        self.stuck = sparse.csc_array(stiffness_matrix(ordered, np.zeros(matrix.count, bool), geometric=geometric))
+        geometry = (matrix.geometric if geometric else 0.0 * matrix.geometric) + roll_springs(matrix, geometric)
+        ordered = matrix._replace(c=c, geometric=sparse.csr_array(geometry)[self.kept][:, self.kept])
+        self.stuck = sparse.csc_array(stiffness_matrix(ordered, np.zeros(matrix.count, bool)))
         columns = sparse.csc_array(c)
-        normal, along = columns[:, 2 * critical], columns[:, 2 * critical + 1]
+        normal, along = columns[:, matrix.width * critical], columns[:, matrix.width * critical + 1]
         sign, slope = matrix.sign[critical], matrix.slope[critical]
         self.pull = sparse.csc_array(along * (matrix.springs[critical, 1, 1] * sign))
         self.sees = sparse.csc_array(normal * slope + along * sign)
@@ -140,37 +140,77 @@ class StatusSolver:
 
 def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
     """Coordinates that may be fixed without affecting any contact: one for each free translation of the packing."""
-    held = []
-    for axis in range(2):
-        whole = np.flatnonzero(matrix.free.axis == axis)
-        move = np.zeros(len(matrix.free))
-        move[whole] = 1.0
-        if len(whole) and np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12:
-            held.append(whole[0])
-    return np.array(held, np.int64)
+    return np.array([np.flatnonzero(move)[0] for move in _free_translations(matrix)], np.int64)
 
 
-def unbalanced_axes(matrix: LinearSystem, load: np.ndarray) -> str:
-    """Axes, "x", "y" or "xy", along which a load has a net force that nothing balances; empty if there are none."""
-    out = ""
-    for pin in pinned_coordinates(matrix):
-        along = load[matrix.free.axis == matrix.free.axis[pin]]
-        if abs(along.sum()) > RESIDUAL * np.abs(load).sum():
-            out += "xy"[matrix.free.axis[pin]]
-    return out
+def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
+    """(n,) translations of the whole packing that move no contact."""
+    moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
+    return [move for move in moves if move.any() and np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12]
 
 
-def elimination_order(c, body: np.ndarray) -> np.ndarray:
+def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
+    """(K, n) motions u of unit length of the spheres that may roll about the line through their two contacts.
+
+    The contacts do not move, so that uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
+    sphere, since both forces then are along this line.
+    """
+    moves = []
+    for own in _coordinates_of_bridges(matrix):
+        roll = np.linalg.svd(matrix.c[own].toarray())[0][:, -1]
+        bends = matrix.geometric[own].toarray()
+        if not geometric or np.abs(roll @ bends).max() <= RESIDUAL * np.abs(bends).max():
+            moves.append(np.zeros(len(matrix.free)))
+            moves[-1][own] = roll
+    return np.array(moves).reshape(-1, len(matrix.free))
+
+
+def roll_springs(matrix: LinearSystem, geometric: bool = True):
+    """(n, n) sparse stiffness that keeps rolling spheres from spinning about the line through their contacts.
+
+    If the load does not drive this motion, the springs carry no force. The balance leaves the spin open, and inertia
+    and drag decide it; it affects other contacts by the order of the overlap over the radius.
+    """
+    spins = np.where(matrix.free.axis >= 3, rolling_motions(matrix, geometric), 0.0)
+    held = sparse.csr_array(np.sqrt(matrix.springs.max(initial=0.0)) * spins)
+    return sparse.csr_array(held.T @ held)
+
+
+def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool):
+    """(n, n) sparse k(S) with `roll_springs`."""
+    k = stiffness_matrix(matrix, sliding, geometric=geometric)
+    return sparse.csr_array(k + roll_springs(matrix, geometric)) if matrix.width == 3 else k
+
+
+def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:
+    """(K, n) free translations of the packing and rolling motions that a load drives, since nothing balances it."""
+    moves = np.array([*_free_translations(matrix), *rolling_motions(matrix, geometric)]).reshape(-1, len(load))
+    return moves[np.abs(moves @ load) > RESIDUAL * np.abs(load).sum()]
+
+
+def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
+    """(K, 6) coordinates of the spheres that have two contacts and are free in all directions."""
+    if matrix.free.dim == 2:
+        return np.zeros((0, 6), int)
+    c, body = matrix.c.tocoo(), matrix.free.body
+    pairs = np.unique(body[c.row].astype(np.int64) * matrix.count + c.col // 3)
+    two = np.bincount(pairs // max(matrix.count, 1), minlength=body.max(initial=0) + 1) == 2
+    first = np.flatnonzero((matrix.free.axis == 0) & two[body])
+    own = np.minimum(first[:, None] + np.arange(6), len(body) - 1)
+    return own[(matrix.free.axis[own] == np.arange(6)).all(axis=1)]
+
+
+def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
     """(n,) fill-reducing order of coordinates, by minimum degree on the graph of bodies in contact.
 
     Parameters
     ----------
-    c : (n, 2M) sparse, as in `LinearSystem`
+    c : (n, width M) sparse, as in `LinearSystem`
     body : (n,) body of each coordinate
 
     Notes
     -----
-    SuperLU computes an order for the matrix that it factorises. The graph of bodies is a ninth the size of the graph of
+    SuperLU computes an order for the matrix that it factorises. The graph of bodies is far smaller than the graph of
     coordinates and gives an equally good order.
     """
     _, lead, node = np.unique(body, return_index=True, return_inverse=True)
@@ -179,8 +219,8 @@ def elimination_order(c, body: np.ndarray) -> np.ndarray:
     # the first coordinate of a body is involved in all of its contacts
     part = sparse.csr_array(c[lead])
     row = np.repeat(np.arange(len(lead)), np.diff(part.indptr))
-    shape = (len(lead), c.shape[1] // 2)
-    touch = sparse.csr_array((np.ones(len(row)), (row, part.indices // 2)), shape=shape)
+    shape = (len(lead), c.shape[1] // width)
+    touch = sparse.csr_array((np.ones(len(row)), (row, part.indices // width)), shape=shape)
     graph = sparse.csc_array(touch @ touch.T)
     graph.data[:] = -1.0
     graph.setdiag(1.0 + np.diff(graph.indptr))  # larger than the rest of its column, so that there is no pivoting

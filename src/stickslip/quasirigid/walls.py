@@ -12,8 +12,6 @@ With lever arms R, the third one causes slip comparable to the overlap: vᵀkv/v
 squared overlap over the squared size of the packing.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy import sparse
 
@@ -23,25 +21,16 @@ from ..core.state import State
 from ..solve.freedom import Freedom
 
 
-class RotatingWalls(NamedTuple):
-    """Coordinates and matrices of a packing with rotating walls; see `LinearSystem`."""
-
-    c: sparse.csr_array
-    geometric: sparse.csr_array
-    free: Freedom
-
-
-def append_wall_rotations(state: State, rows, force, c, geometric, free: Freedom, arm: float) -> RotatingWalls:
-    """Append the rotations of all walls, in the order of the walls, to coordinates and matrices of a packing.
+def append_wall_rotations(state: State, matrix, arm: float):
+    """Append the rotations of all walls, in the order of the walls, to the coordinates of a `LinearSystem`.
 
     Parameters
     ----------
-    rows : (M,) rows of the contact list
-    force : (M, 2) F_n, F_t on body i [force]
-    c, geometric, free : those of the packing with walls that only translate
+    matrix : LinearSystem of disks between walls that only translate
     arm : factor on the angle of a wall [length]
     """
     _check_walls(state, arm)
+    rows, c, free = matrix.rows, matrix.c, matrix.free
     n, count = len(state.grains.radius), len(state.walls.mass)
     mine = np.flatnonzero(state.contacts.j[rows] >= n)
     body, wall = state.contacts.i[rows[mine]], state.contacts.j[rows[mine]]
@@ -51,7 +40,7 @@ def append_wall_rotations(state: State, rows, force, c, geometric, free: Freedom
     lever, height = np.einsum("ck,ck->c", apart, along), np.einsum("ck,ck->c", apart, normal)
     c_more = sparse.csr_array((-lever / arm, (wall - n, 2 * mine)), shape=(count, c.shape[1]))
 
-    f_n, f_t = force[mine].T
+    f_n, f_t = matrix.force[mine].T
     own, size, held = len(free) + wall - n, len(free) + count, np.append(free.place, -1)
     entries = [(own, own, f_n * height / arm**2)]
     for k in range(2):
@@ -63,10 +52,11 @@ def append_wall_rotations(state: State, rows, force, c, geometric, free: Freedom
     row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
     kept = (row >= 0) & (column >= 0)
     more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
-    padded = sparse.block_diag([geometric, sparse.csr_array((count, count))], format="csr")
-    return RotatingWalls(
-        sparse.csr_array(sparse.vstack([c, c_more])), sparse.csr_array(padded + more), _append_angles(state, free)
-    )
+    padded = sparse.block_diag([matrix.geometric, sparse.csr_array((count, count))], format="csr")
+    return matrix._replace(
+        c=sparse.csr_array(sparse.vstack([c, c_more])), geometric=sparse.csr_array(padded + more),
+        free=_append_angles(state, free),
+    )  # fmt: skip
 
 
 def _append_angles(state: State, free: Freedom) -> Freedom:
@@ -83,6 +73,10 @@ def _check_walls(state: State, arm: float) -> None:
     n = len(state.grains.radius)
     if not 1 / LARGEST <= arm <= LARGEST:
         raise ValueError(f"wall_arm = {arm} was given: it must be positive, such as half the length of a wall")
+    if state.cell.dim != 2:
+        raise ValueError(
+            "wall_arm was given for a packing in three dimensions, where walls only translate: leave it out"
+        )
     if not len(state.walls.mass):
         raise ValueError("wall_arm was given for a packing without walls: leave it out")
     if state.cell.periodic.any():

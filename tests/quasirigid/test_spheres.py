@@ -1,0 +1,153 @@
+"""Rates and load paths of spheres: finite increments of the law itself, closed forms, and slow dynamics."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.control import between
+from stickslip.quasirigid.cone_apex import OPENS, SLIDES, STICKS, Apex
+from stickslip.quasirigid.increment import OUT_OF_BALANCE, external_force
+from stickslip.quasirigid.round_cone import round_cone_stretch, status_on_round_cones
+from stickslip.quasirigid.status import Verdict
+from stickslip.quasirigid.system import rolling_motions
+from tests.quasirigid.five_packings import spheres
+
+
+def squeezed(control):
+    """Control with a larger stress along y and a smaller one along x and z."""
+    return ss.control.stress_controlled(control, {"xx": 0.8e-3, "yy": 1.3e-3, "zz": 0.8e-3, "xy": 0.0})
+
+
+@cache
+def path_of(seed, increment=0.02):
+    """Path of a periodic packing."""
+    state, law, _ = spheres("sheared", seed)
+    return ss.quasirigid.load_path(state, law, squeezed(state.control), increment=increment)
+
+
+def shortening(state, start):
+    """Strain along y."""
+    return state.cell.vectors[1, 1] / start.cell.vectors[1, 1] - 1
+
+
+def states_with_sliding_contacts(count):
+    """Balanced states on paths, at which contacts slide, with the controls that led there and lead on."""
+    for seed in (0, 2):
+        path, found = path_of(seed), 0
+        start, end = path.points[0].state, squeezed(path.points[0].state.control)
+        for point in path.points[3::10]:
+            if point.sliding >= 2 and found < count:
+                found += 1
+                yield point.state._replace(control=between(start.control, end, point.load)), path.law, end
+
+
+def test_rates_are_those_of_small_increments_by_newtons_method():
+    """The return mapping of the law decides what slides; the error falls with the increment."""
+    tried = 0
+    for state, law, end in states_with_sliding_contacts(3):
+        state, outcome = ss.equilibrate(state, law, check="nothing")
+        assert outcome.ok
+        m = ss.quasirigid.linear_system(state, law)
+        share = m.margin / m.force[:, 0].mean()
+        if len(rolling_motions(m)) or ((share > 1e-12) & (share < 1e-3)).any():
+            continue  # the balance leaves a spin open, or a contact comes to slide within the increment
+        load = external_force(state._replace(control=end), m.free) - external_force(state, m.free)
+        choice = ss.quasirigid.contact_status(m, load, critical=share <= 1e-12)
+        assert choice.verdict is Verdict.UNIQUE
+        strain, errors = m.free.strain(choice.velocity), []
+        for size in (1e-3, 1e-4):
+            moved = state._replace(control=between(state.control, end, size))
+            moved, outcome = ss.equilibrate(moved, law, check="nothing")
+            assert outcome.ok
+            change = np.linalg.solve(state.cell.vectors, moved.cell.vectors).T - np.eye(3)
+            errors.append(np.abs(change / size - strain).max() / np.abs(strain).max())
+        tried += 1
+        assert errors[0] < 0.01
+        assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.2)
+    assert tried >= 2
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_paths_do_not_depend_on_the_increment(seed):
+    coarse, fine = path_of(seed), path_of(seed, 0.01)
+    assert coarse.verdict is fine.verdict
+    assert coarse.points[-1].load == pytest.approx(fine.points[-1].load, rel=1e-3)
+    start = coarse.points[0].state
+    ends = [shortening(p.states[-1], start) for p in (coarse, fine)]
+    assert ends[0] == pytest.approx(ends[1], rel=2e-3)
+
+
+def test_forces_stay_in_the_cone_and_balance_along_a_path():
+    path = path_of(0)
+    assert {"reaches the cone", "sticks again"} <= {e.kind for e in path.events}
+    for point in path.points:
+        m = ss.quasirigid.linear_system(point.state, path.law)
+        assert (m.margin > -OUT_OF_BALANCE * m.force[:, 0].mean()).all()
+        assert point.residual < OUT_OF_BALANCE
+
+
+def test_a_pushed_sphere_slides_at_twice_mu_times_the_normal_force_in_any_direction():
+    """A sphere between a floor and a lid; neither can turn it."""
+    law = ss.laws.linear(1.0, 0.5, 0.4, coulomb="sharp")
+    walls = ss.flat_walls([[0, 0, 0.001], [0, 0, 0.999]], [[0, 0, 1], [0, 0, -1]])
+    state = ss.assembly(ss.spheres([[0, 0, 0.5]], 0.5), walls, ss.box(dim=3), ss.control.loads(1, 2))
+    state = ss.accept(state, ss.forces(state, law)[1])
+    way = np.array([0.6, 0.8, 0.0])
+    push = state.control._replace(force=state.control.force.copy())
+    push.force[0] = 2 * 0.4 * 0.001 * 1.25 * way  # a quarter more than friction bears
+    path = ss.quasirigid.load_path(state, law, push, increment=0.1)
+    assert path.verdict is Verdict.MECHANISM
+    assert path.points[-1].load == pytest.approx(0.8)
+    at = path.states[-1].grains.position[0] - state.grains.position[0]
+    np.testing.assert_allclose(at, 0.8 * push.force[0], atol=1e-12)  # two springs of 0.5 side by side
+
+
+def test_statuses_on_round_cones_are_those_of_the_return_mapping():
+    """Statuses, and the stretching that the springs keep, contact by contact."""
+    rng, kinds = np.random.default_rng(0), set()
+    for _ in range(50):
+        count = int(rng.integers(1, 4))
+        root = rng.normal(size=(3 * count, 3 * count))
+        sign = rng.choice([0.0, 1.0], count)
+        springs = np.tile(np.diag([1.0, 0.5, 0.5]), (count, 1, 1))
+        apex = Apex(
+            0.1 * root @ root.T, rng.normal(size=(count, 3)), springs, np.full(count, 0.6), sign, np.zeros(count, bool)
+        )
+        solution, det = status_on_round_cones(apex)
+        if not det:
+            continue
+        kept = np.array([_mapped(v, s) for v, s in zip(solution.velocity, sign, strict=True)])
+        np.testing.assert_allclose(round_cone_stretch(apex, solution.velocity)[0], kept, atol=1e-12)
+        force = np.einsum("eab,eb->ea", springs, kept - solution.velocity)
+        balance = solution.velocity.ravel() + apex.compliance @ force.ravel()
+        np.testing.assert_allclose(balance, apex.velocity.ravel(), atol=1e-7 * np.abs(solution.velocity).max())
+        kinds |= set(solution.status[sign == 0])
+    assert kinds == {STICKS, SLIDES, OPENS}
+
+
+def _mapped(velocity, sign, slope=0.6):
+    """The return mapping of a contact without force, or with one along the first tangential axis."""
+    if sign:
+        return np.array([velocity[0], min(velocity[1], -slope * velocity[0]), velocity[2]])
+    if velocity[0] > 0:
+        return np.zeros(3)
+    size = np.linalg.norm(velocity[1:])
+    return np.append(velocity[0], velocity[1:] * min(1.0, -slope * velocity[0] / size))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2])
+def test_slow_dynamics_of_spheres_follow_the_path(seed):
+    state, law, _ = spheres("sheared", seed)
+    path, end = path_of(seed), squeezed(state.control)
+    until = min(1.0, 1.1 * path.points[-1].load)
+    run = ss.quasirigid.slow_dynamics(state, law, end, time=4e5, until=until, drag=0.02)
+    slow = np.array([shortening(s, state) for s in run.states])
+    before = run.load < 0.95 * path.points[-1].load
+    predicted = np.interp(run.load, path.load, [shortening(s, state) for s in path.states])
+    assert np.abs(slow - predicted)[before].max() < 0.02 * np.abs(predicted[before]).max()
+    assert path.complete is (seed == 0)
+    if not path.complete:  # and collapses there
+        assert np.abs(slow[-1]) > 3 * np.abs(predicted[before]).max()
