@@ -121,6 +121,15 @@ def test_a_lattice_that_is_isotropic_has_a_determinant_of_one():
     assert ss.protocols.localisation(state, law).determinant == pytest.approx(1, abs=1e-6)
 
 
+def test_a_packing_out_of_balance_and_wrong_stresses_are_refused():
+    state = ss.packings.strained(packing(), np.diag([0, -1e-4]))
+    state = ss.accept(state, ss.forces(state, LAW)[1])
+    with pytest.raises(ValueError, match="not in equilibrium was given"):
+        ss.protocols.response_envelope(state, LAW, directions=4)
+    with pytest.raises(ValueError, match=r"stresses of shape \(3,\) were given"):
+        ss.quasirigid.probe_statuses(packing(), LAW, np.ones(3))
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

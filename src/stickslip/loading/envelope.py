@@ -13,6 +13,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import Committed, mean_normal_force, overlaps, stress, touching
 from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
+from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.equilibrate import equilibrate
 from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
 from ..solve.newton import Factorisation
@@ -85,7 +86,8 @@ def response_envelope(
     Raises
     ------
     ValueError
-        with a one-sentence message, if the packing has walls, groups or open sides, or only rattlers.
+        with a one-sentence message, if the packing is not in equilibrium, has walls, groups or open sides, or only
+        rattlers.
 
     Source
     ------
@@ -150,9 +152,13 @@ class _StrainProbe:
 
     def __init__(self, state: State, law: Law, step: float):
         control = state.control._replace(cell_free=np.zeros((3, 3), bool), cell_rate=np.zeros((3, 3)))
-        self.state, self.law, self.step = state._replace(control=control), law, step
-        self.before, self.keep = stress(state, law), Factorisation()
+        self.law, self.step, self.keep = law, step, Factorisation()
         self.tolerance = BALANCED * mean_normal_force(state, law) * SIZE
+        held = state._replace(control=control)
+        self.state = self.settle(held) if imbalance(held, law) <= BALANCED_BELOW else None
+        if self.state is None:
+            raise ValueError("a packing that is not in equilibrium was given: use `equilibrate` first")
+        self.before = stress(self.state, law)
 
     def answer(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Return strain and stress per unit strain, and the number of contacts that slide."""

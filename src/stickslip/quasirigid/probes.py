@@ -33,6 +33,11 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
     stresses : (M, dim, dim) symmetric, compression positive, for example those of `protocols.response_envelope`
     unique : as in `contact_status`
 
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, for stresses of another shape, and as `linear_system`.
+
     Source
     ------
     McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. IV, with the strain of the cell as coordinates.
@@ -47,7 +52,11 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
     (True, True)
     """
     dim = state.cell.dim
-    stresses = np.asarray(stresses, float).reshape(-1, dim, dim)
+    stresses = np.asarray(stresses, float)
+    if stresses.shape[1:] != (dim, dim) or not np.allclose(stresses, stresses.transpose(0, 2, 1)):
+        raise ValueError(
+            f"stresses of shape {stresses.shape} were given: symmetric ones of shape (M, {dim}, {dim}) are needed"
+        )
     here = _with_stress(state, stress(state, law)[:dim, :dim])
     matrix = linear_system(here, law)
     still = external_force(_with_stress(state, np.zeros((dim, dim))), matrix.free)
