@@ -54,11 +54,12 @@ class Run(NamedTuple):
     parts: int
     events: int = 25
     strain: float = 0.1  # of every packing
+    packings: int = 1000  # at most, of a part
 
     def scenario(self, part: int):
         """Scenario of one part."""
         shear = SHEAR | {"strain": self.strain}
-        size = {"events": self.events, "packings": 1000, "seed": APART * part}
+        size = {"events": self.events, "packings": self.packings, "seed": APART * part}
         return ss.scenario(experiment="catalogue", packing=self.packing, law=self.law, shear=shear, **size)
 
 
@@ -68,7 +69,7 @@ RUNS = {  # with moderate friction the first events come late
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24, strain=0.02),  # many events of a packing are alike
     "sharp-0.5": Run(DISKS, {"coulomb": "sharp", "mu": 0.5}, 4, strain=0.4),
     "smooth-0.5": Run(DISKS, {"coulomb": "smooth", "mu": 0.5}, 10, strain=0.4),  # a packing may have 25 events
-    "spheres-smooth-0.5": Run(SPHERES, {"coulomb": "smooth", "mu": 0.5}, 1, 20),
+    "spheres-smooth-0.5": Run(SPHERES, {"coulomb": "smooth", "mu": 0.5}, 10, 20, strain=0.2, packings=2),  # few events
     "spheres-sharp-0.5": Run(SPHERES, {"coulomb": "sharp", "mu": 0.5}, 1, 20),
 }
 

@@ -194,6 +194,14 @@ def test_tables_with_different_numbers_of_distances_are_joined():
     np.testing.assert_array_equal(rows_of(both, both["law"] == "b")["strain"], second["strain"])
 
 
+def test_tables_without_events_do_not_take_columns_from_others(tmp_path):
+    write_table(tmp_path / "t.csv", event_table([]))
+    full, empty = event_table(samples(1, 3)), read_table(tmp_path / "t.csv")
+    both = stack_tables([("none", empty), ("some", full)], "part")
+    assert both["part"].tolist() == ["some"] * 3
+    np.testing.assert_array_equal(both["softest"], full["softest"])
+
+
 def test_measures_are_those_of_the_table(made):
     result = ss.simulate(scenario(events=5), workers=1)
     numbers = {name: value for name, (value, _) in measures(result).items()}

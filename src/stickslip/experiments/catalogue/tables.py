@@ -103,14 +103,18 @@ def read_table(path: str | Path) -> Table:
 
 
 def stack_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
-    """Stack tables with the same columns, with a first column that names the table each row comes from."""
+    """Stack tables with the same columns, with a first column that names the table each row comes from.
+
+    Tables without rows may lack the columns that have several values in each row.
+    """
     tables = list(tables)
+    full = max((table for _, table in tables), key=len)
     width = {
-        name: max((t[name].shape[1] for _, t in tables), default=0) for name, v in tables[0][1].items() if v.ndim > 1
+        name: max(t[name].shape[1] for _, t in tables if name in t) for name, values in full.items() if values.ndim > 1
     }
     out: Table = {label: np.repeat([name for name, _ in tables], [len(t["sample"]) for _, t in tables])}
-    for name in tables[0][1]:
-        columns = [t[name] for _, t in tables]
+    for name in full:
+        columns = [t[name] for _, t in tables if name in t]
         if name in width:
             columns = [np.pad(c, ((0, 0), (0, width[name] - c.shape[1])), constant_values=np.nan) for c in columns]
         out[name] = np.concatenate(columns)
