@@ -241,7 +241,7 @@ def kicked():
     }  # fmt: skip
 
 
-def tested():
+def case_of():
     """Two triaxial tests of a sample that is elastic and incompressible, one of which is softer."""
     axial = np.linspace(0, 0.1, 101)
 
