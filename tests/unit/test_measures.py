@@ -241,7 +241,7 @@ def kicked():
     }  # fmt: skip
 
 
-def case_of():
+def loaded_sample():
     """Two triaxial tests of a sample that is elastic and incompressible, one of which is softer."""
     axial = np.linspace(0, 0.1, 101)
 
@@ -262,7 +262,7 @@ def case_of():
 
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
         "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced,
-        "element-test": tested}  # fmt: skip
+        "element-test": loaded_sample}  # fmt: skip
 
 
 def test_every_experiment_has_a_table():
