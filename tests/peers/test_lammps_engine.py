@@ -1,6 +1,7 @@
 """LAMMPS as an engine: first steps, contact memory there and back, what it refuses, and what a queue gets."""
 
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -197,6 +198,19 @@ def test_formulas_of_moving_walls_are_integrals_of_their_velocities():
         wanted = np.trapezoid(0.1 * 2 * np.sin(2 * np.pi * 0.7 * (fine + 0.5) + 0.3), fine)
         assert evaluate(script.displacement_formula(waves, 0.1, column), step, DT) == pytest.approx(wanted, abs=1e-8)
         assert walls_at(waves, step * DT).point[0, 0] - 0.02 == pytest.approx(wanted, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["shear under stress", "shear under stresses", "compressed and sheared"])
+def test_the_input_of_a_cell_under_stress_defines_each_variable_before_it_is_used(name):
+    make, law = SCENES[name]
+    text, known = script.format_input(Leg(make(), law, DT, STEPS)), set()
+    for line in text.splitlines():
+        if "fix" in line or "variable" in line:
+            used = set(re.findall(r"v_(cell_\w+)", line))
+            assert used <= known, (line, used - known)
+        if line.startswith("variable"):
+            known.add(line.split()[1])
+    assert len(known) > 10
 
 
 @pytest.mark.parametrize("choice", [{"samples": 7}, {"samples": 5, "before": (3, 33)}, {"every": 10}, {"every": 45}])

@@ -177,13 +177,13 @@ def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, fi
 
 def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]) -> str:
     """Row of matrices times velocity, place or force of a grain, with coefficients that are variables."""
-    terms = []
+    parts = []
     for letter, matrix in terms.items():
         for b in range(k, leg.state.cell.dim):
             if (k, b) in matrix:
                 lines.append(f"variable {name}_{letter}{AXES[b]} equal {matrix[k, b]}")
-                terms.append(f"v_{name}_{letter}{AXES[b]}*{letter.replace('x', '')}{AXES[b]}")
-    return "+".join(terms)
+                parts.append(f"v_{name}_{letter}{AXES[b]}*{letter.replace('x', '')}{AXES[b]}")
+    return "+".join(parts)
 
 
 def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str], list[str], str]:
