@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.dynamics.run import own_engine, record_of
+from stickslip.core.dynamics.run import join_samples, own_engine
+from stickslip.core.dynamics.run import sample as engine_sample
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.gouge import queue
@@ -67,7 +68,9 @@ def slide(engine, whole, gouge, velocity, steps):
 
 def series_of_ends(leg, gouge, end):
     """Series at the end of a leg that ran here; dashpots have velocities of the full step, as in those of LAMMPS."""
-    return measure_series(record_of([leg.state, end], leg), gouge._replace(state=leg.state))[1:]
+    return measure_series(
+        join_samples([engine_sample(leg.state, leg), engine_sample(end, leg)], leg), gouge._replace(state=leg.state)
+    )[1:]
 
 
 @cache

@@ -31,7 +31,8 @@ def rig(state, engine: str) -> element.Rig:
         state, _ = element._make_sample(scenario, law, 0, lambda *_: None)
         ss.io.write_packing(SAMPLE, state, law)
         state, _, _ = ss.io.read_packing(SAMPLE)
-    return element.Rig(scenario, law, state, drive_of(scenario.path, 3), 1e-9 * 1e5 * 1e-6, Factorisation())
+    engine, tolerance = element.find_engine(scenario), 1e-9 * 1e5 * 1e-6
+    return element.Rig(scenario, law, state, drive_of(scenario.path, 3), tolerance, Factorisation(), engine)
 
 
 def stresses(here: element.Rig) -> list:

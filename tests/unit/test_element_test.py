@@ -57,7 +57,7 @@ def spheres():
 def rig(spheres, **path):
     chosen, law, state = spheres
     chosen = scenario(SPHERES, path=path)
-    return element.Rig(chosen, law, state, drive_of(chosen.path, 3), 1e-9 * 1e5 * 1e-6, Factorisation())
+    return element.Rig(chosen, law, state, drive_of(chosen.path, 3), 1e-9 * 1e5 * 1e-6, Factorisation(), None)
 
 
 def steps(spheres, loads, **path):

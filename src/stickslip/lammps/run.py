@@ -14,7 +14,7 @@ from ..core.control import factors_at
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.engine import Engine, Leg
 from ..core.dynamics.record import Record
-from ..core.dynamics.run import record_of
+from ..core.dynamics.run import join_samples, sample
 from ..core.laws.builtin import Law
 from ..core.state import OPEN, State
 from ..data.exchange.lammps_restart import (
@@ -120,11 +120,13 @@ def _pieces(ranks: int, leg: Leg) -> Iterator[tuple[State, Record]]:
 def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Record]]:
     """Yield what an engine yields, from the states at the samples of a leg."""
     if not leg.every:
-        nothing = record_of([], leg)
+        nothing = join_samples([], leg)
         yield from ((state, nothing) for state in states)
         return
-    taken = [leg.state, *states]
-    yield taken[-1], record_of(taken[: leg.steps // leg.every + 1], leg)
+    end, samples = leg.state, [sample(leg.state, leg)]
+    for end in states:
+        samples.append(sample(end, leg))
+    yield end, join_samples(samples[: leg.steps // leg.every + 1], leg)
 
 
 def run_leg(leg: Leg, folder: Path) -> Iterator[State]:

@@ -163,11 +163,14 @@ def _run_elsewhere(engine: Engine, leg: Leg, asked: list[str]) -> tuple[State, R
     return end, record, Outcome(Status.DONE, np.nan, leg.steps)
 
 
-def record_of(states: list[State], leg: Leg) -> Record:
-    """Record whose samples are states that another engine has computed during a leg."""
-    start = leg.state.grains.position
-    rows = [run(state, leg.law, 0, leg.dt, every=1, reference=start)[1] for state in states]
-    each = {name: np.concatenate([getattr(row, name) for row in rows]) for name in PER_SAMPLE if rows}
+def sample(state: State, leg: Leg) -> Record:
+    """Record with one sample, a state that another engine has computed during a leg."""
+    return run(state, leg.law, 0, leg.dt, every=1, reference=leg.state.grains.position)[1]
+
+
+def join_samples(samples: list[Record], leg: Leg) -> Record:
+    """Record with the samples of several records of a leg."""
+    each = {name: np.concatenate([getattr(record, name) for record in samples]) for name in PER_SAMPLE if samples}
     return run(leg.state, leg.law, 0, leg.dt)[1]._replace(**each)
 
 

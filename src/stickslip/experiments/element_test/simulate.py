@@ -12,6 +12,7 @@ from ...core.contacts.forces import accept, forces, unbalanced_forces
 from ...core.contacts.memory import FROZEN
 from ...core.control import strained_at
 from ...core.dynamics.cell_motion import strained
+from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import run
 from ...core.laws.builtin import Law, with_values
 from ...core.measure import contact_forces, coordination, fabric, least_supports, packing_fraction, stress, touching
@@ -96,6 +97,7 @@ class Rig(NamedTuple):
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
+    engine: Engine | None  # of a dynamic test, if it is not `run`
 
     @property
     def dim(self) -> int:
@@ -127,7 +129,7 @@ def simulate_element_test(
     ----------
     folder : run folder, in which samples and parts of their paths are saved as soon as they are finished
     workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
-    report : called as report(stage, share done, words)
+    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -192,6 +194,7 @@ def load_sample(
 ) -> ElementRun:
     """Make one sample and load it; with `half`, in steps, or at a rate, half as large."""
     law = make_law(scenario.law)
+    engine = find_engine(scenario)
     kept = kept and kept.if_visible()
     state, packed = load_or_compute(kept, "packing", lambda: _make_sample(scenario, law, seed, report))
     if half:
@@ -201,9 +204,14 @@ def load_sample(
         scenario = scenario.model_copy(update={"path": path.model_copy(update=slower)})
     area = float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
     tolerance = BALANCED * scenario.sample.pressure * area
-    rig = Rig(scenario, law, state, drive_of(scenario.path, state.cell.dim), tolerance, Factorisation())
+    rig = Rig(scenario, law, state, drive_of(scenario.path, state.cell.dim), tolerance, Factorisation(), engine)
     series, end, ended = _follow(rig, kept, within(report, stage=f"sample {seed}"))
     return ElementRun(seed, packed, _small_strain(state, law), series, end, ended)
+
+
+def find_engine(scenario: ElementTestScenario) -> Engine | None:
+    """Return the engine of a scenario, None if it is `run`."""
+    return lammps_engine(scenario.ranks) if scenario.engine == "lammps" else None
 
 
 def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
@@ -362,8 +370,7 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 
 def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
     """State after some time steps of the scenario's engine."""
-    engine = lammps_engine(rig.scenario.ranks) if rig.scenario.engine == "lammps" else None
-    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=DRAG / scales.time, engine=engine)
+    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=DRAG / scales.time, engine=rig.engine)
     if not outcome.ok:
         raise RuntimeError(f"the run ended: {outcome}")
     return state

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...core.dynamics.engine import Engine, Leg
 from ...core.dynamics.record import Record
-from ...core.dynamics.run import record_of
+from ...core.dynamics.run import join_samples, sample
 from ...core.progress import silent
 from ...core.state import State
 from ...data.checkpoint import LEGS, checkpoint_in
@@ -108,4 +108,5 @@ class _Legs:
         end = sample_path(leg, target, leg.steps)
         self.table[leg.name] = len(self.ends), end.name
         self.ends.append(end)
-        yield leg.state._replace(time=leg.state.time + leg.steps * leg.dt), record_of([leg.state, leg.state], leg)
+        still = join_samples([sample(leg.state, leg)] * 2, leg)
+        yield leg.state._replace(time=leg.state.time + leg.steps * leg.dt), still
