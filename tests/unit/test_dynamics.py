@@ -169,3 +169,9 @@ def test_a_run_ends_once_it_is_at_rest(n):
     _, outcome = ss.relax(moved, law, tolerance=1e-8, drag=0.3, steps=100_000)
     assert outcome.ok and outcome.residual <= 1e-8
     assert outcome.iterations < 10_000  # the residual is 1e-12 after that
+
+
+def test_a_word_for_an_engine_is_answered_with_what_makes_one():
+    state = ss.assembly(ss.disks([[0, 0]], 1.0))
+    with pytest.raises(TypeError, match=r"an Engine as protocols.lammps_engine makes it"):
+        ss.run(state, ss.laws.linear(), 1, 0.1, engine="lammps")

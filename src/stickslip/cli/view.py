@@ -19,8 +19,20 @@ MOVIE = examples(
     ("movie results/column --colour speed", "results/column/movie.gif"),
 )
 Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing in any format that `stability` reads.")]
-Settle = Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")]
-Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")]
+
+
+class ViewOptions(NamedTuple):
+    """Options of what is shown, in a report or a movie."""
+
+    modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")] = (
+        None
+    )
+    settle: Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")] = False
+    colour: Annotated[
+        str | None,
+        typer.Option("--colour", help="Quantity that colours the grains; default of a movie: speed, or displacement."),
+    ] = None
+    trust: Trust = False
 
 
 @command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
@@ -31,16 +43,13 @@ def report(
     out: Annotated[
         Path | None, typer.Option("--out", help="Output file; default: report.html in the run, or FILE-report.html.")
     ] = None,
-    modes: Modes = None,
-    settle: Settle = False,
-    colour: Annotated[str | None, typer.Option("--colour", help="Quantity that initially colours the grains.")] = None,
+    view: ViewOptions,
     verdict: Annotated[
         bool | None,
         typer.Option(
             "--verdict/--no-verdict", help="With verdict and modes; default: up to about 5000 spheres or 10,000 disks."
         ),
     ] = None,
-    trust: Trust = False,
     dashpots: Dashpots = True,
     overwrite: OverwriteFile = False,
     output: Output,
@@ -54,13 +63,13 @@ def report(
     from ..runs import page as look
 
     path = out or look_out.default_path(place, PAGE)
-    look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
+    look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         content = look.load_content(
-            place, modes=modes, options=options.values(), settle=settle, dashpots=dashpots, report=tell, search=verdict,
-            trust=trust,
+            place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
+            search=verdict, trust=view.trust,
         )  # fmt: skip
-        look.write_page(content, path, colour=colour)
+        look.write_page(content, path, colour=view.colour)
     notes = [content.warning] if content.warning else []
 
     def show() -> None:
@@ -106,14 +115,8 @@ def movie(
             "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
         ),
     ] = None,
-    modes: Modes = None,
-    settle: Settle = False,
-    colour: Annotated[
-        str | None,
-        typer.Option("--colour", help="Quantity that colours the grains; default: speed, or mode displacement."),
-    ] = None,
+    view: ViewOptions,
     film: FilmOptions,
-    trust: Trust = False,
     overwrite: OverwriteFile = False,
     output: Output,
     options: PackingOptions,
@@ -126,16 +129,16 @@ def movie(
     from ..runs import page as look
 
     path = out or look_out.default_path(place, FILM)
-    look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
+    look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
     look.film.check_movie(path, film.fps)
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         content = look.load_content(
-            place, modes=modes, options=options.values(), settle=settle, report=tell,
-            search=film.mode is not None or not place.is_dir(), trust=trust,
+            place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
+            search=film.mode is not None or not place.is_dir(), trust=view.trust,
         )  # fmt: skip
         look.write_movie(
-            content, path, colour=colour, fps=film.fps, count=film.frames, amplitude=film.amplitude, mode=film.mode,
-            whole=film.whole, report=tell,
+            content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
+            mode=film.mode, whole=film.whole, report=tell,
         )  # fmt: skip
     notes = [content.warning] if content.warning else []
 
@@ -149,6 +152,6 @@ def movie(
     finish(fields, [path], show, output)
 
 
-def _input_files(place: Path, modes: Path | None, options: PackingOptions) -> tuple:
+def _input_files(place: Path, view: ViewOptions, options: PackingOptions) -> tuple:
     """Input files of a command."""
-    return place, modes, options.contacts, options.law
+    return place, view.modes, options.contacts, options.law

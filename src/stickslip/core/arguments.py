@@ -243,7 +243,9 @@ def _words(annotation) -> str:
         return f"a {origin.__name__} of {inner}"
     if annotation is Any:
         return "numbers"
-    return _WORDS.get(annotation, f"a {getattr(annotation, '__name__', annotation)}")
+    noun, maker = getattr(annotation, "__name__", str(annotation)), getattr(annotation, "MADE_BY", "")
+    article = "an" if noun[0] in "AEIO" else "a"
+    return _WORDS.get(annotation, f"{article} {noun}" + (f" as {maker} makes it" if maker else ""))
 
 
 def _check_class(name: str, value, classes: tuple[Any, ...]):

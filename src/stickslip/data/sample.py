@@ -188,8 +188,7 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
 
 
 def law_by_name(
-    law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None,
-    damping_n=0.0, damping_t=0.0, tension=True, **own,
+    law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None, **more,
 ) -> Law:  # fmt: skip
     """Contact law by name.
 
@@ -197,7 +196,7 @@ def law_by_name(
     ----------
     kn, kt : default 1 and 2/7; or `young` and `poisson` of identical elastic grains, see `elastic_constants`
     damping : model of damping, default that of the law
-    own : parameters that only this law has, such as `work`
+    more : `damping_n`, `damping_t`, `tension`, and parameters that only this law has, such as `work`
 
     Raises
     ------
@@ -217,9 +216,10 @@ def law_by_name(
     if young is not None and (not BY_NAME[law].uses_radius or kn is not None or kt is not None):
         raise PackingError("young and poisson replace kn and kt of hertz_mindlin_reff: give them only with that law")
     needed = {p.name: f"{p.words} [{p.unit}]" for p in BY_NAME[law].parameters}
-    for name in sorted({*needed} - {*own}):
+    own = {*more} - {"damping_n", "damping_t", "tension"}
+    for name in sorted({*needed} - own):
         raise PackingError(f"{law} needs {name}, {needed[name]}: give it (--parameter {name}=…)")
-    for name in sorted({*own} - {*needed}):
+    for name in sorted(own - {*needed}):
         has = f"it has {', '.join(needed)}" if needed else "it has none of its own"
         raise PackingError(f"{law} has no parameter {name}: {has}")
     model = {} if damping is None else {"damping": damping}
@@ -227,9 +227,7 @@ def law_by_name(
         if young is not None:
             kn, kt = elastic_constants(young, poisson)
         kn, kt = 1.0 if kn is None else kn, 2 / 7 if kt is None else kt
-        return LAWS[law](
-            kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, tension=tension, **model, **own
-        )
+        return LAWS[law](kn, kt, mu, coulomb=coulomb, **model, **more)
     except (TypeError, ValueError) as problem:
         raise PackingError(str(problem)) from None
 

@@ -51,7 +51,6 @@ def compressed(
     dim: int = 3,
     radius: Values = (0.5, 0.7),
     mass: Values = 1.0,
-    i0: float | None = None,
     law: Law | None = None,
     seed: Seed = 0,
     tolerance: float | None = None,
@@ -69,7 +68,7 @@ def compressed(
     ----------
     pressure : float [force/length^(dim−1)]
     mu : friction coefficient, not negative, of the law `hertz_mindlin(mu=mu)`; give this or a law
-    dim, radius, mass, i0, seed, tolerance : as in `jammed`
+    dim, radius, mass, seed, tolerance : as in `jammed`
     law : Law with which to compress
     report : called as report(stage, share, text) during the compression, with the share of the pressure that was
         reached, and a text that gives pressure, unbalanced force, contact number and packing fraction
@@ -104,7 +103,7 @@ def compressed(
     require_positive(pressure=pressure)
     require_not_negative(mu=mu)
     law = hertz_mindlin(mu=mu) if law is None else law
-    start = random_grains(n, LOOSE.get(dim, 1.0), dim, radius=radius, mass=mass, i0=i0, seed=seed)
+    start = random_grains(n, LOOSE.get(dim, 1.0), dim, radius=radius, mass=mass, i0=None, seed=seed)
     if _width(start) < NARROWEST * 2 * start.grains.radius.max():
         raise ValueError(
             f"{n} grains were given: their cell would be narrower than {NARROWEST} of the largest grains, so that "

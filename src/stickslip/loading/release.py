@@ -30,7 +30,6 @@ KEPT = 20_000  # samples of a time series that are saved
 class Released(NamedTuple):
     """Run from an unstable state. Compressive stress is positive; shear stress is −σ_xy, which opposes γ > 0."""
 
-    strain: float  # [1]
     pairs: int  # complex pairs at the start
     eigenvalue: complex  # λ of the fastest pair [1/time²]
     growth_rate: float  # predicted ω_i [1/time]
@@ -51,6 +50,7 @@ class Released(NamedTuple):
     turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are not rattlers [length]
     close_time: np.ndarray  # (K,) times of all samples of a few turns [time]
     close_msd: np.ndarray  # (K,) [length²]
+    strain: float = np.nan  # of the state, if the caller knows it [1]
 
     @property
     def corrected_rate(self) -> float:
@@ -114,7 +114,6 @@ def release(
     state: State,
     law: Law,
     *,
-    strain: float = 0.0,
     seed: Seed = 0,
     e_folds: float = 45.0,
     least: float | None = None,
@@ -131,7 +130,6 @@ def release(
 
     Parameters
     ----------
-    strain : strain of the state, for the record
     least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time, see `relax` [time]
     seed, velocity : of the initial perturbation: random velocities in all resisted modes, with this standard deviation,
         by default 1e-13 smallest diameters per natural unit of time [length/time]
@@ -165,7 +163,7 @@ def release(
     for k, chunk in enumerate(chunks):
         here, record, outcome = run(here, law, chunk * every, dt, every=every, probes=held)
         if outcome.broken:
-            raise NotInEquilibriumError(f"the run from strain {strain:g} diverged", outcome)
+            raise NotInEquilibriumError("the run diverged", outcome)
         msd = mean_square_motion(record.position, record.angle, state, held)
         part = slice(0 if k == 0 else 1, None)  # a chunk starts where the last one ended
         columns = (record.time, msd, record.shear_stress, record.pressure, record.touching, record.kinetic_energy)
@@ -177,7 +175,7 @@ def release(
         if snapshots:
             now = spectrum(with_neighbor_list(here), law, modes=False)
             taken.append((record.time[-1], msd[-1], now.eigenvalues, now.im_lambda.max()))
-        text = f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}"
+        text = f"growth rate {rate:.1e}, M = {msd[-1]:.0e}"
         report("release", sum(chunks[: k + 1]) / sum(chunks), text)
     table = np.concatenate(series, axis=1)
     time, msd = table[:2]
@@ -189,7 +187,7 @@ def release(
     at = changed.index(True) if True in changed else len(changed)
     constant = (taken[at - 1][1] if at else np.nan, taken[at][1] if at < len(taken) else np.nan)
     return Released(
-        strain, len(modes.pairs), complex(modes.eigenvalues[fastest]), rate, frequency, dt,
+        len(modes.pairs), complex(modes.eigenvalues[fastest]), rate, frequency, dt,
         *table[:, _envelope_rows(table[2], KEPT)], growth,
         np.array([t for t, *_ in taken]), np.array([m for _, m, *_ in taken]), np.array([v for _, _, v, _ in taken]),
         constant, np.array([t for t, _ in turns]), np.array([x for _, x in turns]).reshape(-1, TURN, len(held), 3),

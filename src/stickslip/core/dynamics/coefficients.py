@@ -29,6 +29,7 @@ class Plan(NamedTuple):
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
     dt: float
+    tolerance: float = 0.0  # largest unbalanced force at rest [force]
 
 
 def driven_bodies(state: State) -> Bodies:
@@ -78,8 +79,8 @@ def inverse_inertia_of(state: State) -> np.ndarray:
     return out
 
 
-def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
-    """Drags and external loads of all bodies."""
+def make_plan(state: State, drag: float, spin_drag: float, dt: float, tolerance: float = 0.0) -> Plan:
+    """Drags and external loads of all bodies, and the unbalanced force below which they are at rest."""
     grains, control = state.grains, state.control
     mass = np.concatenate([grains.mass, state.walls.mass])
     external = np.zeros((2, state.n_bodies, 3))
@@ -87,4 +88,4 @@ def make_plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    return Plan(external, (float(drag), float(spin_drag)), float(dt))
+    return Plan(external, (float(drag), float(spin_drag)), float(dt), tolerance)

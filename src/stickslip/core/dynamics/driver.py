@@ -60,8 +60,8 @@ class _Run:
     """
 
     def __init__(
-        self, state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant,
-        rate: int, threads,
+        self, state: State, law: Law, plan: Plan, steps: int, writing: RecordBuffers, books, instant, *, rate: int,
+        threads,
     ):  # fmt: skip
         self.state, self.law, self.plan, self.steps = state, law, plan, steps
         self.imposed, self.deforming = needs_frame(state), deforms(state)
@@ -89,7 +89,7 @@ class _Run:
         self.few = 1 + 300 / len(state.grains.radius)  # small choices are disproportionately expensive
         # step; whether it has ended; whether velocities are those of the full step already
         self.progress = np.array([0, instant is not None, instant is None])
-        self.tolerance, self.residual = tolerance, np.array([np.inf, -1.0])
+        self.residual = np.array([np.inf, -1.0])
         if instant is not None:
             self.moving.force[:] = instant.force[self.moving.order]
             if self.imposed:
@@ -149,7 +149,7 @@ class _Run:
             code = core.run_steps(
                 self.struct, self.state.cell.dim, self.moved, None if self.by_rows else self.blocks, self.bodies,
                 self.listed, self.state.cell.vectors, *self.constants, self.buffers, self.state.time, stop,
-                self.tolerance, self.residual, self.progress, self.threads,
+                self.plan.tolerance, self.residual, self.progress, self.threads,
             )  # fmt: skip
             if code == core.NO_MEMORY:
                 raise MemoryError
@@ -250,15 +250,14 @@ class _Run:
 
 
 def run_steps(
-    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant, *,
-    rate: int, threads,
+    state: State, law: Law, plan: Plan, steps: int, writing: RecordBuffers, books, instant, *, rate: int, threads
 ):  # fmt: skip
     """Run all steps; see `run`.
 
     Returns the final state, the code of the compiled loop, the number of steps, the largest unbalanced force and its
     body, the buffers and the books.
     """
-    current = _Run(state, law, plan, steps, tolerance, writing, books, instant, rate, threads)
+    current = _Run(state, law, plan, steps, writing, books, instant, rate=rate, threads=threads)
     every, stop, code, worst = writing.every, 0, core.MOVED, -1
     sampling = every if writing.groups.shape[1] else 0  # the loop itself writes all other samples
     while True:
@@ -278,12 +277,12 @@ def run_steps(
             books = post_step(books, current.state, plan, here, current.contacts, step, every)
         if sampled:
             current.record_groups(here, step // every)
-        if not np.isfinite(current.residual[0]) and tolerance > 0 and step % core.CHECK_EVERY == 0:
+        if not np.isfinite(current.residual[0]) and plan.tolerance > 0 and step % core.CHECK_EVERY == 0:
             code = core.NOT_FINITE
         if step == steps or code != core.DONE:
             break
         stop = min(steps, (step // sampling + 1) * sampling if sampling else steps)
-        if tolerance > 0:  # the loop fuses steps in blocks, and looks for rest only where it stops
+        if plan.tolerance > 0:  # the loop fuses steps in blocks, and looks for rest only where it stops
             stop = min(stop, (step // core.CHECK_EVERY + 1) * core.CHECK_EVERY)
         stop = step + 1 if books else stop
     residual = float(current.residual[0])

@@ -74,5 +74,6 @@ class Engine(NamedTuple):
     state may start another leg, even in another process. Closing the iterator ends the leg.
     """
 
+    MADE_BY = "protocols.lammps_engine"
     pieces: Callable[[Leg], Iterator[tuple[State, Record]]]
     stops: bool = True  # whether a leg can be ended before its last step

@@ -113,7 +113,7 @@ def run(
     state = with_neighbor_list(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     spin_drag = drag if spin_drag is None else spin_drag
-    plan, free = make_plan(state, drag, spin_drag, dt), movable(state)
+    plan, free = make_plan(state, drag, spin_drag, dt, tolerance), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
@@ -122,7 +122,7 @@ def run(
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
     books = open_books(len(writing.series), driven_bodies(state), state, law, rate > 0) if ledger else None
-    result = run_steps(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
+    result = run_steps(state, law, plan, steps, writing, books, instant, rate=rate, threads=threads)
     end, code, done, residual, worst, writing, books = result
     end = with_mark(end, law, slip_update) if code in (core.DONE, core.CONVERGED) else end._replace(instant=None)
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE

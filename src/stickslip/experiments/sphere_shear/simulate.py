@@ -288,7 +288,6 @@ def _release(scenario: ShearScenario, seed: int, state: State, strain: float, re
     return release(
         state,
         make_law(scenario.law),
-        strain=strain,
         seed=seed,
         e_folds=how.e_folds,
         least=how.least,
@@ -297,4 +296,4 @@ def _release(scenario: ShearScenario, seed: int, state: State, strain: float, re
         velocity=how.seed_velocity,
         snapshots=how.snapshots,
         report=report,
-    )
+    )._replace(strain=strain)
