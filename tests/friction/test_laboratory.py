@@ -1,10 +1,14 @@
 """Records as CSV: units, separators, round trip, and every refusal in one sentence."""
 
+import warnings
+
+import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from stickslip.friction.fitting import fit
-from stickslip.friction.laboratory import LabRecord, read_csv, record_data, write_csv
+from stickslip.friction.laboratory import LabRecord, read_record, record_data, write_csv
 from stickslip.friction.loads import velocity_steps
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
@@ -23,41 +27,43 @@ def test_units_separators_and_comments(tmp_path):
     rows = [f"{k / 60};{k / 100};{3.0 + 0.01 * k};5.0;{2 + k};left out" for k in range(12)]
     head = "Time [min]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [mm/min]; note"
     path = written(tmp_path / "a.csv", head, ["# a comment", *rows[:5], "", *rows[5:]], encoding="utf-8-sig")
-    record = read_csv(path)
+    record = read_record(path)
     assert np.allclose(record.time, np.arange(12.0))
     assert np.allclose(record.load_point, 1e-5 * np.arange(12))
     assert np.allclose(record.friction, (3.0 + 0.01 * np.arange(12)) / 5.0)
     assert np.allclose(record.normal_stress, 5e6)
     assert np.allclose(record.velocity, 1e-3 / 60 * (2 + np.arange(12)))
     tabs = written(tmp_path / "b.csv", HEAD.replace(", ", "\t"), [row.replace(", ", "\t") for row in ROWS])
-    assert np.allclose(read_csv(tabs).load_point, 1e-5 * np.arange(12))
+    assert np.allclose(read_record(tabs).load_point, 1e-5 * np.arange(12))
 
 
 def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
     rows = [f"{k},5;{k / 10};-0,{k:02}e1" for k in range(12)]
     path = written(tmp_path / "a.csv", "time (s); load_point (µm); friction", rows, encoding="cp1252")
-    record = read_csv(path)
+    record = read_record(path)
     assert np.allclose(record.time, np.arange(12) + 0.5)
     assert np.allclose(record.load_point, 1e-7 * np.arange(12))
     assert np.allclose(record.friction, -0.1 * np.arange(12))
     with pytest.raises(ValueError, match="not a number"):
-        read_csv(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.234,5;1;1", *["1;2;3"] * 11]))
+        read_record(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.234,5;1;1", *["1;2;3"] * 11]))
 
 
 def test_rows_with_empty_cells_are_left_out_and_reported(tmp_path):
     path = written(tmp_path / "a.csv", HEAD + ", note", [f"{row}, " for row in [*ROWS, "12, , 0.6", "13, 130, "]])
     with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out; the first is line 14"):
-        record = read_csv(path)
+        record = read_record(path)
     assert len(record.time) == 12
 
 
 def test_files_without_headers_need_the_numbers_of_columns(tmp_path):
     path = written(tmp_path / "a.csv", ROWS[0], ROWS[1:])
-    record = read_csv(path, columns={"time": 0, "load_point [um]": 1, "friction": 2})
+    record = read_record(path, columns={"time": 0, "load_point [um]": 1, "friction": 2})
     assert np.allclose(record.load_point, 1e-5 * np.arange(12))
-    assert np.allclose(read_csv(path, columns={"time": 0, "load_point": 1, "mu": 2}).load_point, 10.0 * np.arange(12))
+    assert np.allclose(
+        read_record(path, columns={"time": 0, "load_point": 1, "mu": 2}).load_point, 10.0 * np.arange(12)
+    )
     with pytest.raises(ValueError, match="column 3 was given for 'mu': the file has columns 0 to 2"):
-        read_csv(path, columns={"time": 0, "load_point": 1, "mu": 3})
+        read_record(path, columns={"time": 0, "load_point": 1, "mu": 3})
 
 
 def test_what_is_written_is_read_and_fitted(tmp_path):
@@ -65,7 +71,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
     rs, times = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), np.unique(np.r_[np.linspace(0, 420, 2001), 200.0, 220.0])
     h = spring_slider(rs, Spring(1e4), legs, times=times)
     record = LabRecord(h.time, h.friction, h.load_point, np.full(len(times), 5e6), h.slip, h.velocity, h.theta)
-    again = read_csv(write_csv(tmp_path / "a.csv", record, ("made by a test",)))
+    again = read_record(write_csv(tmp_path / "a.csv", record, ("made by a test",)))
     for column, other in zip(record, again, strict=True):
         assert np.allclose(column, other, rtol=1e-11, atol=0)
     lab = record_data(again, normal=True)
@@ -84,11 +90,15 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
         ("time [s], load_point [um]", ["1, 2"] * 12, "no column for friction"),
         ("time [s], load_point [um], shear_stress [MPa]", ["1, 2, 3"] * 12, "'normal_stress [MPa]'"),
         ("time [s], friction [-]", ["1, 2"] * 12, "no column for load_point or velocity"),
-        ("1, 2, 3", ROWS, "its columns are '1', '2', '3'"),
+        ("1, 2, 3", ROWS, "has no row of headings above its numbers"),
         ("time, load_point [um], friction [-]", ROWS, "'time' has no unit: write it as 'time [s]'"),
         ("time [s], load_point [furlong], friction [-]", ROWS, "load_point has the unit 'furlong': use m, cm, mm"),
         ("time [s], load_point [um], friction [%]", ROWS, "friction has the unit '%'"),
-        ("time [s], load_point [um], mu [-], friction", [row + ", 1" for row in ROWS], "two columns for friction"),
+        (
+            "time [s], load_point [um], friction [-], Friction",
+            [row + ", 1" for row in ROWS],
+            "two columns for friction",
+        ),
         (HEAD, ROWS[:5], "has 5 rows"),
         (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields but the header has 3"),
         (HEAD, [*ROWS, "12, 120, n/a"], "line 14: friction is 'n/a', not a number"),
@@ -107,7 +117,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
 )
 def test_refusals(tmp_path, head, rows, sentence):
     with pytest.raises(ValueError) as caught:
-        read_csv(written(tmp_path / "a.csv", head, rows))
+        read_record(written(tmp_path / "a.csv", head, rows))
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -115,11 +125,11 @@ def test_refusals(tmp_path, head, rows, sentence):
 def test_binary_files_and_rest_at_the_start(tmp_path):
     (tmp_path / "a.csv").write_bytes(bytes(range(256)))
     with pytest.raises(ValueError, match="not a text file"):
-        read_csv(tmp_path / "a.csv")
+        read_record(tmp_path / "a.csv")
     (tmp_path / "b.csv").write_bytes(b"time\0\0\0")
     with pytest.raises(ValueError, match="binary"):
-        read_csv(tmp_path / "b.csv")
-    resting = read_csv(written(tmp_path / "c.csv", rows=[f"{k}, 0, 0.5" for k in range(12)]))
+        read_record(tmp_path / "b.csv")
+    resting = read_record(written(tmp_path / "c.csv", rows=[f"{k}, 0, 0.5" for k in range(12)]))
     with pytest.raises(ValueError, match="does not start with sliding"):
         record_data(resting)
     with pytest.raises(ValueError, match="no normal_stress"):
@@ -142,7 +152,7 @@ def test_unusual_headers_are_listed_with_those_that_are_read(tmp_path, missing):
     texts = {"time": "elapsed [s]", "friction": "F/N", "load_point": "x_piston [mm]"}
     head = ", ".join(texts[name] if name == missing else field for name, field in zip(texts, HEAD_BY_NAME, strict=True))
     with pytest.raises(ValueError) as caught:
-        read_csv(written(tmp_path / "a.csv", head))
+        read_record(written(tmp_path / "a.csv", head))
     said = str(caught.value)
     assert repr(texts[missing]) in said  # what was seen
     for name in {"time": ("time", "t"), "friction": ("mu", "shear_stress"), "load_point": ("lp_disp", "slip_rate")}[
@@ -155,14 +165,141 @@ def test_unusual_headers_are_listed_with_those_that_are_read(tmp_path, missing):
 def test_a_header_of_a_hundred_columns_is_shortened(tmp_path):
     head = ",".join(f"channel {k} of the amplifier in the cellar" for k in range(100))
     with pytest.raises(ValueError, match=r"'channel 0 of the amplifier in the cellar'.* and 9. more") as caught:
-        read_csv(written(tmp_path / "a.csv", head, [",".join(["1"] * 100)] * 12))
+        read_record(written(tmp_path / "a.csv", head, [",".join(["1"] * 100)] * 12))
     assert len(str(caught.value)) < 900
 
 
 def test_times_in_days_and_years(tmp_path):
-    record = read_csv(
+    record = read_record(
         written(tmp_path / "a.csv", "time [yr], velocity [mm/yr], friction [-]", [f"{k}, 35, 0.6" for k in range(12)])
     )
     assert record.time[1] == 365.25 * 86400
     assert record.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
-    assert read_csv(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400
+    assert read_record(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400
+
+
+LAB = {"time_s": np.arange(20.0), "vdcdt_um": 10.0 * np.arange(20), "mu": 0.6 + 0.001 * np.arange(20),
+       "effns_mpa": np.full(20, 5.0), "hstress_mpa": np.full(20, 6.0), "recnum": np.arange(20.0)}  # fmt: skip
+
+
+def as_text(columns, mark, units=None, above=()):
+    rows = [mark.join(columns), *([mark.join(units)] if units else [])]
+    rows += [mark.join(f"{x:.6g}" for x in row) for row in zip(*columns.values(), strict=True)]
+    return "\n".join([*above, *rows]) + "\n"
+
+
+def check_lab(record, *, metres=1e-6):
+    assert np.allclose(record.time, LAB["time_s"]) and np.allclose(record.friction, LAB["mu"])
+    assert np.allclose(record.load_point, metres * LAB["vdcdt_um"]) and np.allclose(record.normal_stress, 5e6)
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", " ", "   "])
+def test_units_inside_names_and_every_separator(tmp_path, mark):
+    (tmp_path / "a.txt").write_text(as_text(LAB, mark, above=["run 12 of the cellar", "operator: nobody"]))
+    with pytest.warns(UserWarning, match="normal_stress is 'effns_mpa', not 'hstress_mpa'"):
+        check_lab(read_record(tmp_path / "a.txt"))
+
+
+def test_units_in_a_row_below_with_the_numbers_of_rows_as_xlook_writes_them(tmp_path):
+    names = ("LP_disp", "Shr_stress", "Nor_stress", "Time", "mu")
+    units = ("micron", "MPa", "MPa", "sec", ".")
+    columns = (LAB["vdcdt_um"], 3 + 0.005 * LAB["time_s"], LAB["effns_mpa"], LAB["time_s"], LAB["mu"])
+    lines = ["number of records =  20", "     " + "".join(f"{f'col {k + 1}':>12}" for k in range(5))]
+    lines += ["     " + "".join(f"{word:>12}" for word in row) for row in (names, units, ["20 recs"] * 5)]
+    lines += [f"{k:5d}" + "".join(f"{x:12.5f}" for x in row) for k, row in enumerate(zip(*columns, strict=True))]
+    (tmp_path / "p.txt").write_text("\n".join(lines))
+    check_lab(read_record(tmp_path / "p.txt"))
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "group", "table", "matlab", "structure", "matlab 7.3"])
+def test_files_of_arrays(tmp_path, kind):
+    columns = {name: column for name, column in LAB.items() if name != "hstress_mpa"}
+    path = tmp_path / "record.dat"
+    if kind == "matlab":
+        savemat(path, columns)
+    elif kind == "structure":
+        savemat(path, {"p5760": columns})
+    else:
+        with h5py.File(path, "w") as file:
+            place = file if kind != "group" else file.create_group("run")
+            if kind == "table":
+                table = np.array(list(zip(*columns.values(), strict=True)), [(name, float) for name in columns])
+                file.create_dataset("table", data=table)
+            else:
+                for name, column in columns.items():
+                    place[name] = column[None] if kind == "matlab 7.3" else column
+    check_lab(read_record(path))
+
+
+def test_units_in_attributes_and_samples_without_a_number(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, unit, column in (("time", "s", 0), ("load_point", "mm", 1), ("friction", "1", 2)):
+            file[name] = np.array([[k, 0.01 * k, 0.6] for k in range(15)])[:, column]
+            file[name].attrs["units"] = unit
+        file["friction"][3] = np.nan
+    with pytest.warns(UserWarning, match="1 of 15 rows have an empty cell and are left out; the first is sample 4"):
+        record = read_record(tmp_path / "a.h5")
+    assert np.allclose(record.load_point, 1e-5 * np.delete(np.arange(15), 3))
+
+
+def test_a_displacement_that_is_counted_backwards_is_turned_round(tmp_path):
+    turned = LAB | {"vdcdt_um": 300 - LAB["vdcdt_um"]}
+    turned.pop("hstress_mpa")
+    (tmp_path / "a.txt").write_text(as_text(turned, ","))
+    with pytest.warns(UserWarning, match="load_point is counted backwards: its sign was turned round"):
+        record = read_record(tmp_path / "a.txt")
+    assert np.allclose(np.diff(record.load_point), 1e-5)
+
+
+def test_columns_are_chosen_by_number_or_heading_below_a_header(tmp_path):
+    columns = dict(zip(("Sample", "LVDT 2 [um]", "F/N", "age"), list(LAB.values())[:4], strict=True))
+    (tmp_path / "a.txt").write_text(as_text(columns, ","))
+    chosen = {"time [min]": 0, "load_point": "LVDT 2 [um]", "friction": "F/N", "normal_stress [MPa]": 3}
+    record = read_record(tmp_path / "a.txt", columns=chosen)
+    check_lab(record._replace(time=record.time / 60))
+    with pytest.raises(ValueError, match=r"column 'LVDT 3' was given for 'load_point': the file has 'Sample', 'LVDT 2"):
+        read_record(tmp_path / "a.txt", columns=chosen | {"load_point": "LVDT 3"})
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda f: f.update(time_s=np.arange(20.0), vdcdt_um=np.arange(19.0), mu=np.ones(20)), "different lengths"),
+        (lambda f: [f.create_group(g).update(time_s=np.arange(20.0)) for g in "ab"], "in 2 groups (a, b): keep one"),
+        (lambda f: f.update(signal=np.arange(20.0)), "has no column for time"),
+        (lambda f: f.update(label=np.array([b"x"] * 20)), "has no column for time"),
+    ],
+)
+def test_files_of_arrays_that_cannot_be_used_are_refused_in_a_sentence(tmp_path, make, sentence):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        make(file)
+    with pytest.raises(ValueError) as caught:
+        read_record(tmp_path / "a.h5")
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "matlab"])
+def test_damaged_files_are_refused_in_a_sentence(tmp_path, kind):
+    rng = np.random.default_rng(1)
+    path = tmp_path / "a.dat"
+    if kind == "matlab":
+        savemat(path, LAB)
+    else:
+        with h5py.File(path, "w") as file:
+            file.update(LAB)
+    whole = path.read_bytes()
+    for size in (520, len(whole) // 2, len(whole) - 9):
+        path.write_bytes(whole[:size])
+        with pytest.raises(ValueError, match="damaged"):
+            read_record(path)
+    for _ in range(60 if kind == "hdf5" else 0):  # SciPy itself may crash on MATLAB files with wrong bytes
+        wrong = bytearray(whole)
+        for place in rng.integers(8, len(whole), 5):
+            wrong[place] = rng.integers(256)
+        path.write_bytes(bytes(wrong))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                read_record(path)
+            except ValueError as problem:
+                assert "\n" not in str(problem)

@@ -100,7 +100,7 @@ def test_a_law_is_never_run_to_cite_it_or_to_read_it(tmp_path, name):
 
 def test_a_device_is_not_read(tmp_path):
     for call in (
-        lambda: ss.friction.read_csv("/dev/zero"), lambda: ss.io.read_sweep("/dev/zero"),
+        lambda: ss.friction.read_record("/dev/zero"), lambda: ss.io.read_sweep("/dev/zero"),
         lambda: ss.laws.from_file("/dev/zero"), lambda: ss.io.read_packing("/dev/zero"),
         lambda: ss.read_scenario("/dev/zero"), lambda: ss.io.open_dataset("/dev/zero"),
         lambda: archive.read("/dev/zero"), lambda: read_mode("/dev/zero", 0, 5), lambda: read_table("/dev/zero"),

@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.motion import mode_frames, read_mode
-from stickslip.friction.laboratory import read_csv
+from stickslip.friction.laboratory import read_record
 from tests.conftest import make_law, make_packing, stirred
 
 
@@ -22,7 +22,7 @@ from tests.conftest import make_law, make_packing, stirred
 def test_fields_without_end(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(ValueError, match=re.escape(message)):
-        read_csv(tmp_path / "a.csv")
+        read_record(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("kind", ["words", "dates", "objects"])

@@ -60,10 +60,12 @@ class ModelOptions(NamedTuple):
 @command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
 def fit(
     *,
-    file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
+    file: Annotated[
+        Path, typer.Argument(help="A record as text, HDF5 or MATLAB: time [s], load_point [um], …")
+    ],
     model: ModelOptions,
     columns: Annotated[
-        str | None, typer.Option("--columns", help="Columns of a file without headers, as in 'time=0,friction=3'.")
+        str | None, typer.Option("--columns", help="Columns by number or heading: 'time=0,friction=F/N'.")
     ] = None,
     posterior: Annotated[
         bool, typer.Option("--posterior", help="Also sample the posterior: percentiles, draws, corner plot.")

@@ -65,18 +65,30 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
             f"{path} contains no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
         )
     mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")  # commas may be decimal ones
-    rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
-    try:
-        split = [[field.strip() for field in row] for row in rows]
-    except csv.Error as problem:
-        raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
-    if len(split) != len(lines):
-        raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
-    for (number, _), row in zip(lines, split, strict=True):
-        if len(row) != len(split[0]):
+    rows = split_rows(path, lines, mark)
+    for number, row in rows:
+        if len(row) != len(rows[0][1]):
             raise ValueError(
-                f"{path}, line {number}, has {len(row)} fields but the header has {len(split[0])}: correct the line"
+                f"{path}, line {number}, has {len(row)} fields but the header has {len(rows[0][1])}: correct the line"
             )
+    return rows
+
+
+def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
+    """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
+
+    Decimal commas become points unless commas separate.
+    """
+    if mark is None:
+        split = [line.split() for _, line in lines]
+    else:
+        rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
+        try:
+            split = [[field.strip() for field in row] for row in rows]
+        except csv.Error as problem:
+            raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
+        if len(split) != len(lines):
+            raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
     if mark != ",":
         split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
     return [(number, row) for (number, _), row in zip(lines, split, strict=True)]

@@ -12,7 +12,7 @@ from .fault_theory import nucleation_half_length as nucleation_half_length
 from .fault_xarray import fault_dataset as fault_dataset
 from .fitting import fit as fit
 from .laboratory import LabRecord as LabRecord
-from .laboratory import read_csv as read_csv
+from .laboratory import read_record as read_record
 from .laboratory import record_data as record_data
 from .laboratory import write_csv as write_csv
 from .loads import LoadStep as LoadStep

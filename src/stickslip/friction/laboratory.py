@@ -1,4 +1,4 @@
-"""Laboratory records as CSV files with units in their headers, converted to metres and seconds on reading."""
+"""Laboratory records, converted to metres, seconds and pascals on reading."""
 
 import warnings
 from pathlib import Path
@@ -8,11 +8,12 @@ import numpy as np
 
 from ..core.arguments import check_types, checked
 from ..core.readable import readable
-from ..core.tables import heading_of, read_table, split_label, write_table
+from ..core.tables import heading_of, split_label, write_table
 from ..core.text import parse_number, shortened
 from ..core.units import YEAR
 from .fitting import Data
 from .loads import check_times, load_steps
+from .record_files import Sheet, read_sheet, unit_of
 
 DAY = 86400.0
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
@@ -21,16 +22,26 @@ TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "year
 STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
 NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
-COLUMNS = {
-    "time": (TIME, ("time", "t")),
-    "load_point": (LENGTH, ("load_point", "load_point_displacement", "lp_disp", "displacement")),
-    "friction": (NUMBER, ("friction", "mu", "μ", "friction_coefficient")),
-    "shear_stress": (STRESS, ("shear_stress", "tau")),
-    "normal_stress": (STRESS, ("normal_stress", "sigma_n", "effective_normal_stress")),
-    "slip": (LENGTH, ("slip", "fault_slip")),
+COLUMNS = {  # where several columns of a file have names of one quantity, the first of these names is taken
+    "time": (TIME, ("time", "t", "sample_time", "elapsed_time", "test_time", "time_elapsed")),
+    "load_point": (
+        LENGTH,
+        ("load_point", "load_point_displacement", "load_point_disp", "loadpoint", "lp_displacement", "lp_disp",
+         "lpdisp", "shear_displacement", "shear_disp", "vdcdt", "displacement", "disp"),
+    ),
+    "friction": (
+        NUMBER, ("friction", "mu", "μ", "friction_coefficient", "coefficient_of_friction", "friction_coeff", "cof")
+    ),
+    "shear_stress": (STRESS, ("shear_stress", "shr_stress", "tau", "τ", "shear", "vstress")),
+    "normal_stress": (
+        STRESS,
+        ("effective_normal_stress", "eff_normal_stress", "eff_norm_stress", "effns", "normal_stress", "norm_stress",
+         "nor_stress", "sigma_n", "σ_n", "sn", "hstress"),
+    ),
+    "slip": (LENGTH, ("slip", "fault_slip", "ec_disp")),
     "velocity": (SPEED, ("velocity", "slip_velocity", "slip_rate")),
     "theta": (TIME, ("theta", "state")),
-}
+}  # fmt: skip
 LEAST = 10  # rows
 SHOWN = 8  # columns that a message lists
 
@@ -51,19 +62,21 @@ class LabRecord(NamedTuple):
 
 
 @checked
-def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabRecord:
-    """Read a record from a CSV file.
+def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None) -> LabRecord:
+    """Read a record from a table as text, an HDF5 or a MATLAB file, whichever its content is.
 
-    The file has one row of headers such as `time [s], load_point [um], friction [-]`, followed by numbers; units may
-    also be in parentheses. Required columns are time; friction, or shear_stress and normal_stress; load_point, or
-    velocity (of slip). Optional columns are slip and theta; others are ignored. Separators are commas, semicolons or
-    tabs; with the last two, numbers may have decimal commas. Lines that start with # are comments. Files that are not
-    UTF-8 are read as Windows-1252. Rows with an empty cell in a column that is used are skipped, with a warning.
+    Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
+    columns are slip and theta; others are ignored. Units stand in brackets (`time [s]`), after the name (`time_s`), in
+    a row below the names, or in the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are
+    commas, semicolons, tabs or white space; except with commas, numbers may have decimal commas. Lines that start with
+    # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows without a number in a column that is
+    used are left out, and a displacement that is counted backwards is turned round, each with a warning.
 
     Parameters
     ----------
-    columns : for a file without headers: column numbers, counted from 0, keyed by the headers they stand for, as in
-        {"time": 0, "load_point [um]": 1, "friction": 3}; a column without a unit is in metres, seconds or pascals
+    columns : numbers of columns, counted from 0, or their headings, keyed by the names they stand for, as in
+        {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. A column without a unit has that of its heading; in a
+        file without headings it is in metres, seconds or pascals
 
     Raises
     ------
@@ -71,23 +84,15 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
         with one sentence that names the offending column, unit or line, and states what is allowed.
     """
     path = Path(path)
-    header, rows = _read(path, columns)
-    places = _match_columns(path, header, si=columns is not None)
-    _check_columns(path, header, places)
-    full = [row for row in rows if all(row[1][k] for k, _ in places.values())]
-    if len(full) < len(rows):
-        first = next(number for number, fields in rows if not all(fields[k] for k, _ in places.values()))
-        warnings.warn(
-            f"{path}: {len(rows) - len(full)} of {len(rows)} rows have an empty cell and are left out; the first is "
-            f"line {first}",
-            stacklevel=2,
-        )
-    rows = full
-    if len(rows) < LEAST:
-        raise ValueError(f"{path} has {len(rows)} rows of numbers: give at least {LEAST}")
-    values = {name: np.array([_parse_number(path, row, k, name) for row in rows]) for name, (k, _) in places.items()}
+    sheet = read_sheet(path, lambda heading: _is_known(heading, columns), named=columns is not None)
+    headings, bare = (sheet.headings, False) if columns is None else _named_headings(path, sheet, columns)
+    places = _match_columns(path, headings, sheet.units, si=bare)
+    _check_columns(path, headings, places)
+    values = _numbers(path, sheet, {name: k for name, (k, _) in places.items()})
+    if len(values["time"]) < LEAST:
+        raise ValueError(f"{path} has {len(values['time'])} rows of numbers: give at least {LEAST}")
     for name, (_, factor) in places.items():
-        values[name] *= factor
+        values[name] = values[name] * factor
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():
             raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
@@ -99,12 +104,17 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
         check_times(values["time"])
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
+    for name in ("load_point", "slip"):
+        moved = np.diff(values.get(name, ()))
+        if len(moved) and moved.sum() < 0 and (moved < 0).sum() > 2 * (moved > 0).sum():
+            warnings.warn(f"{path}: {name} is counted backwards: its sign was turned round", stacklevel=2)
+            values[name] = -values[name]
     return LabRecord(**values)
 
 
 @checked
 def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = ()) -> Path:
-    """Write a record to a CSV file that `read_csv` can read, in metres, seconds and pascals.
+    """Write a record to a CSV file that `read_record` can read, in metres, seconds and pascals.
 
     Parameters
     ----------
@@ -143,42 +153,95 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     return Data(time, record.friction, legs, before=before)
 
 
-def _read(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Read the fields of the header, and the line number and fields of each row."""
-    rows = read_table(path)
-    if columns is None:
-        return rows[0][1], rows[1:]
-    width = len(rows[0][1])
-    header = [""] * width
-    for name, k in columns.items():
-        if not 0 <= k < width:
-            raise ValueError(f"{path}: column {k} was given for {name!r}: the file has columns 0 to {width - 1}")
-        header[k] = name
-    return header, rows
+def _is_known(heading: str, columns: dict[str, int | str] | None) -> bool:
+    """Whether a heading names a column that is sought."""
+    if columns is not None and heading in columns.values():
+        return True
+    return any(unit_of(heading, aliases, units)[0] in aliases for units, aliases in COLUMNS.values())
 
 
-def _match_columns(path: Path, header: list[str], *, si: bool) -> dict[str, tuple[int, float]]:
+def _named_headings(path: Path, sheet: Sheet, columns: dict[str, int | str]) -> tuple[list[str], bool]:
+    """Headings by which the user names columns, and whether the file has none of its own."""
+    width, headings, bare = len(sheet.headings), [""] * len(sheet.headings), not any(sheet.headings)
+    for name, place in columns.items():
+        if isinstance(place, str):
+            if place not in sheet.headings:
+                seen = ", ".join(repr(shortened(heading)) for heading in sheet.headings[:SHOWN] if heading)
+                raise ValueError(
+                    f"{path}: column {place!r} was given for {name!r}: the file has {seen or 'no headings'}"
+                )
+            place = sheet.headings.index(place)
+        if not 0 <= place < width:
+            raise ValueError(f"{path}: column {place} was given for {name!r}: the file has columns 0 to {width - 1}")
+        headings[place] = name
+        own = unit_of(sheet.headings[place], *_described(name))[1] or sheet.units[place]
+        if split_label(name)[1] is None and own and not bare:
+            headings[place] = f"{name} [{own}]"
+    return headings, bare
+
+
+def _described(name: str) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Names and units of the column for which a user's name stands."""
+    return next(
+        ((aliases, units) for units, aliases in COLUMNS.values() if unit_of(name, aliases, units)[0] in aliases),
+        ((), {}),
+    )
+
+
+def _numbers(path: Path, sheet: Sheet, places: dict[str, int]) -> dict[str, np.ndarray]:
+    """Numbers in columns, without the samples of which one is missing."""
+    if sheet.values is not None:
+        values = {name: sheet.values[k] for name, k in places.items()}
+        full = np.all([np.isfinite(column) for column in values.values()], axis=0)
+        return _left_out(path, values, full, [f"sample {k + 1}" for k in np.flatnonzero(~full)[:1]])
+    rows = sheet.rows or []
+    full = np.array([all(fields[k] for k in places.values()) for _, fields in rows], bool)
+    chosen = [row for row, whole in zip(rows, full, strict=True) if whole]
+    values = {name: np.array([_parse_number(path, row, k, name) for row in chosen]) for name, k in places.items()}
+    _left_out(path, {}, full, [f"line {rows[k][0]}" for k in np.flatnonzero(~full)[:1]])
+    return values
+
+
+def _left_out(path: Path, values: dict[str, np.ndarray], full: np.ndarray, missing: list[str]) -> dict[str, np.ndarray]:
+    """Samples that are complete; a warning tells of the others."""
+    if missing:
+        warnings.warn(
+            f"{path}: {(~full).sum()} of {len(full)} rows have an empty cell and are left out; the first is "
+            f"{missing[0]}",
+            stacklevel=2,
+        )
+    return {name: column[full] for name, column in values.items()}
+
+
+def _match_columns(path: Path, header: list[str], below: list[str | None], *, si: bool) -> dict[str, tuple[int, float]]:
     """Positions of known columns, and factors that convert them to metres, seconds and pascals."""
     places = {}
-    for k, field in enumerate(header):
-        word, unit = split_label(field)
-        word = word.lower().replace(" ", "_").replace("-", "_")
-        name = next((name for name, (_, aliases) in COLUMNS.items() if word in aliases), None)
-        if name is None:
+    for column, (units, aliases) in COLUMNS.items():
+        labels = [unit_of(field, aliases, units) for field in header]
+        alias = next((alias for alias in aliases if any(word == alias for word, _ in labels)), None)
+        chosen = [k for k, (word, _) in enumerate(labels) if word == alias]
+        if alias is None:
             continue
-        if name in places:
-            raise ValueError(f"{path} has two columns for {name}: keep one")
-        units = COLUMNS[name][0]
-        if unit is None and si:
-            unit = next(iter(units)) if units is not STRESS else "Pa"
-        elif unit is None and units is not NUMBER:
-            raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
-        unit = unit or ""
-        known = unit.lower() if units is STRESS else unit.replace(" ", "")
-        if known not in units:
-            raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_common_units(units))}")
-        places[name] = (k, units[known])
+        if len(chosen) > 1:
+            raise ValueError(f"{path} has two columns for {column}: keep one")
+        others = [header[k] for k, (word, _) in enumerate(labels) if word in aliases and k != chosen[0]]
+        if others:
+            warnings.warn(f"{path}: {column} is {header[chosen[0]]!r}, not {others[0]!r}", stacklevel=2)
+        places[column] = (chosen[0], _factor(path, alias, labels[chosen[0]][1] or below[chosen[0]], units, si))
     return places
+
+
+def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si: bool) -> float:
+    """Factor that converts a column to metres, seconds and pascals."""
+    if unit is None and units is not NUMBER:
+        if si:
+            return 1.0
+        raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
+    given = "" if unit is None or (units is NUMBER and unit == ".") else unit.replace(" ", "")
+    known = next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
+    if known is None:
+        raise ValueError(f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(_common_units(units))}")
+    return units[known]
 
 
 def _common_units(units: dict) -> list[str]:

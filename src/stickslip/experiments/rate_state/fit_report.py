@@ -15,7 +15,7 @@ from ...extras import require
 from ...figures import rate_state as figures
 from ...figures.style import png
 from ...friction.fitting import Fit, Solution, build_fit, solve_fit
-from ...friction.laboratory import LabRecord, read_csv, record_data
+from ...friction.laboratory import LabRecord, read_record, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
 from ...friction.remedies import stiffness_doubt, trend_gain
@@ -59,7 +59,7 @@ def fit_record(
     """
     if "stiffness" in fixed and "stiffness" in free:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
-    raw = read_csv(file, columns=_parse_columns(columns))
+    raw = read_record(file, columns=_parse_columns(columns))
     record = record_data(raw, before=before, normal=normal)
     sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
     if sprung and not has_stiffness:
@@ -109,14 +109,17 @@ def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int) -> Pos
         )  # fmt: skip
 
 
-def _parse_columns(text: str | None) -> dict[str, int] | None:
-    """Parse column numbers, such as "time=0,friction=3"."""
+def _parse_columns(text: str | None) -> dict[str, int | str] | None:
+    """Parse numbers or headings of columns, such as "time=0,load_point [um]=LVDT 2"."""
     if text is None:
         return None
-    pairs = [item.rpartition("=") for item in text.split(",")]
-    if not all(name.strip() and number.strip().isdecimal() for name, _, number in pairs):
-        raise ValueError(f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, as in 'time=0,friction=3'")
-    return {name.strip(): parse_integer(number) for name, _, number in pairs}
+    pairs = [[part.strip() for part in item.partition("=")] for item in text.split(",")]
+    if not all(name and place for name, _, place in pairs):
+        raise ValueError(
+            f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, or "
+            "NAME=HEADING, as in 'time=0,friction=mu2'"
+        )
+    return {name: parse_integer(place) if place.isdecimal() else place for name, _, place in pairs}
 
 
 def check_folder(out: Path, overwrite: bool) -> None:
