@@ -43,7 +43,7 @@ class ModelOptions(NamedTuple):
     ] = "logarithmic"
     free: Annotated[
         str | None,
-        typer.Option("--free", help="Other parameters to fit, as in 'b2,dc2' for a second state, or 'v1', 'v2'."),
+        typer.Option("--free", help="Other parameters to fit: 'b2,dc2' (a second state), 'v1', 'trend_length' …"),
     ] = None
 
     def fixed_values(self) -> dict[str, float]:
@@ -60,12 +60,13 @@ class ModelOptions(NamedTuple):
 @command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
 def fit(
     *,
-    file: Annotated[
-        Path, typer.Argument(help="A record as text, HDF5 or MATLAB: time [s], load_point [um], …")
-    ],
+    file: Annotated[Path, typer.Argument(help="A record as text, HDF5 or MATLAB: time [s], load_point [um], …")],
     model: ModelOptions,
     columns: Annotated[
         str | None, typer.Option("--columns", help="Columns by number or heading: 'time=0,friction=F/N'.")
+    ] = None,
+    velocity: Annotated[
+        str | None, typer.Option("--velocity", help="Velocities of the load point: '1e-6 until 120 s, then 10 um/s'.")
     ] = None,
     posterior: Annotated[
         bool, typer.Option("--posterior", help="Also sample the posterior: percentiles, draws, corner plot.")
@@ -88,7 +89,7 @@ def fit(
         result = fit_report.fit_record(
             file, laws=("aging", "slip") if model.law == "both" else (model.law,), fixed=model.fixed_values(),
             free=model.free_names(), before=model.before, normal=model.normal, columns=columns, form=model.form,
-            steps=steps if posterior else None,
+            steps=steps if posterior else None, velocity=velocity,
         )  # fmt: skip
     paths = fit_report.write(out, result) if out else []
     if output.as_json:

@@ -2,7 +2,8 @@
 
 RateState, Spring, LoadStep     surface, spring, one step of the load point's motion
 spring_slider, prescribed       friction of a slider under a load history; at a prescribed slip velocity
-velocity_steps, slide_hold_slide, load_steps    load histories
+velocity_steps, slide_hold_slide, stated_steps  load histories
+load_steps, find_steps  load histories from a displacement, exact or noisy
 steady_sliding, critical_stiffness  stability of steady sliding
 fit, compare_laws, Data     fitted parameters with intervals; comparison of two laws
 posterior       draws from the posterior distribution of a fit

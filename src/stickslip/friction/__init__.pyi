@@ -15,6 +15,8 @@ from .laboratory import LabRecord as LabRecord
 from .laboratory import read_record as read_record
 from .laboratory import record_data as record_data
 from .laboratory import write_csv as write_csv
+from .load_history import find_steps as find_steps
+from .load_history import stated_steps as stated_steps
 from .loads import LoadStep as LoadStep
 from .loads import load_steps as load_steps
 from .loads import slide_hold_slide as slide_hold_slide

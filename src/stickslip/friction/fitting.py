@@ -17,6 +17,7 @@ from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
 from .model import DEFAULTS, FIT, NAMES, OWN, PLAIN, Data, model_friction, prepare
 from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
+from .outliers import find_spikes, without
 from .problem import (
     Task,
     filtered_residual,
@@ -69,6 +70,7 @@ class Fit(NamedTuple):
     bic: float
     evaluations: int
     form: str = "logarithmic"
+    spikes: tuple[np.ndarray, ...] = ()  # numbers of the samples that were left out as spikes, for each data set
 
     @property
     def samples(self) -> int:
@@ -107,9 +109,9 @@ def fit(
     form : "logarithmic" or "regularized", see `RateState`
     fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, b2, dc2 (a second state, default
         none), v1, v2 (cut-off velocities, default none), stiffness, damping, alpha, theta (initial state over the
-        steady one, default 1) and trend (default 0)
-    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend"), or ("b2", "dc2") for two
-        states
+        steady one, default 1), trend (default 0) and trend_length, over which it decays (default: never)
+    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend"), ("trend", "trend_length")
+        for a trend that decays exponentially, or ("b2", "dc2") for two states
     own : parameters with a separate value for each of several records
     windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
         for all samples
@@ -151,6 +153,7 @@ class Solution(NamedTuple):
     filters: tuple
     evaluations: int
     adequate: bool
+    spikes: tuple[np.ndarray, ...] = ()
 
 
 @checked
@@ -169,11 +172,17 @@ def solve_fit(
     fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
     task = _build_task(cases, (law, form), names, fixed, own)
     x, evaluations = find_best(task)
+    spikes = find_spikes(task, x)
+    if any(map(len, spikes)):
+        cases = [case._replace(used=without(case.used, left)) for case, left in zip(task.cases, spikes, strict=True)]
+        task = task._replace(cases=cases)
+        solved = solve(task, x, WHITE)
+        x, evaluations = solved.x, evaluations + solved.nfev
     filters, adequate = WHITE, True
     if noise == "correlated":
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    return Solution(task, x, filters, evaluations, adequate)
+    return Solution(task, x, filters, evaluations, adequate, tuple(spikes))
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
@@ -229,7 +238,7 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
         if (
             not np.isfinite(value)
             or value < least
-            or (value == 0 and name in ("a", "dc", "v0", "dc2", "v1", "v2", "stiffness", "theta"))
+            or (value == 0 and name in ("a", "dc", "v0", "dc2", "v1", "v2", "stiffness", "theta", "trend_length"))
         ):
             raise ValueError(f"{name} = {value} was fixed: use a finite{'' if least < 0 else ', positive'} number")
     names = tuple(name for name in NAMES if (name in FIT or name in free) and name not in fixed)
@@ -244,6 +253,8 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
         raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
     if len({"b2", "dc2"} & {*fixed, *names}) == 1:
         raise ValueError("a second state has two parameters, b2 and dc2: give both, each fixed or free")
+    if "trend_length" in {*fixed, *names} and "trend" not in {*fixed, *names}:
+        raise ValueError("trend_length was given without a trend: fit the trend as well (--detrend)")
     if not names:
         raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
@@ -290,7 +301,7 @@ def _evaluate(task: Task, x, filters) -> Estimates:
 
 def build_fit(solution: Solution) -> Fit:
     """Compute intervals, likelihood and criteria for the best parameters."""
-    task, x, filters, evaluations, adequate = solution
+    task, x, filters, evaluations, adequate, spikes = solution
     estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
     rest = filtered_residual(task, x, filters)
     n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
@@ -310,6 +321,7 @@ def build_fit(solution: Solution) -> Fit:
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
         noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,
+        spikes=spikes,
     )  # fmt: skip
 
 

@@ -38,6 +38,8 @@ def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
     """Guesses for further parameters: a second state with a longer or a shorter D_c, and high cut-off velocities."""
     fastest = max(float(np.abs(case.velocity if case.legs is None else case.legs[1]).max()) for case in cases)
     more = {name: FAST * fastest for name in ("v1", "v2") if name in free}
+    if "trend_length" in free:
+        more["trend_length"] = max(float(np.ptp(case.place)) for case in cases) / 3
     if not {"b2", "dc2"} & set(free):
         return [{**guess, **more}]
     if {"b", "b2"} <= set(free):

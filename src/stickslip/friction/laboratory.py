@@ -10,18 +10,11 @@ from ..core.arguments import check_types, checked
 from ..core.readable import readable
 from ..core.tables import heading_of, split_label, write_table
 from ..core.text import parse_number, shortened
-from ..core.units import YEAR
 from .fitting import Data
+from .load_history import find_steps, stated_steps, with_normal
 from .loads import check_times, load_steps
-from .record_files import Sheet, read_sheet, unit_of
+from .record_files import LENGTH, NUMBER, SPEED, STRESS, TIME, Sheet, read_sheet, unit_of
 
-DAY = 86400.0
-LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
-TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
-TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
-STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
-NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
-SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
 COLUMNS = {  # where several columns of a file have names of one quantity, the first of these names is taken
     "time": (TIME, ("time", "t", "sample_time", "elapsed_time", "test_time", "time_elapsed")),
     "load_point": (
@@ -43,6 +36,7 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "theta": (TIME, ("theta", "state")),
 }  # fmt: skip
 LEAST = 10  # rows
+CROOKED = 0.2  # straight legs per sample from which a displacement counts as noisy
 SHOWN = 8  # columns that a message lists
 
 
@@ -62,7 +56,7 @@ class LabRecord(NamedTuple):
 
 
 @checked
-def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None) -> LabRecord:
+def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
     """Read a record from a table as text, an HDF5 or a MATLAB file, whichever its content is.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
@@ -77,6 +71,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     columns : numbers of columns, counted from 0, or their headings, keyed by the names they stand for, as in
         {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. A column without a unit has that of its heading; in a
         file without headings it is in metres, seconds or pascals
+    motion : False if the record need not say how the load point moved, as with `record_data(…, velocity=…)`
 
     Raises
     ------
@@ -87,7 +82,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     sheet = read_sheet(path, lambda heading: _is_known(heading, columns), named=columns is not None)
     headings, bare = (sheet.headings, False) if columns is None else _named_headings(path, sheet, columns)
     places = _match_columns(path, headings, sheet.units, si=bare)
-    _check_columns(path, headings, places)
+    _check_columns(path, headings, places, motion)
     values = _numbers(path, sheet, {name: k for name, (k, _) in places.items()})
     if len(values["time"]) < LEAST:
         raise ValueError(f"{path} has {len(values['time'])} rows of numbers: give at least {LEAST}")
@@ -129,23 +124,38 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
 
 
 @checked
-def record_data(record: LabRecord, *, before: float | None = None, normal: bool = False) -> Data:
+def record_data(
+    record: LabRecord, *, before: float | None = None, normal: bool = False, velocity: str | None = None
+) -> Data:
     """Data for `fit`: legs from the load-point displacement, or, if it was not recorded, the slip velocity.
+
+    If the displacement is so noisy that hardly any samples lie on straight lines, steps of constant velocity are found
+    in it, with a warning that states them.
 
     Parameters
     ----------
+    velocity : velocities of the load point, such as "1e-6 until 120 s, then 1e-5", instead of its displacement
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
     normal : True to include changes in normal stress, relative to its initial value (alpha, after Linker and Dieterich)
     """
     time = record.time - record.time[0]
-    if record.load_point is None:
+    if record.load_point is None and velocity is None:
         return Data(time, record.friction, velocity=record.velocity, before=before)
     factor = None
     if normal:
         if record.normal_stress is None:
             raise ValueError("the record has no normal_stress: leave --normal out")
         factor = record.normal_stress / record.normal_stress[0]
-    legs = load_steps(time, record.load_point, factor)
+    if velocity is not None:
+        legs = stated_steps(velocity, record.time)
+    else:
+        legs = load_steps(time, record.load_point)
+        if len(legs) > CROOKED * len(time):
+            steps = find_steps(time, record.load_point)
+            warnings.warn(f"{steps.sentence} [m, m/s, s]; state it with --velocity if this is wrong", stacklevel=2)
+            legs = steps.legs
+    if factor is not None:
+        legs = with_normal(legs, time, factor)
     if before is None and not legs[0].velocity > 0:
         raise ValueError(
             "the record does not start with sliding: give the slip velocity before it, or remove the start"
@@ -248,7 +258,7 @@ def _common_units(units: dict) -> list[str]:
     return [unit for unit in units if unit][:8]
 
 
-def _check_columns(path: Path, header: list[str], known: dict) -> None:
+def _check_columns(path: Path, header: list[str], known: dict, motion: bool) -> None:
     """Raise ValueError if the header lacks columns that a fit needs; with the columns seen and sought."""
     example = "as in 'time [s], load_point [um], friction [-]'"
     if "time" not in known:
@@ -257,7 +267,7 @@ def _check_columns(path: Path, header: list[str], known: dict) -> None:
         lacks = "friction"
         stresses = f"{_names('shear_stress')} with {_names('normal_stress')}, such as 'shear_stress [MPa]'"
         sought = f"{_names('friction')}, or {stresses} and 'normal_stress [MPa]'"
-    elif "load_point" not in known and "velocity" not in known:
+    elif motion and "load_point" not in known and "velocity" not in known:
         lacks, sought = "load_point or velocity", f"{_names('load_point')}, or {_names('velocity')}"
     else:
         return

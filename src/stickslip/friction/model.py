@@ -11,11 +11,27 @@ from .loads import LoadStep, check_times, leg_arrays
 from .slider import DONE, build_slider, friction, history, state_history
 
 TOLERANCE = 1e-10
-NAMES = ("a", "b", "dc", "mu0", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend")
+NAMES = (
+    "a",
+    "b",
+    "dc",
+    "mu0",
+    "b2",
+    "dc2",
+    "v1",
+    "v2",
+    "stiffness",
+    "damping",
+    "alpha",
+    "theta",
+    "trend",
+    "trend_length",
+)
 FIT = ("a", "b", "dc", "mu0")  # free unless fixed
-PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf}  # one state, and no cut-off velocities
+# one state, no cut-off velocities, and a linear trend
+PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf, "trend_length": np.inf}
 DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, **PLAIN}
-LOGARITHMIC = ("a", "b", "dc", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta")
+LOGARITHMIC = ("a", "b", "dc", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend_length")
 OWN = ("mu0", "theta", "trend")  # by default separate for each of several data sets
 
 
@@ -121,11 +137,12 @@ def model_friction(
 
     Parameters
     ----------
-    values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (initial over steady state) and trend
+    values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (initial over steady state),
+        trend and trend_length
     """
     v = PLAIN | values
     slider = build_slider(v, law, form)
-    start, trend = np.log(v["theta"] * v["v0"] / case.before), v["trend"] * case.place
+    start, trend = np.log(v["theta"] * v["v0"] / case.before), v["trend"] * _worn(case.place, v["trend_length"])
     if case.legs is None:
         mean, spans = 0.5 * (case.velocity[1:] + case.velocity[:-1]), np.diff(case.time)
         states = [np.full(len(case.time), start) for _ in range(2)]
@@ -137,3 +154,8 @@ def model_friction(
     if code != DONE or not np.isfinite(out).all():
         return None
     return friction(slider, out) + trend
+
+
+def _worn(place: np.ndarray, length: float) -> np.ndarray:
+    """Displacement that a trend counts: all of it, or L (1 − exp(−x/L)), as while a surface wears in."""
+    return place if np.isinf(length) else -length * np.expm1(-place / length)

@@ -60,7 +60,7 @@ def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
     for k, label in enumerate(task.names):
         name, row = label.split("[")[0], 0
-        simple = name == "trend" or (
+        simple = (name == "trend" and task.fixed.get("trend_length") == np.inf) or (
             name == "mu0"
             and task.form == "logarithmic"
             and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.tables import split_label, split_rows
 from ..core.text import check_regular_file, decode_text, parse_number
+from ..core.units import YEAR
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
 REMEDY = "give a table as text, an HDF5 or a MATLAB file"
@@ -18,6 +19,14 @@ MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they m
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
 LEAST = 3  # rows that a first column must number
+
+DAY = 86400.0
+LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
+TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
+TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
+STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
+NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
+SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
 
 
 class Sheet(NamedTuple):

@@ -33,6 +33,7 @@ UNITS = {
     "v2": "m/s",
     "stiffness": "1/m",
     "trend": "1/m",
+    "trend_length": "m",
     "v0": "m/s",
     "damping": "s/m",
 }
@@ -52,6 +53,7 @@ class RecordFits(NamedTuple):
 def fit_record(
     file: Path, *, laws, fixed: dict[str, float], free: tuple[str, ...] = (), before: float | None = None,
     normal: bool = False, columns: str | None = None, form: str = "logarithmic", steps: int | None = None,
+    velocity: str | None = None,
 ) -> RecordFits:  # fmt: skip
     """Read a record and fit each law to it.
 
@@ -59,8 +61,8 @@ def fit_record(
     """
     if "stiffness" in fixed and "stiffness" in free:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
-    raw = read_record(file, columns=_parse_columns(columns))
-    record = record_data(raw, before=before, normal=normal)
+    raw = read_record(file, columns=_parse_columns(columns), motion=velocity is None)
+    record = record_data(raw, before=before, normal=normal, velocity=velocity)
     sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
     if sprung and not has_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
@@ -222,8 +224,14 @@ def _show_posterior(result: Posterior) -> None:
 
 
 def doubts(result: RecordFits) -> list[str]:
-    """Return one sentence for each suspicion: a wrong unit of length or of stiffness, or a trend that was left out."""
+    """Return one sentence for each suspicion: spikes, a wrong unit of length or of stiffness, a trend left out."""
     low, high = CREDIBLE
+    spikes = [
+        f"{fit.law} law: {count} of {count + fit.samples} samples are spikes, farther from their neighbours than noise "
+        f"explains; they were left out"
+        for fit in result.fits
+        if (count := sum(map(len, fit.spikes)))
+    ]
     lengths = [
         f"{fit.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
         f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
@@ -231,7 +239,7 @@ def doubts(result: RecordFits) -> list[str]:
         if np.isfinite(dc := fit.values.get("dc", np.nan)) and not low <= dc <= high
         for unit, factor in [_likelier_unit(dc)]
     ]
-    return [*result.remedies, *lengths]
+    return [*spikes, *result.remedies, *lengths]
 
 
 def _likelier_unit(dc: float) -> tuple[str, float]:

@@ -1,0 +1,181 @@
+"""Load histories of constant velocities, as they are stated or found in the noise of a displacement."""
+
+import re
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..core.arguments import Series, checked
+from ..core.readable import readable
+from .loads import LoadStep, check_times
+from .record_files import LENGTH, TIME
+
+CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocity, on so many samples at most
+MOST = 60  # changes
+CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
+REST = 4.0  # standard errors below which a velocity counts as zero
+_LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
+
+
+@readable
+class FoundSteps(NamedTuple):
+    """Steps of constant velocity that a noisy displacement contains."""
+
+    legs: tuple[LoadStep, ...]
+    noise: float  # standard deviation of the displacement about them [length]
+    sentence: str
+
+
+@checked
+def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
+    """Legs that the user states, as in "1e-6 until 120 s, then 1e-5"; the last ends with the record.
+
+    Parameters
+    ----------
+    text : velocities of the load point, with a unit or in m/s, each but the last until a time of the record
+    time : (N,) times of the samples [s]
+
+    Raises
+    ------
+    ValueError
+        with one sentence.
+
+    Examples
+    --------
+    >>> [leg.duration for leg in stated_steps("1 um/s until 2 min, then 1e-5", [0, 200])]
+    [120.0, 80.0]
+    """
+    check_times(np.asarray(time, float))
+    parts, legs, start, end = text.split(","), [], float(time[0]), float(time[-1])
+    for k, part in enumerate(parts):
+        match, last = _LEG.fullmatch(part), k == len(parts) - 1
+        try:
+            number, length, span, until, unit = match.groups() if match else (None,) * 5
+            velocity = float(number) * LENGTH[length or "m"] / TIME[span or "s"]
+            stop = end if last and until is None else float(until) * TIME[unit or "s"]
+        except (TypeError, ValueError, KeyError):
+            raise ValueError(
+                f"--velocity: {part.strip()!r} was given: use velocities and times, as in '1e-6 until 120 s, then "
+                f"10 um/s'"
+            ) from None
+        if not start < stop <= end:
+            raise ValueError(
+                f"--velocity: a leg ends at {stop:g} s: it must end after {start:g} s, and the record ends at {end:g} s"
+            )
+        legs.append(LoadStep(stop - start, velocity))
+        start = stop
+    if start < end:
+        raise ValueError(
+            f"--velocity ends at {start:g} s, the record at {end:g} s: say what follows, or leave out 'until'"
+        )
+    return tuple(legs)
+
+
+@checked
+def find_steps(time: Series, load_point: Series) -> FoundSteps:
+    """Steps of constant velocity in a noisy displacement of the load point.
+
+    A continuous line of straight pieces is fitted by least squares; a change of velocity is added where it lowers the
+    sum of squares most, as long as it does so by far more than noise would. Then all times of change are refined
+    together. Velocities that are zero within their errors become holds.
+
+    Parameters
+    ----------
+    time : (N,) increasing [time]
+    load_point : (N,) [length]
+    """
+    time, place = np.asarray(time, float), np.asarray(load_point, float)
+    check_times(time)
+    thin = max(1, -(-len(time) // SEARCHED))
+    sparse, rough = time[::thin], place[::thin]
+    worth = CERTAIN * np.log(len(time)) * float(np.mean(np.diff(place, 2) ** 2)) / 6
+    changes = np.zeros(0)
+    while len(changes) < MOST:
+        gain, best = _best_change(sparse, rough, changes)
+        if gain * thin < worth:
+            break
+        changes = _refine(sparse, rough, np.sort(np.append(changes, best)))
+    changes = _without_needless(time, place, _refine(time, place, changes) if thin > 1 else changes, worth)
+    basis = _pieces(time, changes)
+    slopes, *_ = np.linalg.lstsq(basis, place, rcond=None)
+    rest = place - basis @ slopes
+    noise = float(np.sqrt(rest @ rest / max(len(time) - 2 * len(changes) - 2, 1)))
+    error = noise * np.sqrt(np.diag(np.linalg.pinv(basis.T @ basis)))
+    velocity = np.where(abs(slopes[1:]) < REST * error[1:], 0.0, slopes[1:])
+    legs = tuple(map(LoadStep, np.diff([time[0], *changes, time[-1]]).tolist(), velocity.tolist()))
+    ends = [f"{leg.velocity:.3g} until {end:.6g}" for leg, end in zip(legs, changes, strict=False)]
+    text = ", then ".join([*ends, f"{legs[-1].velocity:.3g}"])
+    return FoundSteps(legs, noise, f"the load point has noise of {noise:.2g}; its velocity is {text}")
+
+
+def _pieces(time: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Basis of continuous lines: the value at the start, and the time spent in each piece, (N, K + 2)."""
+    edges = np.array([time[0], *changes, time[-1]])
+    spent = [np.clip(time, low, high) - low for low, high in pairwise(edges)]
+    return np.stack([np.ones(len(time)), *spent], axis=1)
+
+
+def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
+    """Largest fall of the sum of squares by one more change of velocity, and its time."""
+    q, _ = np.linalg.qr(_pieces(time, changes))
+    rest = place - q @ (q.T @ place)
+    tried = time[np.unique(np.linspace(2, len(time) - 3, CANDIDATES).astype(int))]
+    bends = np.maximum(time[:, None] - tried, 0.0)
+    bends -= q @ (q.T @ bends)
+    size = (bends**2).sum(axis=0)
+    gain = np.where(size > 1e-9 * size.max(initial=1e-300), (rest @ bends) ** 2 / np.maximum(size, 1e-300), 0.0)
+    return float(gain.max(initial=0.0)), float(tried[int(gain.argmax())])
+
+
+def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, worth: float) -> np.ndarray:
+    """Changes of velocity without those that a shift of their neighbours makes needless."""
+    while len(changes):
+        fewer = [_refine(time, place, np.delete(changes, k)) for k in range(len(changes))]
+        sums = [_misfit(time, place, rest) for rest in fewer]
+        least = int(np.argmin(sums))
+        if sums[least] - _misfit(time, place, changes) > worth:
+            break
+        changes = fewer[least]
+    return changes
+
+
+def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
+    """Sum of squares about the best line with given times of change."""
+    q, _ = np.linalg.qr(_pieces(time, changes))
+    rest = place - q @ (q.T @ place)
+    return float(rest @ rest)
+
+
+def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Times of change that minimise the sum of squares; they keep their order."""
+    if not len(changes):
+        return changes
+    edges = np.array([time[0], *changes, time[-1]])
+    room = 0.45 * np.minimum(np.diff(edges)[:-1], np.diff(edges)[1:])
+
+    def rest(moved: np.ndarray) -> np.ndarray:
+        q, _ = np.linalg.qr(_pieces(time, moved))
+        return place - q @ (q.T @ place)
+
+    scale = float(np.abs(rest(changes)).max()) or 1.0
+    bounds = (changes - room, changes + room)
+    return least_squares(lambda moved: rest(moved) / scale, changes, bounds=bounds, x_scale=room, diff_step=1e-6).x
+
+
+def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:
+    """Legs that are cut where the normal stress changes, which is held from each sample to the next.
+
+    Parameters
+    ----------
+    time : (N,) from the start of the legs [time]
+    factor : (N,) normal stress over its reference
+    """
+    ends = np.cumsum([leg.duration for leg in legs])
+    cuts = time[1:][np.diff(factor) != 0]
+    edges = np.unique(np.concatenate([[0.0], ends, cuts[cuts < ends[-1]]]))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    velocity = [legs[min(k, len(legs) - 1)].velocity for k in np.searchsorted(ends, middle)]
+    held = factor[np.maximum(np.searchsorted(time, middle, side="right") - 1, 0)]
+    return tuple(map(LoadStep, np.diff(edges).tolist(), velocity, held.tolist()))

@@ -1,0 +1,163 @@
+"""Records with faults: a noisy load point, stated velocities, spikes."""
+
+import numpy as np
+import pytest
+
+from stickslip.friction.fitting import fit
+from stickslip.friction.laboratory import LabRecord, record_data, write_csv
+from stickslip.friction.load_history import find_steps, stated_steps, with_normal
+from stickslip.friction.loads import LoadStep, velocity_steps
+from stickslip.friction.model import Data
+from stickslip.friction.ratestate import RateState, Spring, spring_slider
+from tests.conftest import stickslip_here
+
+SURFACE, SPRING = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), Spring(1e4)
+LEGS = velocity_steps([1e-6, 1e-5, 1e-6], distance=1.5e-4)
+TRUE = {"a": 0.010, "b": 0.006, "dc": 1e-5}
+TIMES = np.arange(0.0, sum(leg.duration for leg in LEGS), 0.1)  # 10 Hz
+CLEAN = spring_slider(SURFACE, SPRING, LEGS, times=TIMES)
+
+
+def noisy(seed, *, load_point=0.3e-6, friction=1e-3):
+    """Record with noise of the load point [m] and of the friction."""
+    rng, n = np.random.default_rng(seed), len(TIMES)
+    place = CLEAN.load_point + load_point * rng.normal(size=n)
+    return LabRecord(TIMES, CLEAN.friction + friction * rng.normal(size=n), place)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3e-6, 1e-6])
+def test_steps_are_found_in_a_noisy_displacement(noise):
+    rng = np.random.default_rng(3)
+    ends, velocity = np.array([0.0, 60.013, 119.97, 180.02, 240.0]), [1e-6, 1e-5, 0.0, 3e-6]
+    time = np.linspace(0, 240, 1200)
+    place = np.interp(time, ends, np.r_[0.0, np.cumsum(np.diff(ends) * velocity)]) + noise * rng.normal(size=1200)
+    steps = find_steps(time, place)
+    assert [leg.velocity for leg in steps.legs] == pytest.approx(velocity, rel=0.01 if noise else 1e-6)
+    errors = np.cumsum([leg.duration for leg in steps.legs])[:-1] - ends[1:-1]
+    assert np.abs(errors[:2]).max() < 0.05  # seconds, a quarter of a sample
+    assert steps.noise == pytest.approx(noise, rel=0.1, abs=1e-12)
+
+
+def test_a_straight_line_has_no_steps():
+    rng = np.random.default_rng(4)
+    time = np.linspace(0, 100, 3000)
+    assert all(len(find_steps(time, 1e-6 * time + 1e-6 * rng.normal(size=3000)).legs) == 1 for _ in range(20))
+
+
+def test_noise_of_the_load_point_is_told_and_does_not_bias_a_fit():
+    with pytest.warns(
+        UserWarning, match=r"noise of 3e-07; its velocity is 1e-06 until 149\.9.*, then 9\.99e-06 until 165"
+    ):
+        data = record_data(noisy(1))
+    assert len(data.legs) == 3
+    best = fit(data, law="aging", fixed={"stiffness": 1e4})
+    for name, true in TRUE.items():
+        assert abs(best.values[name] - true) < 4 * best.errors[name] < 0.2 * true
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("law", ["aging", "slip"])
+@pytest.mark.filterwarnings("ignore:the load point has noise")
+def test_intervals_hold_the_truth_with_a_noisy_load_point_and_spikes(law):
+    count, z = 400, []
+    clean = spring_slider(SURFACE._replace(law=law), SPRING, LEGS, times=TIMES).friction
+    for seed in range(count):
+        rng, record = np.random.default_rng(1000 + seed), noisy(seed)
+        friction = record.friction - CLEAN.friction + clean
+        friction[rng.choice(len(TIMES), 12, replace=False)] += 0.05 * rng.choice([-1, 1], 12)
+        best = fit(record_data(record._replace(friction=friction)), law=law, fixed={"stiffness": 1e4})
+        z.append([(best.values[n] - true) / best.errors[n] for n, true in TRUE.items()])
+    assert (np.abs(np.mean(z, axis=0)) < 0.3).all(), np.mean(z, axis=0)
+    inside = (np.abs(z) < 1.96).mean(axis=0)
+    assert ((inside > 0.93 - 0.02) & (inside < 0.97 + 0.02)).all(), inside  # two statistical errors of 1 %
+
+
+def test_velocities_can_be_stated():
+    legs = stated_steps("1 um/s until 150 s, then 1e-5 until 2.75 min, then 60 um/min", TIMES)
+    assert [leg.duration for leg in legs] == pytest.approx([150, 15, TIMES[-1] - 165])
+    assert [leg.velocity for leg in legs] == pytest.approx([1e-6, 1e-5, 1e-6])
+    data = record_data(noisy(2)._replace(load_point=None), velocity="1e-6 until 150 s, then 1e-5 until 165, then 1e-6")
+    assert [leg.velocity for leg in data.legs] == [1e-6, 1e-5, 1e-6]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("fast", "'fast' was given: use velocities and times"),
+        ("1e-6 until 150 s, then", "'then' was given"),
+        ("1e-6 until 900 s, then 1e-5", "a leg ends at 900 s: it must end after 0 s, and the record ends at 314.9 s"),
+        ("1e-6 until 150 s, then 1e-5 until 120 s, then 1", "a leg ends at 120 s: it must end after 150 s"),
+        ("1e-6 until 150 s", "ends at 150 s, the record at 314.9 s: say what follows"),
+        ("1e-6 until 150 furlongs, then 1", "was given: use velocities and times"),
+        ("", "'' was given"),
+    ],
+)
+def test_velocities_that_make_no_sense_are_refused_in_a_sentence(text, sentence):
+    with pytest.raises(ValueError) as caught:
+        stated_steps(text, TIMES)
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_legs_are_cut_where_the_normal_stress_changes():
+    legs = (LoadStep(2.5, 1.0), LoadStep(2.5, 2.0))
+    cut = with_normal(legs, np.arange(6.0), np.array([1.0, 1.0, 1.0, 1.0, 1.2, 1.2]))
+    assert [tuple(leg) for leg in cut] == [(2.5, 1.0, 1.0), (1.5, 2.0, 1.0), (1.0, 2.0, 1.2)]
+
+
+def spiked(seed, size=0.05, count=12):
+    rng, record = np.random.default_rng(seed), noisy(seed, load_point=0.0)
+    places = rng.choice(len(TIMES), count, replace=False)
+    friction = record.friction.copy()
+    friction[places] += size * rng.choice([-1, 1], count)
+    return Data(TIMES, friction, LEGS), Data(TIMES, record.friction, LEGS), places
+
+
+@pytest.mark.parametrize("law", ["aging", "slip"])
+def test_spikes_are_left_out_and_counted(law):
+    data, clean, places = spiked(3)
+    with_spikes, without = (fit(record, law=law, fixed={"stiffness": 1e4}) for record in (data, clean))
+    assert set(with_spikes.spikes[0]) == set(places) and not len(without.spikes[0])
+    assert with_spikes.samples == len(TIMES) - 12
+    if law == "aging":
+        for name in TRUE:
+            assert with_spikes.errors[name] == pytest.approx(without.errors[name], rel=0.05)
+            assert abs(with_spikes.values[name] - without.values[name]) < without.errors[name]
+
+
+def test_a_law_that_does_not_fit_makes_no_spikes():
+    assert not len(fit(Data(TIMES, CLEAN.friction, LEGS), law="slip", fixed={"stiffness": 1e4}).spikes[0])
+
+
+def test_long_tails_are_noise_and_no_spikes():
+    heavy = CLEAN.friction + 1e-3 * np.random.default_rng(1).standard_t(1.2, len(TIMES))
+    assert not len(fit(Data(TIMES, heavy, LEGS), law="aging", fixed={"stiffness": 1e4}).spikes[0])
+
+
+@pytest.mark.parametrize("length", [5e-5, 1e-4])
+def test_an_exponential_trend_is_fitted(length):
+    place = np.interp(TIMES, np.cumsum([0, *(leg.duration for leg in LEGS)]), [0, 1.5e-4, 3e-4, 4.5e-4])
+    noise = 1e-4 * np.random.default_rng(5).normal(size=len(TIMES))
+    data = Data(TIMES, CLEAN.friction + noise - 300.0 * length * (1 - np.exp(-place / length)), LEGS)
+    free = ("trend", "trend_length")
+    best = fit(data, law="aging", fixed={"stiffness": 1e4}, free=free)
+    for name, true in (TRUE | {"trend": -300.0, "trend_length": length}).items():
+        low, high = best.intervals[name]
+        assert low - 0.5 * (high - low) < true < high + 0.5 * (high - low) and high - low < 0.2 * abs(true)
+    with pytest.raises(ValueError, match="trend_length was given without a trend"):
+        fit(data, law="aging", fixed={"stiffness": 1e4}, free=("trend_length",))
+
+
+def test_the_command_line_states_velocities_and_counts_spikes(tmp_path):
+    record = noisy(4)._replace(load_point=None, velocity=None)
+    friction = record.friction.copy()
+    friction[[100, 900, 2000]] += 0.1
+    write_csv(tmp_path / "a.csv", record._replace(friction=friction))
+    arguments = ("fit", "a.csv", "--stiffness", "1e4", "--law", "aging")
+    done = stickslip_here(
+        *arguments, "--velocity", "1 um/s until 150 s, then 10 um/s until 165 s, then 1 um/s", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "3 of 3150 samples are spikes" in " ".join(done.stdout.split())
+    done = stickslip_here(*arguments, "--velocity", "brisk", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
