@@ -8,7 +8,7 @@ from stickslip.friction.fitting import fit, solve_fit
 from stickslip.friction.laboratory import LabRecord, write_csv
 from stickslip.friction.loads import velocity_steps
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
-from stickslip.friction.remedies import trend_gain
+from stickslip.friction.remedies import gain_by
 
 STIFFNESS, TREND, NOISE = 1500.0, 4.0, 2e-4
 SURFACE = RateState(0.010, 0.013, 1e-5, 0.6, 1e-6, "slip")
@@ -43,7 +43,7 @@ def test_a_trend_that_was_left_out_is_measured(tmp_path, lab):
 def test_noise_alone_is_no_trend(tmp_path, lab):
     assert fit_report.doubts(found_in(tmp_path, lab)) == []
     data = found_in(tmp_path, lab).data
-    gain = trend_gain(solve_fit(data, law="slip", fixed={"stiffness": STIFFNESS}))
+    gain = gain_by("trend", solve_fit(data, law="slip", fixed={"stiffness": STIFFNESS}))
     assert 0 <= gain.fall < 0.01 and not gain.helps
 
 
@@ -51,11 +51,11 @@ def test_every_record_has_a_trend_of_its_own(lab):
     first = fit_report.record_data(lab)
     second = first._replace(friction=first.friction + TREND * np.interp(first.time, first.time, lab.load_point))
     solution = solve_fit([first, second], law="slip", fixed={"stiffness": STIFFNESS})
-    gain = trend_gain(solution)
+    gain = gain_by("trend", solution)
     assert gain.helps
-    assert gain.trends == pytest.approx([0.0, TREND], abs=0.3)  # the errors of single fits are 0.1/m
+    assert gain.values == pytest.approx([0.0, TREND], abs=0.3)  # the errors of single fits are 0.1/m
     refitted = fit([first, second], law="slip", fixed={"stiffness": STIFFNESS}, free=("trend",))
-    assert gain.trends == pytest.approx([refitted.values["trend[1]"], refitted.values["trend[2]"]], abs=0.05)
+    assert gain.values == pytest.approx([refitted.values["trend[1]"], refitted.values["trend[2]"]], abs=0.05)
 
 
 @pytest.mark.parametrize(

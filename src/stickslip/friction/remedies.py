@@ -1,6 +1,6 @@
-"""Remedies for fits that describe a record badly: a trend that was left out, and a stiffness in another unit.
+"""Remedies for fits that describe a record badly: what was left out, and a stiffness in another unit.
 
-Both are measured by a second fit of the same record.
+They are measured by a second fit of the same record.
 """
 
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .fitting import EXACT, Solution, build_fit, solve_fit
-from .model import Data, Prepared
+from .model import LOGARITHMIC, Data, Prepared
 from .noise import WHITE, autoregression, effective_samples
 from .problem import pieces, residual, solve
 
@@ -23,11 +23,12 @@ NORMAL = 1e4, 1e9  # normal stresses in laboratories [Pa]
 USUAL = 1e7  # [Pa]
 
 
-class TrendGain(NamedTuple):
-    """What trends would change in a fit without them."""
+class Gain(NamedTuple):
+    """What one more parameter for each record would change in a fit without it."""
 
-    trends: tuple[float, ...]  # one for each record [1/length]
-    before: float  # root mean square of the residuals, without and with trends
+    values: tuple[float, ...]  # of the parameter, one for each record
+    shifts: dict[str, float]  # change of each other parameter, relative if it is positive
+    before: float  # root mean square of the residuals, without and with the parameter
     after: float
     helps: bool  # True if the residuals fall noticeably, and by more than noise explains
 
@@ -37,8 +38,8 @@ class TrendGain(NamedTuple):
         return 1 - self.after / self.before
 
 
-def trend_gain(solution: Solution) -> TrendGain:
-    """Fit a trend, linear in displacement, to each record as well, starting from a solution without trends.
+def gain_by(name: str, solution: Solution) -> Gain:
+    """Fit one more parameter of each record as well: "trend", or "theta" if it did not start in steady state.
 
     The fall of the sum of squares is compared with the number of independent samples in the residuals that remain, so
     that slow noise is not mistaken for a trend.
@@ -46,20 +47,23 @@ def trend_gain(solution: Solution) -> TrendGain:
     task, start = solution.task, solution.x
     before = residual(task, start)
     size, scatter = float(np.sqrt(np.mean(before**2))), task.scatter
-    if "trend" in task.slots[0] or size < EXACT * scatter:
-        return TrendGain((0.0,) * len(task.cases), size, size, helps=False)
+    if name in task.slots[0] or size < EXACT * scatter:
+        return Gain((0.0,) * len(task.cases), {}, size, size, helps=False)
     count = len(start)
     more = task._replace(
-        names=(*task.names, *(f"trend[{k + 1}]" for k in range(len(task.cases)))),
-        slots=[slot | {"trend": count + k} for k, slot in enumerate(task.slots)],
-        fixed={name: value for name, value in task.fixed.items() if name != "trend"},
+        names=(*task.names, *(f"{name}[{k + 1}]" for k in range(len(task.cases)))),
+        slots=[slot | {name: count + k} for k, slot in enumerate(task.slots)],
+        fixed={key: value for key, value in task.fixed.items() if key != name},
     )
     x = solve(more, np.append(start, np.zeros(len(task.cases))), WHITE).x
     after = residual(more, x)
     independent = effective_samples(autoregression([after[run] for run in pieces(more)]), len(after))
     rest = float(np.sqrt(np.mean(after**2)))
     sure = (size**2 / max(rest, EXACT * scatter) ** 2 - 1) * independent > SURE
-    return TrendGain(tuple(x[count:].tolist()), size, rest, helps=sure and 1 - rest / size > LEAST_FALL)
+    moved = np.where(task.logs, np.expm1(x[:count] - start), x[:count] - start)
+    values = np.exp(x[count:]) if name in LOGARITHMIC else x[count:]
+    shifts = dict(zip(task.names, moved.tolist(), strict=True))
+    return Gain(tuple(values.tolist()), shifts, size, rest, helps=sure and 1 - rest / size > LEAST_FALL)
 
 
 class StiffnessDoubt(NamedTuple):

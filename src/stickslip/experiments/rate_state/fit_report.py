@@ -18,7 +18,7 @@ from ...friction.fitting import Fit, Solution, build_fit, solve_fit
 from ...friction.laboratory import LabRecord, read_record, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
-from ...friction.remedies import stiffness_doubt, trend_gain
+from ...friction.remedies import gain_by, stiffness_doubt
 from ...friction.sampling import PERCENTS, Posterior, posterior
 from ...reports.terminal import console, new_table, progress, show_table
 
@@ -88,11 +88,21 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[
     for solution in solutions:
         if doubt := stiffness_doubt(record, solution, normal):
             out.append(f"{solution.task.law} law: {doubt}")
-        elif (gain := trend_gain(solution)).helps:
+            continue
+        trend, state = gain_by("trend", solution), gain_by("theta", solution)
+        if trend.helps and trend.after <= state.after:
             out.append(
-                f"{solution.task.law} law: friction has a trend of {gain.trends[0]:.3g} 1/m, which was not fitted; "
-                f"with it, the standard deviation of the residuals falls by {100 * gain.fall:.0f} %, from "
-                f"{gain.before:.2g} to {gain.after:.2g}: --detrend may help"
+                f"{solution.task.law} law: friction has a trend of {trend.values[0]:.3g} 1/m, which was not fitted; "
+                f"with it, the standard deviation of the residuals falls by {100 * trend.fall:.0f} %, from "
+                f"{trend.before:.2g} to {trend.after:.2g}: --detrend may help"
+            )
+        elif state.helps:
+            shifts = ", ".join(
+                f"{name} by {100 * state.shifts[name]:+.2g} %" for name in ("a", "b", "dc") if name in state.shifts
+            )
+            out.append(
+                f"{solution.task.law} law: the record does not start in steady state, but with {state.values[0]:.3g} times "
+                f"its state; this changes {shifts}: use --free theta, or remove the start"
             )
     return tuple(out)
 
