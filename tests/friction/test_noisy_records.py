@@ -154,10 +154,11 @@ def test_the_command_line_states_velocities_and_counts_spikes(tmp_path):
     friction[[100, 900, 2000]] += 0.1
     write_csv(tmp_path / "a.csv", record._replace(friction=friction))
     arguments = ("fit", "a.csv", "--stiffness", "1e4", "--law", "aging")
-    done = stickslip_here(
-        *arguments, "--velocity", "1 um/s until 150 s, then 10 um/s until 165 s, then 1 um/s", cwd=tmp_path
-    )
+    velocity = "1 um/s until 150 s, then 10 um/s until 165 s, then 1 um/s"
+    done = stickslip_here(*arguments, "--velocity", velocity, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    free = stickslip_here("fit", "a.csv", "--free-stiffness", "--law", "aging", "--velocity", velocity, cwd=tmp_path)
+    assert "correlation of the stiffness with a " in free.stdout and "correlation" not in done.stdout
     assert "3 of 3150 samples are spikes" in " ".join(done.stdout.split())
     done = stickslip_here(*arguments, "--velocity", "brisk", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

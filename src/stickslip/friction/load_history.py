@@ -44,7 +44,8 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
 
     Examples
     --------
-    >>> [leg.duration for leg in stated_steps("1 um/s until 2 min, then 1e-5", [0, 200])]
+    >>> legs = stated_steps("1 um/s until 2 min, then 1e-5", [0, 200])
+    >>> [leg.duration for leg in legs]
     [120.0, 80.0]
     """
     check_times(np.asarray(time, float))

@@ -101,8 +101,8 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[
                 f"{name} by {100 * state.shifts[name]:+.2g} %" for name in ("a", "b", "dc") if name in state.shifts
             )
             out.append(
-                f"{solution.task.law} law: the record does not start in steady state, but with {state.values[0]:.3g} times "
-                f"its state; this changes {shifts}: use --free theta, or remove the start"
+                f"{solution.task.law} law: the record does not start in steady state, but with {state.values[0]:.3g} "
+                f"times its state; this changes {shifts}: use --free theta, or remove the start"
             )
     return tuple(out)
 
@@ -208,6 +208,8 @@ def show(result: RecordFits) -> None:
         show_table(table)
         count = f"equivalent to {fit.effective:.0f} independent ones" if len(fit.noise) else "independent of each other"
         console.print(f"  noise {fit.sigma:.2e}; {fit.samples} samples, {count}")
+        if together := _trade_offs(fit):
+            console.print(f"  {together}")
         if not (fit.identifiable and fit.adequate):
             console.print(f"  {fit.sentence}", style="yellow")
         console.print()
@@ -217,6 +219,16 @@ def show(result: RecordFits) -> None:
         console.print(sentence, style="yellow")
     if result.comparison is not None:
         console.print(result.comparison.sentence, style="bold")
+
+
+def _trade_offs(fit: Fit) -> str:
+    """Sentence on the parameters that a fitted stiffness trades off with; empty without one."""
+    if "stiffness" not in fit.names or not np.isfinite(fit.values["stiffness"]):
+        return ""
+    size = np.sqrt(np.diag(fit.covariance))
+    row = (fit.covariance / np.outer(size, size))[fit.names.index("stiffness")]
+    pairs = [(name, r) for name, r in zip(fit.names, row, strict=True) if name != "stiffness" and np.isfinite(r)]
+    return f"correlation of the stiffness with {', '.join(f'{name} {r:+.2f}' for name, r in pairs)}" if pairs else ""
 
 
 def _show_posterior(result: Posterior) -> None:
