@@ -5,7 +5,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ..core.arguments import Series, checked
 from ..core.readable import readable
@@ -13,9 +12,9 @@ from .loads import LoadStep, check_times
 from .record_files import LENGTH, TIME
 
 CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocity, on so many samples at most
-MOST = 60  # changes
+MOST, ROUNDS = 60, 40  # changes, and iterations of their times
 CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
-REST = 4.0  # standard errors below which a velocity counts as zero
+REST, EXACT = 4.0, 1e-9  # standard errors, and share of the largest velocity, below which one counts as zero
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
 
 
@@ -104,7 +103,8 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
     rest = place - basis @ slopes
     noise = float(np.sqrt(rest @ rest / max(len(time) - 2 * len(changes) - 2, 1)))
     error = noise * np.sqrt(np.diag(np.linalg.pinv(basis.T @ basis)))
-    velocity = np.where(abs(slopes[1:]) < REST * error[1:], 0.0, slopes[1:])
+    least = np.maximum(REST * error[1:], EXACT * np.abs(slopes[1:]).max())
+    velocity = np.where(np.abs(slopes[1:]) < least, 0.0, slopes[1:])
     legs = tuple(map(LoadStep, np.diff([time[0], *changes, time[-1]]).tolist(), velocity.tolist()))
     ends = [f"{leg.velocity:.3g} until {end:.6g}" for leg, end in zip(legs, changes, strict=False)]
     text = ", then ".join([*ends, f"{legs[-1].velocity:.3g}"])
@@ -144,25 +144,43 @@ def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, 
 
 def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
     """Sum of squares about the best line with given times of change."""
-    q, _ = np.linalg.qr(_pieces(time, changes))
-    rest = place - q @ (q.T @ place)
+    rest = _rest(time, place, changes)
     return float(rest @ rest)
 
 
+def _rest(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Residuals about the best line with given times of change."""
+    basis = _pieces(time, changes)
+    basis /= np.abs(basis).max(axis=0)
+    square = np.einsum("ni,nj->ij", basis, basis)  # a QR decomposition of so few columns takes many times longer
+    return place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
+
+
 def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Times of change that minimise the sum of squares; they keep their order."""
-    if not len(changes):
-        return changes
-    edges = np.array([time[0], *changes, time[-1]])
-    room = 0.45 * np.minimum(np.diff(edges)[:-1], np.diff(edges)[1:])
+    """Times of change at which the lines of neighbouring pieces meet, each fitted to its own samples.
 
-    def rest(moved: np.ndarray) -> np.ndarray:
-        q, _ = np.linalg.qr(_pieces(time, moved))
-        return place - q @ (q.T @ place)
+    They have the same limiting distribution as those of the best continuous line (Feder, doi:10.1214/aos/1176342999).
+    """
+    for _ in range(ROUNDS if len(changes) else 0):
+        edges = np.array([time[0], *changes, time[-1]])
+        room = 0.45 * np.minimum(np.diff(edges)[:-1], np.diff(edges)[1:])
+        piece = np.searchsorted(changes, time)
+        count, t, x, tt, tx = (np.bincount(piece, v, len(edges) - 1) for v in _moments(time - time[0], place))
+        spread = count * tt - t**2
+        slope = np.divide(count * tx - t * x, spread, out=np.zeros_like(t), where=(count > 1) & (spread > 0))
+        height = np.divide(x - slope * t, count, out=np.zeros_like(t), where=count > 0)
+        bend, gap = np.diff(slope), -np.diff(height)
+        meets = time[0] + np.divide(gap, bend, out=changes - time[0], where=(bend != 0) & (np.diff(count > 1) == 0))
+        moved = np.clip(meets, changes - room, changes + room)
+        if np.allclose(moved, changes, rtol=1e-12, atol=0):
+            break
+        changes = moved
+    return changes
 
-    scale = float(np.abs(rest(changes)).max()) or 1.0
-    bounds = (changes - room, changes + room)
-    return least_squares(lambda moved: rest(moved) / scale, changes, bounds=bounds, x_scale=room, diff_step=1e-6).x
+
+def _moments(time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Summands of the sums that a straight line needs."""
+    return np.ones(len(time)), time, place, time**2, time * place
 
 
 def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:
