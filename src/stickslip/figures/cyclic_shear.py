@@ -14,13 +14,14 @@ PARTS = {
     "sliding": BLUE, "rolling": GREEN, "dashpots": ORANGE, "drag": RED, "nonpotential": PURPLE, "stored": SKY,
     "normal": "0.6", "residual": BLACK,
 }  # fmt: skip
+WORDS = {"nonpotential": "changed springs", "normal": r"less work of $\sigma_{yy}$"}
 MARKERS = {"elastic": "o", "reversible": "s", "periodic": "D", "irreversible": "x", "undecided": "+"}
 GREY = "0.85"
 
 
 @styled
 def loops(curves: dict):
-    """Loops at up to six amplitudes: all cycles pale, the last one drawn.
+    """Loops at up to six amplitudes about the mean stress of the last cycle, which is dark.
 
     Parameters
     ----------
@@ -32,6 +33,7 @@ def loops(curves: dict):
     figure, panels = plt.subplots(rows, 2, figsize=size, sharex=True, sharey=True, squeeze=False)
     for axes, amplitude in zip(panels.flat, chosen, strict=False):
         gamma, tau = curves[amplitude]
+        tau = tau - 0.5 * (tau[-1].max() + tau[-1].min())
         for x, y in zip(gamma[:-1], tau[:-1], strict=True):
             axes.plot(x, y, color=SKY, lw=0.6)
         axes.plot(gamma[-1], tau[-1], color=BLUE)
@@ -40,6 +42,7 @@ def loops(curves: dict):
         axes.set_axis_off()
     for axes in panels[-1]:
         label_axes(axes, x=r"$\gamma/\gamma_0$")
+        axes.set_xticks([-1, 0, 1])
     for axes in panels[:, 0]:
         label_axes(axes, y=r"$\tau/(G_\mathrm{max}\gamma_0)$")
     return figure
@@ -56,15 +59,15 @@ def modulus_and_damping(tables: list[_Table], sands: dict | None = None):
     figure, panels = column_axes(2, 4.0, sharex=True)
     for axes, name in zip(panels, ("G_ratio", "damping"), strict=True):
         if sands:
-            axes.fill_between(sands["amplitude"], *sands[name], color=GREY, lw=0, label="sands")
+            axes.fill_between(sands["amplitude"], *sands[name], color=GREY, lw=0, label="sands (Darendeli, Menq)")
         for k, table in enumerate(tables):
             color = COLORS[k % len(COLORS)]
             label = "grains" if k == 0 else None
             axes.plot(table["amplitude"], table[name], "o-", color=color, label=label)
         axes.set_xscale("log")
-    panels[1].yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     label_axes(panels[0], y=r"$G/G_\mathrm{max}$")
     label_axes(panels[1], x=AMPLITUDE, y=r"damping ratio $D$")
+    panels[1].yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     panels[0].set_ylim(0, None)
     panels[0].legend(loc="lower left")
     return figure
@@ -97,14 +100,17 @@ def work(table: _Table, parts: tuple[str, ...]):
         share = table[name][clear]
         if not np.abs(share).max(initial=0.0) > 1e-4:
             continue
-        axes.bar(place, share, 0.7, bottom=np.where(share > 0, above, below), color=PARTS[name], label=name)
+        axes.bar(
+            place, share, 0.7, bottom=np.where(share > 0, above, below), color=PARTS[name], label=WORDS.get(name, name)
+        )
         above, below = above + np.maximum(share, 0), below + np.minimum(share, 0)
     axes.axhline(0, color=BLACK, lw=0.5)
     label_axes(axes, x=AMPLITUDE, y="share of the area of the loop")
     axes.set_xticks(place, [f"{amplitude:g}" for amplitude in table["amplitude"][clear]])
     axes.set_xlim(-0.6, max(len(place), 1) - 0.4)
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
-    figure.legend(loc="outside upper center", ncols=4)
+    if len(place):
+        figure.legend(loc="outside upper center", ncols=4)
     return figure
 
 

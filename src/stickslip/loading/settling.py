@@ -63,8 +63,9 @@ def strain_step(
 ) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
-    Where Newton's method stalls, dynamics strains the cell at a constant rate within a few time scales, so that grains
-    rearrange under the stress that they bear, and then brings the sample to rest.
+    Where Newton's method stalls, or ends on another branch, so that energies do not balance, dynamics strains the cell
+    at a constant rate within a few time scales, so that grains rearrange under the stress that they bear, and then
+    brings the sample to rest.
 
     Parameters
     ----------
@@ -75,8 +76,7 @@ def strain_step(
     """
     patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
     point, first = approach(strained(state, gradient), law, tolerance=tolerance, patience=patience, keep=keep)
-    if first.ok:
-        end = at_rest(point)
+    if first.ok and account.balances(end := at_rest(point)):
         account.post(end)
         return end, first
     keep.solve = None

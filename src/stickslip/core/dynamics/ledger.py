@@ -29,6 +29,7 @@ from ..state import State
 from .coefficients import Plan
 
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential")
+UNBALANCED = 1e-2  # largest defect of a small step, over the energies that it changes
 _STORED = slice(3)  # of COLUMNS, which are not sums over steps
 
 
@@ -175,10 +176,17 @@ class Account:
         self.law, self.here, self.row = law, state, np.zeros(len(COLUMNS))
         _post(self.row, state, state, law, first=True)
 
-    def post(self, end: State) -> Dissipation:
-        """Post a small step to another accepted state; what each of its contacts dissipates."""
-        before, self.here = self.here, end
-        return _post(self.row, before, end, self.law)
+    def post(self, end: State) -> None:
+        """Post a small step to another accepted state."""
+        _post(self.row, self.here, end, self.law)
+        self.here = end
+
+    def balances(self, end: State) -> bool:
+        """Whether the energies of a step balance, as those of small steps do unless they lead past an instability."""
+        row = self.row.copy()
+        _post(row, self.here, end, self.law)
+        defect = Ledger(*np.array([self.row, row]).T).defect[1]
+        return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
 
     def post_run(self, end: State, ledger: Ledger) -> None:
         """Post a run from the present state, sampled at its end; a drag may then take what is left of its motion."""

@@ -1,8 +1,9 @@
 """Numbers of cyclic shear: secant modulus, damping ratio, G′ and G″, split of the work, and return of the grains.
 
 With the amplitudes γ_a and τ_a = G γ_a between the turns of a loop, the damping ratio is D = ΔW/(4π W) with the area ΔW
-of the loop and W = ½ τ_a γ_a. G′ and G″ are the first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so that
-ΔW = π γ₀² G″.
+of the loop and W = ½ τ_a γ_a. ΔW is the work of the shear stress, which the ledger also adds up within steps in which
+grains rearrange. G′ and G″ are the first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so that ΔW = π γ₀² G″ up
+to the trapezia between equilibria.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ STRESS, WORK = "force/length^(dim-1)", "energy/length^dim"
 PARTS = ("sliding", "rolling", "dashpots", "drag", "nonpotential", "stored", "normal", "residual")
 CYCLE_UNITS = {
     "amplitude": "1", "cycle": "1", "G": STRESS, "G_ratio": "1", "damping": "1", "storage": STRESS, "loss": STRESS,
-    "area": WORK, **dict.fromkeys(PARTS, "1"), "in_rearrangements": "1", "busiest": "1", "strong": "1",
+    "area": WORK, **dict.fromkeys(PARTS, "1"), "drawn": "1", "in_rearrangements": "1", "busiest": "1", "strong": "1",
     "rearranged": "1", "pressure": STRESS, "volumetric_strain": "1", "returned": "1",
 }  # fmt: skip
 UNITS = {
@@ -34,7 +35,8 @@ MEANING = {
     "gamma_half": "amplitude at which G is half of Gmax", "G_ratio_largest": "G/Gmax at the largest amplitude",
     "damping_largest": "damping ratio at the largest amplitude",
     "gamma_elastic": "largest amplitude up to which cycles are elastic",
-    "gamma_returns": "largest amplitude up to which grains return", "residual": "largest residual of a loop, over its area",
+    "gamma_returns": "largest amplitude up to which grains return",
+    "residual": "largest residual of a loop, over its area",
     "in_band": "share of amplitudes with G/Gmax and damping of sands",
 }  # fmt: skip
 
@@ -61,18 +63,21 @@ def harmonics(response: Response, k: int) -> tuple[float, float]:
     )
 
 
-def split(response: Response, k: int, area: float) -> dict[str, float]:
-    """Shares of the area of loop k: what is dissipated and stored, less the work of σ_yy, and the residual."""
-    book, moved = Ledger(*response.energies[k].T), response.rearranged[k][1:]
+def split(response: Response, k: int) -> dict[str, float]:
+    """Shares of the area of loop k: what is dissipated and stored, less the work of σ_yy, and the residual.
+
+    `drawn` is the excess of the polygon through the equilibria.
+    """
+    area, book, moved = area_of(response, k), Ledger(*response.energies[k].T), response.rearranged[k][1:]
     spent = {name: float(column[-1] - column[0]) for name, column in book._asdict().items()}
     dissipated = np.diff(book.coulomb + book.rolling + book.viscous + book.drag)
-    normal = response.normal[k]
     shares = {
         "sliding": spent["coulomb"], "rolling": spent["rolling"], "dashpots": spent["viscous"], "drag": spent["drag"],
         "nonpotential": -spent["nonpotential"], "stored": spent["normal"] + spent["tangential"],
-        "normal": -float(np.trapezoid(normal, response.height[k])),
+        "normal": -_normal_work(response, k),
     }  # fmt: skip
     shares["residual"] = area - sum(shares.values())
+    shares["drawn"] = float(np.trapezoid(response.tau[k], response.gamma[k])) - area
     shares = {name: value / area for name, value in shares.items()}
     return shares | {"in_rearrangements": float(dissipated[moved].sum() / dissipated.sum())}
 
@@ -100,8 +105,15 @@ def kind_of(response: Response) -> str:
 
 
 def area_of(response: Response, k: int) -> float:
-    """Area of loop k by the trapezoidal rule [energy/length^dim]."""
-    return float(np.trapezoid(response.tau[k], response.gamma[k]))
+    """Area of loop k: work of the shear stress [energy/length^dim]."""
+    external = Ledger(*response.energies[k].T).external
+    return float(external[-1] - external[0]) - _normal_work(response, k)
+
+
+def _normal_work(response: Response, k: int) -> float:
+    """Work of σ_yy in cycle k [energy/length^dim]."""
+    height = response.height[k]
+    return float(np.trapezoid(response.normal[k] * np.exp(-height), height))
 
 
 def damping(response: Response, k: int) -> float:
@@ -112,14 +124,15 @@ def damping(response: Response, k: int) -> float:
 
 def cycle_numbers(run: CyclicRun, response: Response, k: int) -> dict[str, float]:
     """Numbers of cycle k by name."""
-    (g, _), (storage, loss), area = secant(response, k), harmonics(response, k), area_of(response, k)
+    (g, _), (storage, loss) = secant(response, k), harmonics(response, k)
     d, number = damping(response, k), k % len(response.gamma) + 1
     clear = abs(d) >= CLEAR
-    shares = split(response, k, area) if clear else dict.fromkeys((*PARTS, "in_rearrangements"), NAN)
+    shares = split(response, k) if clear else {}
     return dict.fromkeys(CYCLE_UNITS, NAN) | shares | {
         "amplitude": response.amplitude, "cycle": number, "G": g, "G_ratio": g / largest_modulus(run), "damping": d,
-        "storage": storage, "loss": loss, "area": area, "busiest": response.busiest[k] if clear else NAN,
-        "strong": response.strong[k] if clear else NAN, "rearranged": float(response.rearranged[k][1:].mean()),
+        "storage": storage, "loss": loss, "area": area_of(response, k),
+        "busiest": response.busiest[k] if clear else NAN, "strong": response.strong[k] if clear else NAN,
+        "rearranged": float(response.rearranged[k][1:].mean()),
         "pressure": float(response.pressure[k][-1]), "volumetric_strain": float(response.height[k][-1]),
         "returned": float(response.distance[number][number - 1]),
     }  # fmt: skip

@@ -9,7 +9,7 @@ from ...core.readable import pluralize
 from ...core.tables import write_table
 from ...core.units import heading, unit_name
 from ...data.nodes import archive_fields
-from ...data.run_files import SERIES
+from ...data.run_files import CYCLES, SERIES
 from ...figures import cyclic_shear as figures_of
 from ...reports.terminal import console, new_table, show_table
 from ..element_test.report import for_engineers
@@ -60,7 +60,7 @@ def _write_loops(result: CyclicShearResult, path: Path) -> None:
 
 def files(result: CyclicShearResult):
     """Yield (file name, function that writes it) for the cycles and the loops of all samples."""
-    yield "cycles.csv", partial(_write_cycles, result)
+    yield CYCLES, partial(_write_cycles, result)
     yield SERIES, partial(_write_loops, result)
 
 

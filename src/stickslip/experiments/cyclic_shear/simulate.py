@@ -155,9 +155,10 @@ def shear_sample(
     responses, problems, here = [], [], state
     for k, amplitude in enumerate(amplitudes):
         ends, cycles = [here], []
-        told = within(report, k / len(amplitudes), (k + 1) / len(amplitudes), stage=f"sample {seed}")
         try:
             for number in range(scenario.cycles.number):
+                done, unit = k * scenario.cycles.number + number, 1 / (len(amplitudes) * scenario.cycles.number)
+                told = within(report, done * unit, (done + 1) * unit, stage=f"sample {seed}")
                 make = partial(shear_once, rig, ends[-1], amplitude, told)
                 cycles.append(load_or_compute(kept, f"{k:03d}-{number:05d}", make))
                 ends.append(cycles[-1].end)
