@@ -79,7 +79,8 @@ def split(response: Response, k: int) -> dict[str, float]:
     shares["residual"] = area - sum(shares.values())
     shares["drawn"] = float(np.trapezoid(response.tau[k], response.gamma[k])) - area
     shares = {name: value / area for name, value in shares.items()}
-    return shares | {"in_rearrangements": float(dissipated[moved].sum() / dissipated.sum())}
+    total = dissipated.sum()
+    return shares | {"in_rearrangements": float(dissipated[moved].sum() / total) if total else NAN}
 
 
 def period(response: Response) -> int:

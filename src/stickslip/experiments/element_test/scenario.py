@@ -259,6 +259,7 @@ class Loading(ScenarioTable):
 class SampleScenario(ScenarioBase):
     """Scenario of tests of samples. Units are SI unless others are named."""
 
+    experiment: str = ""
     seed: Seed = 0
     realizations: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1, description="number of samples, with seeds seed, seed + 1, …"
