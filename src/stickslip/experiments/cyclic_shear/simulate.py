@@ -122,7 +122,8 @@ def simulate_cyclic_shear(
     >>> import stickslip as ss
     >>> short = ss.scenario(
     ...     experiment="cyclic-shear",
-    ...     sample={"dim": 2, "grains": 50, "pressure": 100.0},
+    ...     sample={"dim": 2, "grains": 50, "pressure": 100.0, "friction": 0.1},
+    ...     law={"young": 1e9, "poisson": 0.2},
     ...     cycles={"amplitudes": [1e-7], "number": 1, "steps": 12},
     ... )
     >>> run = simulate_cyclic_shear(short).runs[0]
