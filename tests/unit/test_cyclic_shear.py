@@ -231,6 +231,20 @@ def test_numbers_and_sentences_of_a_run(result):
     assert named["gamma_elastic"][0] == 1e-4 and np.isnan(named["in_band"][0])
 
 
+def test_a_modulus_that_the_smallest_amplitude_does_not_have_is_said(result):
+    softer = [run._replace(modulus=1.1 * run.modulus) for run in result.runs]
+    assert "G at the smallest amplitude differs by 9.1% " in " ".join(measures.sentences(result._replace(runs=softer)))
+    assert "smallest amplitude differs" not in " ".join(measures.sentences(result))
+
+
+def test_spheres_are_compared_with_the_band_of_sands(result):
+    """At 1e-4 and 100 kPa, G/Gmax is 0.72 to 0.89 in the band, and D is 1 to 4 %."""
+    chosen = scenario(SPHERES, cycles=SHORT)
+    table = {"amplitude": np.array([1e-6, 1e-4]), "G_ratio": np.array([1.0, 0.8]), "damping": np.array([0.0, 0.02])}
+    assert measures.in_band(result._replace(scenario=chosen), table).tolist() == [[0, 1], [0, 1]]
+    assert "G/Gmax lies in the band of sands at" in " ".join(measures.sentences(result._replace(scenario=chosen)))
+
+
 def test_every_figure_can_be_drawn(result):
     assert min(len(png(figure)) for _, figure in report.figures(result)) > 5000
 

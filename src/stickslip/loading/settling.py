@@ -24,7 +24,7 @@ REST, MORE = 1e-6, 20_000  # where it fails at all of them: the force at which d
 DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
-POSTED = 10  # steps of dynamics between two entries in a ledger
+POSTED = 20  # steps of dynamics between two entries in a ledger
 SLOW = 3.0  # times the time scale: duration of a step of the strain that dynamics makes
 
 

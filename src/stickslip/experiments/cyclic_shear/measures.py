@@ -17,6 +17,7 @@ ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
 RETURNED = 1e-2  # rms displacement over γ₀ D, below which a sample has returned
 CLEAR = 1e-5  # damping ratio from which the work is split: the area of a loop below is lost in round-off
 KINDS = ("elastic", "reversible", "periodic", "irreversible", "undecided")
+OFF = 0.02  # relative difference of G at the smallest amplitude from the tangent modulus, above which it is said
 NAN = float("nan")
 
 STRESS, WORK = "force/length^(dim-1)", "energy/length^dim"
@@ -218,6 +219,12 @@ def _missing(result: CyclicShearResult) -> list[str]:
     out = [f"Sample {run.seed}: {run.ended}." for run in result.runs if run.ended]
     if any(not np.isfinite(run.modulus) for run in result.runs):
         out.append("Samples without elastic moduli take G at the smallest amplitude as Gmax.")
+    off = [abs(secant(run.responses[0], -1)[0] / run.modulus - 1) for run in result.runs if np.isfinite(run.modulus)]
+    if max(off, default=0.0) > OFF:
+        out.append(
+            f"G at the smallest amplitude differs by {max(off):.1%} from the tangent modulus: contacts slide or open "
+            f"there, as in samples that hardly bear their pressure; use smaller amplitudes, or less sample.friction."
+        )
     return out
 
 
