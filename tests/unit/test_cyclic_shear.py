@@ -128,6 +128,13 @@ def test_the_ledger_closes_the_area_of_a_loop_in_which_grains_rearrange(spheres)
     assert max(left[0][0], left[1][0]) < 5e-3 and left[1][1] < min(0.01, left[0][1])
 
 
+def test_rolling_friction_has_its_share():
+    law = SOFT | {"rolling": "spring", "k_roll": 1e5, "mu_roll": 0.02}
+    chosen = scenario(law=law, cycles={"amplitudes": [3e-4], "number": 2, "steps": 20})
+    shares = measures.split(ss.simulate(chosen, workers=1).runs[0].responses[0], -1)
+    assert shares["rolling"] > 0.5 and abs(shares["residual"]) < 1e-3
+
+
 def test_a_cycle_of_many_steps_dissipates_what_slow_dynamics_does(spheres):
     """The same loop by dynamics at a rate so slow that its dashpots take 1 % of the work of friction."""
     _, law, state = spheres
