@@ -110,7 +110,7 @@ def work(table: _Table, parts: tuple[str, ...]):
     axes.set_xlim(-0.6, max(len(place), 1) - 0.4)
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     if len(place):
-        figure.legend(loc="outside upper center", ncols=4)
+        figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
