@@ -11,6 +11,7 @@ import numpy as np
 from ...core.dynamics.ledger import Ledger
 from ..element_test.measures import Estimate, estimate
 from .sands import band
+from .scenario import CyclicShearScenario
 from .simulate import CyclicRun, CyclicShearResult, Response
 
 ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
@@ -28,18 +29,24 @@ CYCLE_UNITS = {
     "rearranged": "1", "pressure": STRESS, "volumetric_strain": "1", "returned": "1",
 }  # fmt: skip
 UNITS = {
-    "G0": STRESS, "G_smallest": STRESS, "gamma_half": "1", "G_ratio_largest": "1", "damping_largest": "1",
-    "gamma_elastic": "1", "gamma_returns": "1", "residual": "1", "in_band": "1",
+    "G0": STRESS, "G_smallest": STRESS, "gamma_half": "1", "gamma_elastic": "1", "gamma_returns": "1",
+    "residual": "1", "in_band": "1",
 }  # fmt: skip
 MEANING = {
     "G0": "tangent modulus of the sample, from its elastic moduli", "G_smallest": "G at the smallest amplitude",
-    "gamma_half": "amplitude at which G is half of Gmax", "G_ratio_largest": "G/Gmax at the largest amplitude",
-    "damping_largest": "damping ratio at the largest amplitude",
+    "gamma_half": "amplitude at which G is half of Gmax",
     "gamma_elastic": "largest amplitude up to which cycles are elastic",
     "gamma_returns": "largest amplitude up to which grains return",
     "residual": "largest residual of a loop, over its area",
     "in_band": "share of amplitudes with G/Gmax and damping of sands",
+    "G_ratio": "G/Gmax at an amplitude", "damping": "damping ratio at an amplitude",
 }  # fmt: skip
+
+
+def units_of(scenario: CyclicShearScenario) -> dict[str, str]:
+    """Units of the numbers of a sample, with those at each amplitude, such as `damping@0.001`."""
+    at = [f"@{amplitude:g}" for amplitude in scenario.cycles.amplitudes]
+    return UNITS | {f"{name}{place}": "1" for name in ("G_ratio", "damping") for place in at}
 
 
 def largest_modulus(run: CyclicRun) -> float:
@@ -150,9 +157,13 @@ def numbers_of(run: CyclicRun, result: CyclicShearResult) -> dict[str, float]:
     """Numbers of one sample by name; NaN where its cycles do not give them."""
     table, kinds = last_cycles(run), [kind_of(response) for response in run.responses]
     residual = np.abs(table["residual"])
-    return {
+    each = {
+        f"{name}@{amplitude:g}": value
+        for name in ("G_ratio", "damping")
+        for amplitude, value in zip(table["amplitude"], table[name], strict=True)
+    }
+    return dict.fromkeys(units_of(result.scenario), NAN) | each | {
         "G0": run.modulus, "G_smallest": table["G"][0], "gamma_half": _crossing(table, 0.5),
-        "G_ratio_largest": table["G_ratio"][-1], "damping_largest": table["damping"][-1],
         "gamma_elastic": _up_to(run, kinds, ("elastic",)),
         "gamma_returns": _up_to(run, kinds, ("elastic", "reversible", "periodic")),
         "residual": float(np.nanmax(residual)) if np.isfinite(residual).any() else NAN,
@@ -188,7 +199,7 @@ def in_band(result: CyclicShearResult, table: dict[str, np.ndarray]) -> np.ndarr
 def estimates(result: CyclicShearResult) -> dict[str, Estimate]:
     """Estimates of all numbers that the cycles of every sample give."""
     rows = [numbers_of(run, result) for run in result.runs]
-    numbers = {name: estimate(np.array([row[name] for row in rows])) for name in UNITS}
+    numbers = {name: estimate(np.array([row[name] for row in rows])) for name in units_of(result.scenario)}
     return {name: number for name, number in numbers.items() if np.isfinite(number.mean)}
 
 
@@ -196,7 +207,7 @@ def measures(result: CyclicShearResult) -> dict[str, tuple[float, str]]:
     """Return {name: (value, unit)} for sweeps: means over samples, and halves of their 95 % intervals."""
     numbers, nothing = estimates(result), Estimate(NAN, NAN, NAN)
     out = {}
-    for name, unit in UNITS.items():
+    for name, unit in units_of(result.scenario).items():
         number = numbers.get(name, nothing)
         out |= {name: (number.mean, unit), f"{name}_error": (number.half_width, unit)}
     return out

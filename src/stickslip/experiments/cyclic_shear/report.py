@@ -18,13 +18,13 @@ from .measures import (
     MEANING,
     PARTS,
     STRESS,
-    UNITS,
     cycle_numbers,
     estimates,
     kind_of,
     largest_modulus,
     last_cycles,
     sentences,
+    units_of,
 )
 from .sands import band
 from .simulate import CyclicRun, CyclicShearResult
@@ -93,7 +93,13 @@ def numbers(result: CyclicShearResult) -> dict:
 
 def _contents(run: CyclicRun) -> dict:
     responses = {f"{k:03d}": archive_fields(response) for k, response in enumerate(run.responses)}
-    return {"packed": archive_fields(run.packed), "modulus": run.modulus, "responses": responses, "ended": run.ended}
+    return {
+        "packed": archive_fields(run.packed),
+        "modulus": run.modulus,
+        "responses": responses,
+        "end": run.end,
+        "ended": run.ended,
+    }
 
 
 def show(result: CyclicShearResult) -> None:
@@ -109,10 +115,13 @@ def show(result: CyclicShearResult) -> None:
         table.add_row(f"{response.amplitude:g}", *cells, kind_of(response))
     show_table(table)
     table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
+    units = units_of(scenario)
     for name, number in estimates(result).items():
-        (mean, half), unit = for_engineers(np.array(number[:2]), unit_name(UNITS[name]))
+        if "@" in name and len(result.runs) < 2:  # as in the table above
+            continue
+        (mean, half), unit = for_engineers(np.array(number[:2]), unit_name(units[name]))
         width = f"{half:.2g}" if np.isfinite(half) else "–"
-        table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, MEANING[name])
+        table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, MEANING[name.split("@")[0]])
     show_table(table)
     for sentence in (*sentences(result), *result.failures):
         console.print(f"  {sentence}", soft_wrap=True)

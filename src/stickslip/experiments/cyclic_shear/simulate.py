@@ -71,6 +71,7 @@ class CyclicRun(NamedTuple):
     packed: PackingInfo
     modulus: float  # dτ/dγ of the sample while no contact changes [force/length^(dim−1)]; NaN if it is not known
     responses: tuple[Response, ...]  # one for each amplitude that was reached
+    end: State  # after the last cycle
     ended: str  # reasons for which cycles are missing
 
 
@@ -166,11 +167,12 @@ def shear_sample(
         except NotInEquilibriumError as problem:
             problems.append(f"cycle {len(cycles) + 1} at an amplitude of {amplitude:g} was not finished: {problem}")
         if cycles:
+            last = ends[-1]
             responses.append(_response(amplitude, cycles, ends, law))
         here = ends[-1] if scenario.cycles.start == "previous" else state
     if not responses:
         raise RuntimeError(problems[0])
-    return CyclicRun(seed, packed, tangent_modulus(rig), tuple(responses), "; ".join(problems))
+    return CyclicRun(seed, packed, tangent_modulus(rig), tuple(responses), last, "; ".join(problems))
 
 
 def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent) -> Cycle:
