@@ -2,7 +2,8 @@
 
 G/Gmax = 1/(1 + (γ/γ_r)^a). The damping is b (G/Gmax)^0.1 times that of Masing's rule, without the small-strain part,
 which does not come from loops that steps without a rate can have. The coefficients are those of Darendeli (2001,
-PI = 0, OCR = 1) and Menq (2003), as implemented in pystrata 0.5 (github.com/arkottke/pystrata, `site.py`).
+PI = 0, OCR = 1) and Menq (2003) as implemented in pystrata (github.com/arkottke/pystrata, `site.py`, commit 020a5c3),
+not taken from the theses themselves.
 """
 
 from typing import NamedTuple
