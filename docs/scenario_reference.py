@@ -24,6 +24,7 @@ TITLES = {
     "fault": "Earthquake cycle scenarios",
     "threshold": "Threshold scenarios",
     "element-test": "Element test scenarios",
+    "cyclic-shear": "Cyclic shear scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]

@@ -20,6 +20,7 @@ SWEPT = {  # the swept key and a measure with its unit
     "rate-state": ({"surface.law": ["slip"]}, "critical_stiffness", "1/m"),
     "threshold": ({"kicks.realizations": [1]}, "largest_share@1e-06", "1"),
     "element-test": ({"sample.friction": [0.2]}, "phi_peak", "degrees"),
+    "cyclic-shear": ({"sample.friction": [0.2]}, "G_smallest", "N/m"),
     "fault": ({"friction.dc": [6e-3]}, "energy_residual", "1"),
 }
 

@@ -12,6 +12,7 @@ import stickslip as ss
 from stickslip.experiments.contact_law import make_law
 from stickslip.experiments.element_test import simulate as element
 from stickslip.experiments.element_test.paths import drive_of
+from stickslip.experiments.element_test.sample import make_sample
 from stickslip.solve.newton import Factorisation
 
 STORE = Path(__file__).with_suffix(".json")
@@ -28,7 +29,7 @@ def rig(state, engine: str) -> element.Rig:
     )  # fmt: skip
     law = make_law(scenario.law)
     if state is None:
-        state, _ = element._make_sample(scenario, law, 0, lambda *_: None)
+        state, _ = make_sample(scenario.sample, law, 0, lambda *_: None)
         ss.io.write_packing(SAMPLE, state, law)
         state, _, _ = ss.io.read_packing(SAMPLE)
     engine, tolerance = element.find_engine(scenario), 1e-9 * 1e5 * 1e-6

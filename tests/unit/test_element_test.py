@@ -27,6 +27,7 @@ from stickslip.experiments.element_test.measures import (
 )
 from stickslip.experiments.element_test.paths import drive_of
 from stickslip.experiments.element_test.report import columns, figures
+from stickslip.experiments.element_test.sample import check_pressures, make_sample
 from stickslip.experiments.experiment import named_measures
 from stickslip.figures.style import png
 from stickslip.solve.moduli import elastic_moduli
@@ -50,7 +51,7 @@ def spheres():
     """An isotropic sample of spheres, its scenario and its law."""
     chosen = scenario(SPHERES)
     law = make_law(chosen.law)
-    state, _ = element._make_sample(chosen, law, 0, lambda *_: None)
+    state, _ = make_sample(chosen.sample, law, 0, lambda *_: None)
     return chosen, law, state
 
 
@@ -189,7 +190,7 @@ def test_lammps_follows_the_same_path():
 
 def test_friction_during_the_compression_controls_the_density():
     loose, dense = (
-        element._make_sample(chosen, make_law(chosen.law), 0, lambda *_: None)[1].packing_fraction
+        make_sample(chosen.sample, make_law(chosen.law), 0, lambda *_: None)[1].packing_fraction
         for chosen in (scenario(DISKS | {"friction": mu, "grains": 100}) for mu in (1.0, 0.0))
     )
     assert dense > loose + 0.01
@@ -403,7 +404,7 @@ def test_a_pressure_that_grains_cannot_bear_is_refused_with_one_that_they_can(tm
     assert not list(tmp_path.iterdir())
     most = float(re.search(r"at most ([\d.e+]+)", str(caught.value))[1])
     chosen = scenario({"pressure": 0.99 * most})
-    element._check_pressures(chosen, make_law(chosen.law), None)
+    check_pressures(chosen.sample, make_law(chosen.law), None)
 
 
 def test_a_law_with_more_friction_at_first_settles_under_its_own():

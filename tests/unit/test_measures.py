@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.dynamics.ledger import Ledger
+from stickslip.experiments.cyclic_shear.simulate import CyclicRun, Response
 from stickslip.experiments.element_test.simulate import ElementRun, ElementSeries, SmallStrain
 from stickslip.experiments.fault.simulate import FaultResult
 from stickslip.experiments.gouge import protocol as gouge_run
@@ -73,6 +75,10 @@ MEANT = {
         NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation "
         "largest_unbalanced rearranged_share"),
         STRESS: both("G0 E0 E50 p_critical"), "angle": both("phi_peak psi phi_residual phi_rowe"),
+    },
+    "cyclic-shear": {
+        NUMBER: both("gamma_half gamma_elastic gamma_returns residual in_band") + " G_ratio damping",
+        STRESS: both("G0 G_smallest"),
     },
     "threshold": {
         NUMBER: "threshold threshold_low threshold_high largest_share lasting_threshold lasting_threshold_low "
@@ -260,9 +266,29 @@ def loaded_sample():
     }  # fmt: skip
 
 
+def cycled_sample():
+    """Two elastic samples, which yield at a larger amplitude: loops with a straight axis, and an area of their own."""
+    theta = np.linspace(0, 2 * np.pi, 401)
+
+    def response(amplitude, g, width, distance):
+        gamma, tau = amplitude * np.sin(theta), g * amplitude * np.sin(theta) + width * np.cos(theta)
+        energies = np.zeros((2, 401, len(Ledger._fields)))
+        energies[:, -1, Ledger._fields.index("external")] = np.pi * amplitude * width
+        rows = [np.tile(values, (2, 1)) for values in (gamma, tau, *4 * [0 * theta])]
+        return Response(amplitude, *rows, energies, np.zeros(2), np.zeros(2), distance * (1 - np.eye(3)))
+
+    chosen = ss.scenario(experiment="cyclic-shear", cycles={"amplitudes": [1e-6, 1e-4]})
+    run = CyclicRun(0, None, 1e8, (response(1e-6, 1e8, 0.0, 0.0), response(1e-4, 4e7, 1e3, 1.0)), None, "")
+    return Made(scenario=chosen, runs=(run, run)), {
+        "G0": 1e8, "G0_error": 0.0, "G_smallest": 1e8, "gamma_half": 10 ** (-6 + 2 * 0.5 / 0.6), "G_ratio@0.0001": 0.4,
+        "damping@0.0001": 1e3 / (2 * 4e7 * 1e-4), "gamma_elastic": 1e-6, "gamma_returns": 1e-6, "residual": 1.0,
+        "in_band": 0.0,
+    }  # fmt: skip
+
+
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
         "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced,
-        "element-test": loaded_sample}  # fmt: skip
+        "element-test": loaded_sample, "cyclic-shear": cycled_sample}  # fmt: skip
 
 
 def test_every_experiment_has_a_table():

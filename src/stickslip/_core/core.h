@@ -298,8 +298,8 @@ struct LedgerStep {  // see `core/dynamics/ledger.py`
   double spin_drag;
   double dt;
   uint8_t first;  // there is no step, only stored energies
-  double *row;    // (8,) written in place
-  double *shares;  // (C, 2) or null: dissipated by sliding and by the dashpots of each contact of `after`
+  double *row;    // (9,) written in place
+  double *shares;  // (C, 2) or null: dissipated by friction and by the dashpots of each contact of `after`
 };
 
 // add one step to a row

@@ -5,7 +5,7 @@
 #include "pairs.h"
 #include "rolling.h"
 
-enum Column { KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, VISCOUS, DRAG, NONPOTENTIAL };  // of a row
+enum Column { KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, ROLLING, VISCOUS, DRAG, NONPOTENTIAL };  // of a row
 
 struct End {  // a contact at one end of a step
   Pair pair;
@@ -142,9 +142,9 @@ static void add_rotations(const LedgerStep &step, int64_t c, Kept psi, double tw
   Vec<double> turned = relative_angle(dim, step.now->angle, i, j) - relative_angle(dim, step.old->angle, i, j);
   if (psi.known || psi.closed) {
     double slid = length(onto_plane(now.pair.n, mid, psi.old + fraction * turned) - psi.now);
-    step.row[COULOMB] += 0.5 * (k1 * root(size1) + k0 * root(size0)) * slid;
+    step.row[ROLLING] += 0.5 * (k1 * root(size1) + k0 * root(size0)) * slid;
     double twisted = fabs(twist[0] + fraction * dot(mid, turned) - twist[1]);
-    step.row[COULOMB] += 0.5 * (now.twist * fabs(twist[1]) + old.twist * fabs(twist[0])) * twisted;
+    step.row[ROLLING] += 0.5 * (now.twist * fabs(twist[1]) + old.twist * fabs(twist[0])) * twisted;
   }
   Vec<double> moment = 0.5 * (now.moment + old.moment);
   step.row[EXTERNAL] -= work(step, false, i, 3, moment, rotation(step, i));
@@ -262,10 +262,10 @@ void add_ledger_step(const LedgerStep *step) {
   for (int64_t c = 0; c < after.count[0]; ++c) {
     while (m < count && before.key[m] < after.key[c]) ++m;
     bool known = m < count && before.key[m] == after.key[c] && before.mode[m] != OPEN;
-    const double coulomb = step->row[COULOMB], viscous = step->row[VISCOUS];
+    const double friction = step->row[COULOMB] + step->row[ROLLING], viscous = step->row[VISCOUS];
     add_contact(*step, known ? m : -1, c);
     if (!step->shares) continue;
-    step->shares[2 * c] = step->row[COULOMB] - coulomb;
+    step->shares[2 * c] = step->row[COULOMB] + step->row[ROLLING] - friction;
     step->shares[2 * c + 1] = step->row[VISCOUS] - viscous;
   }
 }

@@ -1,5 +1,6 @@
 from ..data.schema import ScenarioError as ScenarioError
 from . import catalogue as catalogue
+from . import cyclic_shear as cyclic_shear
 from . import disk_array as disk_array
 from . import element_test as element_test
 from . import fault as fault

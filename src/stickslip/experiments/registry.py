@@ -13,10 +13,25 @@ from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
-from . import catalogue, disk_array, element_test, fault, flow, gouge, quasi_rigid, rate_state, sphere_shear, threshold
+from . import (
+    catalogue,
+    cyclic_shear,
+    disk_array,
+    element_test,
+    fault,
+    flow,
+    gouge,
+    quasi_rigid,
+    rate_state,
+    sphere_shear,
+    threshold,
+)
 from .experiment import Experiment
 
-_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, threshold, catalogue, element_test)
+_ALL = (
+    disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, threshold, catalogue, element_test,
+    cyclic_shear,
+)  # fmt: skip
 # the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
@@ -55,8 +70,8 @@ def simulate(
 
     Returns
     -------
-    CatalogueResult, DiskArrayResult, ElementTestResult, FaultResult, FlowResult, GougeResult, QuasiResult, ShearResult,
-    SliderResult or ThresholdResult, with the scenario as `result.scenario`.
+    CatalogueResult, CyclicShearResult, DiskArrayResult, ElementTestResult, FaultResult, FlowResult, GougeResult,
+    QuasiResult, ShearResult, SliderResult or ThresholdResult, with the scenario as `result.scenario`.
 
     Examples
     --------

@@ -25,6 +25,7 @@ Experiments, a module each
     fault                  slip, velocity and stations of a fault
     flow                   snapshots, time series and profiles of flows
     element_test           stress paths, stress-strain curves, void ratio and contacts of element tests
+    cyclic_shear           loops, modulus and damping against amplitude, work, and return of grains
     catalogue              events of sheared packings, and what announces them
 
 Claims

@@ -1,4 +1,5 @@
 from . import catalogue as catalogue
+from . import cyclic_shear as cyclic_shear
 from . import disk_array as disk_array
 from . import element_test as element_test
 from . import fault as fault

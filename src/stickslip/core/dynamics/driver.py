@@ -284,7 +284,7 @@ def run_steps(
         stop = min(steps, (step // sampling + 1) * sampling if sampling else steps)
         if plan.tolerance > 0:  # the loop fuses steps in blocks, and looks for rest only where it stops
             stop = min(stop, (step // core.CHECK_EVERY + 1) * core.CHECK_EVERY)
-        stop = step + 1 if books else stop
+        stop = min(stop, (step // books.stride + 1) * books.stride) if books else stop
     residual = float(current.residual[0])
     worst = worst if worst >= 0 else int(current.residual[1])
     end = current.finish(state.contacts.skin)

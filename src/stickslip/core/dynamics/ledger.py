@@ -28,7 +28,8 @@ from ..readable import readable
 from ..state import State
 from .coefficients import Plan
 
-COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "drag", "nonpotential")
+COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential")
+UNBALANCED = 1e-2  # largest defect of a small step, over the energies that it changes
 _STORED = slice(3)  # of COLUMNS, which are not sums over steps
 
 
@@ -41,6 +42,7 @@ class Ledger(NamedTuple):
     tangential: np.ndarray  # (T,) stored in tangential springs
     external: np.ndarray  # (T,) work of forces, springs, torques, gravity, driven bodies, and the cell
     coulomb: np.ndarray  # (T,) dissipated by sliding
+    rolling: np.ndarray  # (T,) dissipated by rolling and twisting beyond their limits
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
     # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled
@@ -50,7 +52,8 @@ class Ledger(NamedTuple):
     def defect(self) -> np.ndarray:
         """Energy stored + dissipated − supplied, less its initial value, (T,): zero up to the integration error."""
         stored = self.kinetic + self.normal + self.tangential
-        total = stored + self.coulomb + self.viscous + self.drag - self.external - self.nonpotential
+        lost = self.coulomb + self.rolling + self.viscous + self.drag
+        total = stored + lost - self.external - self.nonpotential
         return total - total[0]
 
 
@@ -61,6 +64,8 @@ class Books(NamedTuple):
     contacts: tuple
     vectors: np.ndarray  # (3, 3) of the cell
     pull: np.ndarray  # (B, 3) forces of springs
+    stride: int  # steps between two entries
+    step: int  # of the last entry
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
     law: object  # struct `Law` of the compiled core
@@ -68,14 +73,14 @@ class Books(NamedTuple):
     inertia: np.ndarray  # (B,)
 
 
-def open_books(samples: int, bodies: Bodies, state, law: Law, rate: bool) -> Books:
+def open_books(samples: int, stride: int, bodies: Bodies, state, law: Law, rate: bool) -> Books:
     """Open the books before the first entry; `rate`: with `slip_update="rate"`."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull, walls = spring_forces(state.control, bodies.position, state.time), state.walls.mass
     mass, inertia = np.append(state.grains.mass, walls), np.append(state.grains.inertia, np.zeros(len(walls)))
     struct = core.fill("Law", law_struct(law, rate=rate, members=(*FORCES, "energy")))
     return Books(
-        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, struct, mass, inertia
+        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, stride, 0, row, rows, struct, mass, inertia
     )  # fmt: skip
 
 
@@ -87,12 +92,12 @@ def post_step(books: Books, state, plan: Plan, here: Bodies, contacts, step: int
     core.add_ledger_step(_ends_of_step(books.bodies, here, books.contacts, contacts, books.vectors, vectors) | {
         "law": books.law, "dim": state.cell.dim, "free": np.ascontiguousarray(state.control.free),
         "mass": books.mass, "inertia": books.inertia, "force": plan.external[0] + 0.5 * (pull + books.pull),
-        "torque": plan.external[1], "drag": plan.drags[0], "spin_drag": plan.drags[1], "dt": plan.dt,
-        "first": step == 0, "row": row, "shares": None,
+        "torque": plan.external[1], "drag": plan.drags[0], "spin_drag": plan.drags[1],
+        "dt": (step - books.step) * plan.dt, "first": step == 0, "row": row, "shares": None,
     })  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = books.row
-    return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors, pull=pull)
+    return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors, pull=pull, step=step)
 
 
 def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors) -> dict:
@@ -147,15 +152,51 @@ def dissipation(before: State, after: State, law: Law, *, dt: float = 0.0) -> Di
     if before.n_bodies != after.n_bodies:
         raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
     check_materials(after, law)
+    return _post(np.zeros(len(COLUMNS)), before, after, law, dt=dt)
+
+
+def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float = 0.0, first: bool = False):
+    """Add a step between two accepted states to a row, without kinetic energy; what each contact dissipates in it."""
     ends, still = [bodies_of(before), bodies_of(after)], np.zeros((after.n_bodies, 3))
     shares, none = np.zeros((len(after.contacts.i), 2)), np.zeros(after.n_bodies)
+    row[_STORED] = 0.0
     core.add_ledger_step(
         _ends_of_step(*ends, before.contacts, after.contacts, before.cell.vectors, after.cell.vectors) | {
         "law": law_struct(law, members=(*FORCES, "energy")), "dim": after.cell.dim,
         "free": np.ones((after.n_bodies, 6), bool), "mass": none, "inertia": none, "force": still, "torque": still,
-        "drag": 0.0, "spin_drag": 0.0, "dt": dt, "first": False, "row": np.zeros(len(COLUMNS)), "shares": shares,
+        "drag": 0.0, "spin_drag": 0.0, "dt": dt, "first": first, "row": row, "shares": shares,
     })  # fmt: skip
     return Dissipation(*shares[: int(after.contacts.count[0])].T.copy())
+
+
+class Account:
+    """Running ledger along a path of equilibria, in which small steps and runs may alternate."""
+
+    def __init__(self, state: State, law: Law):
+        self.law, self.here, self.row = law, state, np.zeros(len(COLUMNS))
+        _post(self.row, state, state, law, first=True)
+
+    def post(self, end: State) -> None:
+        """Post a small step to another accepted state."""
+        _post(self.row, self.here, end, self.law)
+        self.here = end
+
+    def balances(self, end: State) -> bool:
+        """Whether the energies of a step balance, as those of small steps do unless they lead past an instability."""
+        row = self.row.copy()
+        _post(row, self.here, end, self.law)
+        defect = Ledger(*np.array([self.row, row]).T).defect[1]
+        return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
+
+    def post_run(self, end: State, ledger: Ledger) -> None:
+        """Post a run from the present state, sampled at its end; a drag may then take what is left of its motion."""
+        self.row[_STORED], self.here = 0.0, end
+        self.row += [column[-1] for column in ledger]
+
+    def stop(self, end: State) -> None:
+        """Post that the present state is brought to rest."""
+        self.row[COLUMNS.index("drag")] += self.row[0]
+        self.row[0], self.here = 0.0, end
 
 
 def _copy(record):

@@ -37,7 +37,7 @@ def run(
     every: int = 0,
     probes: Bodies = (),
     events: bool = False,
-    ledger: bool = False,
+    ledger: bool | int = False,
     tolerance: float = 0.0,
     reference: np.ndarray | None = None,
     slip_update: str = "difference",
@@ -59,7 +59,8 @@ def run(
     every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
-    ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`
+    ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`. A
+        number of steps: updated after so many, of which `every` is a multiple; sums over steps are then coarser
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
     slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
@@ -103,7 +104,7 @@ def run(
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
     if engine is not None:
         asked = {
-            "spin_drag": spin_drag is not None, "probes": np.size(probes), "events": events, "ledger": ledger,
+            "spin_drag": spin_drag is not None, "probes": np.size(probes), "events": events, "ledger": bool(ledger),
             "tolerance": tolerance, "reference": reference is not None,
         }  # fmt: skip
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
@@ -121,7 +122,7 @@ def run(
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
-    books = open_books(len(writing.series), driven_bodies(state), state, law, rate > 0) if ledger else None
+    books = open_books(len(writing.series), int(ledger), driven_bodies(state), state, law, rate > 0) if ledger else None
     result = run_steps(state, law, plan, steps, writing, books, instant, rate=rate, threads=threads)
     end, code, done, residual, worst, writing, books = result
     end = with_mark(end, law, slip_update) if code in (core.DONE, core.CONVERGED) else end._replace(instant=None)
@@ -175,7 +176,7 @@ def join_samples(samples: list[Record], leg: Leg) -> Record:
 
 
 def _check_arguments(
-    law: Law, steps: int, dt: float, every: int, ledger: bool, slip_update: str, threads: int | None
+    law: Law, steps: int, dt: float, every: int, ledger: bool | int, slip_update: str, threads: int | None
 ) -> None:
     """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
     if not (np.isfinite(dt) and dt > 0):
@@ -188,6 +189,8 @@ def _check_arguments(
     require_sizes([Size(f"every = {float(every):.4g} makes", samples, "samples", "use a larger `every`")])
     if ledger and not every:
         raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
+    if ledger < 0 or (ledger and every % ledger):
+        raise ValueError(f"ledger = {ledger} and every = {every} were given: every must be a multiple of ledger")
     if slip_update not in ("difference", "rate"):
         raise ValueError(f"slip_update={slip_update!r} was given: 'difference' and 'rate' are allowed")
     if slip_update == "rate" and law.coulomb == SMOOTH:

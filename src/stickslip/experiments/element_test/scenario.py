@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import exp, log, pi, sqrt
+from math import log, pi, sqrt
 from typing import Annotated, Literal
 
 import numpy as np
@@ -153,10 +153,30 @@ class ElementSample(ScenarioTable):
         return diameters(self.grading.curve(), self.grains, self.dim)
 
     @property
+    def masses(self) -> np.ndarray:
+        """Masses of the grains, (N,) [mass]."""
+        return self.density * (pi / 4 * self.diameters**2 if self.dim == 2 else pi / 6 * self.diameters**3)
+
+    @property
+    def area(self) -> float:
+        """Mean diameter to the power dim − 1, on which a pressure exerts the force of a contact [length^(dim−1)]."""
+        return float(self.diameters.mean()) ** (self.dim - 1)
+
+    @property
     def width(self) -> float:
         """Width of the cell, before the sample is made [length]."""
         solid = (pi / 4 * self.diameters**2 if self.dim == 2 else pi / 6 * self.diameters**3).sum()
         return float(solid / DENSITY[self.dim]) ** (1 / self.dim)
+
+    @property
+    def relative_width(self) -> float:
+        """Width of the cell over the least that is allowed."""
+        return self.width / (NARROWEST * float(self.diameters[-1]))
+
+
+def widest_shear(sample: ElementSample) -> float:
+    """Shear strain at which the cell of a sample becomes as narrow as is allowed."""
+    return sqrt(max(sample.relative_width**2 - 1, 0.0))
 
 
 @allow_laws(
@@ -236,16 +256,27 @@ class Loading(ScenarioTable):
         return self
 
 
-class ElementTestScenario(ScenarioBase):
-    """Everything that defines an element test. Units are SI unless others are named."""
+class SampleScenario(ScenarioBase):
+    """Scenario of tests of samples. Units are SI unless others are named."""
 
-    experiment: Literal["element-test"] = "element-test"
+    experiment: str = ""
     seed: Seed = 0
     realizations: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1, description="number of samples, with seeds seed, seed + 1, …"
     )
     sample: ElementSample = ElementSample()
     law: ElementLaw = ElementLaw(young=1e9, poisson=0.2)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_units(cls, tables):
+        return tables | {"units": tables.get("units") or "SI"} if isinstance(tables, dict) else tables
+
+
+class ElementTestScenario(SampleScenario):
+    """Everything that defines an element test. Units are SI unless others are named."""
+
+    experiment: Literal["element-test"] = "element-test"
     path: Loading = Loading()
     signs: Literal["compression", "tension"] = Field(
         "compression", description="which stresses and strains are positive in tables and figures"
@@ -258,11 +289,6 @@ class ElementTestScenario(ScenarioBase):
         "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
     )
     ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _name_units(cls, tables):
-        return tables | {"units": tables.get("units") or "SI"} if isinstance(tables, dict) else tables
 
     @property
     def sign(self) -> int:
@@ -312,9 +338,7 @@ class ElementTestScenario(ScenarioBase):
         if kind == "isotropic":
             return self
         most = max(map(abs, self.path.turns))
-        longest = log(sample.width / (NARROWEST * float(sample.diameters[-1])))
-        if kind == "simple-shear":
-            longest = sqrt(max(exp(2 * longest) - 1, 0.0))
+        longest = widest_shear(sample) if kind == "simple-shear" else log(sample.relative_width)
         if most > longest:
             raise ValueError(
                 f"path.strain = {most:g} was given: the cell of {sample.grains} grains would become narrower than "

@@ -8,25 +8,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.contacts.forces import accept, forces, unbalanced_forces
+from ...core.contacts.forces import forces, unbalanced_forces
 from ...core.contacts.memory import FROZEN
 from ...core.control import strained_at
 from ...core.dynamics.cell_motion import strained
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import run
-from ...core.laws.builtin import Law, with_values
+from ...core.laws.builtin import Law
 from ...core.measure import contact_forces, coordination, fabric, least_supports, packing_fraction, stress, touching
 from ...core.outcome import NotInEquilibriumError
 from ...core.progress import Report, silent, within
 from ...core.readable import readable
-from ...core.state import SLIDE, State, loads
+from ...core.state import SLIDE, State
 from ...core.units import Fields
-from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
-from ...data.schema import ScenarioError
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Workers
 from ...lammps.run import lammps_engine
-from ...loading.compression import Scales, check_pressure, compressed, compression_scales
-from ...loading.packing import PackingInfo, packing_info
+from ...loading.compression import Scales, compression_scales
+from ...loading.packing import PackingInfo
 from ...loading.settling import DRAG, servo_mass, settle
 from ...solve.moduli import elastic_moduli
 from ...solve.newton import Factorisation
@@ -35,9 +34,9 @@ from ..experiment import result_of
 from ..realizations import Task, run_realizations
 from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
+from .sample import BALANCED, check_pressures, make_sample
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
-AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
 FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
@@ -151,7 +150,7 @@ def simulate_element_test(
     np.float64(0.0)
     """
     law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, ElementRun, PackingInfo, SmallStrain, Piece)
-    _check_pressures(scenario, law, kept)
+    check_pressures(scenario.sample, law, kept, path=scenario.path.pressures or ())
     seeds = [scenario.seed + k for k in range(scenario.realizations)]
     jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
     tasks = [
@@ -172,23 +171,6 @@ def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
     return kept and kept.of(_name(seed, half), PackingInfo, Piece)
 
 
-def _check_pressures(scenario: ElementTestScenario, law: Law, kept: Checkpoint | None) -> None:
-    """Raise ScenarioError, before anything is saved, if the law cannot carry the pressures."""
-    sample, path = scenario.sample, scenario.path
-    for key, pressure in (("sample.pressure", sample.pressure), *(("path.pressures", p) for p in path.pressures or ())):
-        try:
-            check_pressure(law, pressure, radius=0.5 * sample.diameters, mass=_masses(scenario), dim=sample.dim)
-        except ValueError as problem:
-            if kept:
-                abandon(kept)
-            raise ScenarioError(str(problem).replace("pressure =", f"{key} =", 1)) from None
-
-
-def _masses(scenario: ElementTestScenario) -> np.ndarray:
-    sample, d = scenario.sample, scenario.sample.diameters
-    return sample.density * (np.pi / 4 * d**2 if sample.dim == 2 else np.pi / 6 * d**3)
-
-
 def load_sample(
     scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, report: Report
 ) -> ElementRun:
@@ -196,14 +178,13 @@ def load_sample(
     law = make_law(scenario.law)
     engine = find_engine(scenario)
     kept = kept and kept.if_visible()
-    state, packed = load_or_compute(kept, "packing", lambda: _make_sample(scenario, law, seed, report))
+    state, packed = load_or_compute(kept, "packing", lambda: make_sample(scenario.sample, law, seed, report))
     if half:
         path = scenario.path
         slower = {"step": 0.5 * path.step} if path.integrator == "quasi-static" else {
             "rate": 0.5 * scenario.rate, "inertial_number": None}  # fmt: skip
         scenario = scenario.model_copy(update={"path": path.model_copy(update=slower)})
-    area = float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
-    tolerance = BALANCED * scenario.sample.pressure * area
+    tolerance = BALANCED * scenario.sample.pressure * scenario.sample.area
     rig = Rig(scenario, law, state, drive_of(scenario.path, state.cell.dim), tolerance, Factorisation(), engine)
     series, end, ended = _follow(rig, kept, within(report, stage=f"sample {seed}"))
     return ElementRun(seed, packed, _small_strain(state, law), series, end, ended)
@@ -212,27 +193,6 @@ def load_sample(
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
     """Return the engine of a scenario, None if it is `run`."""
     return lammps_engine(scenario.ranks) if scenario.engine == "lammps" else None
-
-
-def _make_sample(scenario: ElementTestScenario, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
-    """Isotropic sample, compressed with the friction that controls its density, then settled under its own law."""
-    sample = scenario.sample
-    friction = sample.friction
-    slippery = law if friction is None else with_values(law, mu=friction)
-    area = float(sample.diameters.mean()) ** (sample.dim - 1)
-    state, _ = compressed(
-        sample.grains, pressure=sample.pressure, dim=sample.dim, radius=0.5 * sample.diameters, mass=_masses(scenario),
-        law=slippery, seed=seed, tolerance=AT_REST * sample.pressure * area,
-        report=within(report, 0.0, 0.0, prefix=f"sample {seed}: "),
-    )  # fmt: skip
-    tolerance = BALANCED * sample.pressure * area
-    every = Drive(np.zeros((3, 3)), tuple(range(sample.dim)))
-    scales = compression_scales(state, law, sample.pressure, tolerance)
-    mass = servo_mass(state, sample.pressure, scales)
-    state = controlled(accept(state, forces(state, law)[1]), every, np.full(3, sample.pressure), mass)
-    end, _ = settle(state, law, scales, tolerance=tolerance, keep=Factorisation())
-    end = end._replace(control=loads(sample.grains))
-    return end, packing_info(end, law)
 
 
 def _small_strain(state: State, law: Law) -> SmallStrain:

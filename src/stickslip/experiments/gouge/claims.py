@@ -344,15 +344,16 @@ def _energies(main: GougeResult) -> Claim:
     source, study = "Text: not in the paper; a check of this package", "conservation of energy"
     if not books:
         return _statement("energy-balance", source, None, "no ledger was recorded", study=study)
-    work, coulomb, viscous, curl = (
+    work, coulomb, rolling, viscous, curl = (
         np.mean([b[name][-1] - b[name][0] for b in books])
-        for name in ("external", "coulomb", "viscous", "nonpotential")
+        for name in ("external", "coulomb", "rolling", "viscous", "nonpotential")
     )
-    defect = max(float(np.abs(b["defect"]).max()) for b in books) / max(abs(coulomb + viscous), 1e-300)
+    friction = coulomb + rolling
+    defect = max(float(np.abs(b["defect"]).max()) for b in books) / max(abs(friction + viscous), 1e-300)
     return _statement(
         "energy-balance", source, bool(defect < LEDGER),
         f"the ledger closes to within {defect:.0e} of the dissipated energy, of which friction accounts for "
-        f"{coulomb / (coulomb + viscous):.1%}; work of loads {work:.3g} J, energy created by tangential springs "
+        f"{friction / (friction + viscous):.1%}; work of loads {work:.3g} J, energy created by tangential springs "
         f"{curl:.1e} J",
         study=study,
     )  # fmt: skip
