@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
 from ..core.arguments import checked, require_positive
 from ..core.contacts.neighbors import TooFarApartError
@@ -20,8 +20,7 @@ from ..solve.newton import Factorisation
 
 SIZE = 1e-4  # of a probe, in mean overlaps per diameter
 BALANCED = 1e-7  # residual over the change of forces that a probe makes
-NORMALS = 90  # directions of normals of bands in a plane, before the least is refined
-AXES = "xyz"
+NORMALS = 90  # normals of bands over half a circle, before the least is refined
 
 
 @readable
@@ -190,9 +189,7 @@ class _StressProbe(_StrainProbe):
         """Return strain and stress per unit stress, and the number of contacts that slide."""
         dim = len(direction)
         wanted = self.before[:dim, :dim] + self.size * direction
-        names = [(a, b) for a in range(dim) for b in range(a, dim)]
-        target = {AXES[a] + AXES[b]: float(wanted[a, b]) for a, b in names}
-        end = self.settle(self.state._replace(control=stress_controlled(self.state.control, target)))
+        end = self.settle(self.state._replace(control=stress_controlled(self.state.control, wanted)))
         if end is None:
             return np.full_like(direction, np.nan), direction, -1
         vectors = self.state.cell.vectors[:dim, :dim]
@@ -248,7 +245,7 @@ class Localisation(NamedTuple):
 
 @checked
 def localisation(state: Committed, law: Law) -> Localisation:
-    """Return the plane in the xy plane of normals whose acoustic tensor n_b C_abcd n_d has the least determinant.
+    """Return the plane, of all orientations, whose acoustic tensor n_b C_abcd n_d has the least determinant.
 
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
@@ -267,21 +264,25 @@ def localisation(state: Committed, law: Law) -> Localisation:
     """
     moduli, stuck = elastic_moduli(state, law).tensor, elastic_moduli(_sticking(state), law)
     dim = len(moduli)
-    unit = np.eye(dim)[0]
-    whole = _acoustic(isotropic_tensor(dim, stuck.bulk, stuck.shear), unit)
-
-    def value(angle: float) -> float:
-        return _acoustic(moduli, _normal(angle, dim)) / whole
-
-    angles = np.pi * np.arange(NORMALS) / NORMALS
-    start = angles[np.argmin([value(angle) for angle in angles])]
-    best = minimize_scalar(value, bounds=(start - np.pi / NORMALS, start + np.pi / NORMALS), method="bounded")
-    return Localisation(_normal(best.x, dim), float(best.fun))
+    whole = _acoustic(isotropic_tensor(dim, stuck.bulk, stuck.shear), np.eye(dim)[0])
+    normals = _half_sphere(dim)
+    start = normals[np.argmin(_acoustic(moduli, normals))]
+    best = minimize(lambda n: _acoustic(moduli, n / np.linalg.norm(n)) / whole, start, method="Nelder-Mead",
+                    options={"xatol": 1e-6, "fatol": 1e-9})  # fmt: skip
+    return Localisation(best.x / np.linalg.norm(best.x), float(best.fun))
 
 
-def _normal(angle: float, dim: int) -> np.ndarray:
-    return np.array([np.cos(angle), np.sin(angle), 0.0])[:dim]
+def _half_sphere(dim: int) -> np.ndarray:
+    """(M, dim) normals that are evenly spread over half a circle or half a sphere, there on a spiral."""
+    if dim == 2:
+        angle = np.pi * np.arange(NORMALS) / NORMALS
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+    count = NORMALS**2 // 2
+    height, turn = (np.arange(count) + 0.5) / count, np.pi * (1 + 5**0.5) * np.arange(count)
+    level = np.sqrt(1 - height**2)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
 
 
-def _acoustic(moduli: np.ndarray, normal: np.ndarray) -> float:
-    return float(np.linalg.det(np.einsum("b,abcd,d->ac", normal, moduli, normal)))
+def _acoustic(moduli: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Determinants of the acoustic tensors of normals (…, dim)."""
+    return np.linalg.det(np.einsum("...b,abcd,...d->...ac", normal, moduli, normal))

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +27,7 @@ from ...data.schema import ScenarioError
 from ...ensemble import Workers
 from ...lammps.run import lammps_engine
 from ...loading.compression import Scales, check_pressure, compressed, compression_scales
+from ...loading.envelope import Envelope, Localisation
 from ...loading.packing import PackingInfo, packing_info
 from ...loading.settling import DRAG, servo_mass, settle
 from ...solve.moduli import elastic_moduli
@@ -35,6 +37,7 @@ from ..experiment import result_of
 from ..realizations import Task, run_realizations
 from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
+from .probes import ProbedState, plane_of, probe, without_answer
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
 AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
@@ -79,6 +82,7 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
+    probes: tuple[ProbedState, ...]  # of the first sample, if the scenario asks for them
 
 
 class Piece(NamedTuple):
@@ -86,6 +90,10 @@ class Piece(NamedTuple):
 
     rows: dict[str, np.ndarray]
     state: State
+
+
+Steps = Iterator[tuple[State, float, bool]]  # state, load, and whether dynamics was needed
+SAVED = (ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation)  # classes in saved results
 
 
 class Rig(NamedTuple):
@@ -98,6 +106,7 @@ class Rig(NamedTuple):
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
     engine: Engine | None  # of a dynamic test, if it is not `run`
+    probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
 
     @property
     def dim(self) -> int:
@@ -150,7 +159,7 @@ def simulate_element_test(
     >>> round(abs(series.strain[:, :3].sum(axis=1)).max(), 12)
     np.float64(0.0)
     """
-    law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, ElementRun, PackingInfo, SmallStrain, Piece)
+    law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, *SAVED)
     _check_pressures(scenario, law, kept)
     seeds = [scenario.seed + k for k in range(scenario.realizations)]
     jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
@@ -169,7 +178,7 @@ def _name(seed: int, half: bool) -> str:
 
 
 def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
-    return kept and kept.of(_name(seed, half), PackingInfo, Piece)
+    return kept and kept.of(_name(seed, half))
 
 
 def _check_pressures(scenario: ElementTestScenario, law: Law, kept: Checkpoint | None) -> None:
@@ -204,9 +213,11 @@ def load_sample(
         scenario = scenario.model_copy(update={"path": path.model_copy(update=slower)})
     area = float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
     tolerance = BALANCED * scenario.sample.pressure * area
-    rig = Rig(scenario, law, state, drive_of(scenario.path, state.cell.dim), tolerance, Factorisation(), engine)
-    series, end, ended = _follow(rig, kept, within(report, stage=f"sample {seed}"))
-    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended)
+    drive = drive_of(scenario.path, state.cell.dim)
+    probed = _rows_to_probe(scenario) if seed == scenario.seed and not half else frozenset()
+    rig = Rig(scenario, law, state, drive, tolerance, Factorisation(), engine, probed)
+    series, end, ended, probes = _follow(rig, kept, within(report, stage=f"sample {seed}"))
+    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended, probes)
 
 
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
@@ -262,8 +273,15 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
     return np.concatenate(out)
 
 
-def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementSeries, State, str]:
-    """Series along the path, its last state, and the reason for which it ended early."""
+def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
+    """Numbers of the loads before the first turn that are nearest to the strains to probe."""
+    loads = np.abs(loads_of(scenario))
+    first = loads[: int(np.argmin(np.append(np.diff(loads), -1.0) > 0)) + 1]
+    return frozenset(int(np.abs(first - abs(strain)).argmin()) for strain in scenario.probed_strains)
+
+
+def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
+    """Series along the path, its last state, the reason for which it ended early, and the probed states."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}"))
@@ -278,7 +296,8 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementS
         rows.clear()
 
     move = quasi_static if rig.scenario.path.integrator == "quasi-static" else dynamic
-    steps = move(rig, state, wanted, done)
+    probes: list[ProbedState] = [kept.load(_probe_name(k)) for k in sorted(rig.probed) if kept and k < done]
+    steps = _with_probes(rig, move(rig, state, wanted, done), done, kept, probes)
     try:
         for state, load, rearranged in steps:
             rows.append(_measure(rig, state, load, rearranged))
@@ -293,10 +312,33 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementS
     if rows:
         keep()
     columns = [np.concatenate([piece.rows[name] for piece in pieces]) for name in ElementSeries._fields]
-    return ElementSeries(*columns), state, ended
+    return ElementSeries(*columns), state, ended, tuple(probes)
 
 
-Steps = Iterator[tuple[State, float, bool]]
+def _probe_name(row: int) -> str:
+    return f"probes-{row:06d}"
+
+
+def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, probes: list[ProbedState]) -> Steps:
+    """Steps from number `done` on, the same ones; states to probe are probed and appended to a list."""
+    for row, (state, load, rearranged) in enumerate(steps, start=done):
+        if row in rig.probed:
+            probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load)))
+        yield state, load, rearranged
+
+
+def _probe(rig: Rig, state: State, load: float) -> ProbedState:
+    """Probe a state of the path, which comes to rest in a held cell first."""
+    path, nothing = rig.scenario.path, np.zeros((3, 3))
+    control = state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
+    scales = rig.scales(rig.scenario.sample.pressure)
+    try:
+        rest, _ = settle(
+            state._replace(control=control), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation()
+        )
+    except NotInEquilibriumError as problem:
+        return without_answer(load, stress(state, rig.law), str(problem))
+    return probe(rest, rig.law, load, plane_of(path, rig.dim)[0], rig.scenario.probes.directions)
 
 
 def quasi_static(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
