@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Numbers, checked, require_positive
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import stress_controlled
 from ..core.dynamics.cell_motion import strained
@@ -17,9 +17,11 @@ from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.equilibrate import equilibrate
 from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
 from ..solve.newton import Factorisation
+from .compression import stopped
 
 SIZE = 1e-4  # of a probe, in mean overlaps per diameter
 BALANCED = 1e-7  # residual over the change of forces that a probe makes
+ROUND_OFF = 1e-15  # of a position, over the width of the cell
 NORMALS = 90  # normals of bands over half a circle, before the least is refined
 
 
@@ -66,7 +68,13 @@ class Envelope(NamedTuple):
 
 @checked
 def response_envelope(
-    state: Committed, law: Law, *, directions: int = 64, control: str = "strain", plane=None, size: float = SIZE
+    state: Committed,
+    law: Law,
+    *,
+    directions: int = 64,
+    control: str = "strain",
+    plane: Numbers | None = None,
+    size: float = SIZE,
 ) -> Envelope:
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
@@ -80,13 +88,13 @@ def response_envelope(
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
         spheres, the planes of biaxial and triaxial tests along y
-    size : of the probes, in mean overlaps over diameters
+    size : of the probes, in mean overlaps over diameters, at most 1
 
     Raises
     ------
     ValueError
         with a one-sentence message, if the packing is not in equilibrium, has walls, groups or open sides, or only
-        rattlers.
+        rattlers, or if the probes would be lost in the round-off of positions.
 
     Source
     ------
@@ -104,6 +112,8 @@ def response_envelope(
     ([], True)
     """
     require_positive(size=size, directions=directions)
+    if not (least := _least_size(state)) <= size <= 1:
+        raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
     if control not in ("strain", "stress"):
         raise ValueError(f"control={control!r} was given: 'strain' and 'stress' are allowed")
     span = _orthonormal(_default_plane(state.cell.dim) if plane is None else np.asarray(plane, float), state.cell.dim)
@@ -146,14 +156,24 @@ def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
     return float(k * spacing + share * spacing)
 
 
+def _least_size(state: State) -> float:
+    """Size of a probe whose forces are known to 1e-3 despite the round-off of positions."""
+    return 1e3 * _round_off(state) if len(touching(state)) else 0.0
+
+
+def _round_off(state: State) -> float:
+    """Round-off of forces over the mean force."""
+    return float(ROUND_OFF * np.abs(state.cell.vectors).max() / overlaps(state)[touching(state)].mean())
+
+
 class _StrainProbe:
     """Probes of imposed strain."""
 
     def __init__(self, state: State, law: Law, step: float):
         control = state.control._replace(cell_free=np.zeros((3, 3), bool), cell_rate=np.zeros((3, 3)))
         self.law, self.step, self.keep = law, step, Factorisation()
-        self.tolerance = BALANCED * mean_normal_force(state, law) * SIZE
-        held = state._replace(control=control)
+        self.tolerance = mean_normal_force(state, law) * max(BALANCED * SIZE, _round_off(state))
+        held = stopped(state._replace(control=control))
         self.state = self.settle(held) if imbalance(held, law) <= BALANCED_BELOW else None
         if self.state is None:
             raise ValueError("a packing that is not in equilibrium was given: use `equilibrate` first")

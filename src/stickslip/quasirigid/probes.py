@@ -57,15 +57,12 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
         )
     matrix = linear_system(_under(state, stress(state, law)[:dim, :dim]), law)
     still = external_force(_under(state, np.zeros((dim, dim))), matrix.free)
-    cell = np.flatnonzero(matrix.free.axis == 6)
     answers = []
     for rate in stresses:
         load = external_force(_under(state, rate), matrix.free) - still
         status = contact_status(matrix, load, unique=unique)
-        gradient = np.zeros((3, 3))
-        gradient.flat[matrix.free.component[cell] - 6 * state.n_bodies] = status.velocity[cell] / matrix.free.length
-        strain = -0.5 * (gradient + gradient.T)[:dim, :dim]
-        answers.append(Probed(status, strain if status.ok else np.full((dim, dim), np.nan)))
+        gradient = matrix.free.strain(status.velocity)[:dim, :dim]
+        answers.append(Probed(status, -0.5 * (gradient + gradient.T) if status.ok else np.full((dim, dim), np.nan)))
     return tuple(answers)
 
 

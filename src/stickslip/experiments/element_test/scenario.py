@@ -240,7 +240,9 @@ class Probing(ScenarioTable):
     """Small probes of the first sample along its path, which show in which directions it can fail."""
 
     strains: Annotated[tuple[Finite, ...], Listed] | None = Field(
-        None, description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed"
+        None,
+        min_length=1,
+        description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed",
     )
     states: Annotated[int, Field(ge=1, le=200)] | None = Field(
         None,

@@ -26,7 +26,7 @@ from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compu
 from ...data.schema import ScenarioError
 from ...ensemble import Workers
 from ...lammps.run import lammps_engine
-from ...loading.compression import Scales, check_pressure, compressed, compression_scales
+from ...loading.compression import Scales, check_pressure, compressed, compression_scales, stopped
 from ...loading.envelope import Envelope, Localisation
 from ...loading.packing import PackingInfo, packing_info
 from ...loading.settling import DRAG, servo_mass, settle
@@ -334,7 +334,7 @@ def _probe(rig: Rig, state: State, load: float) -> ProbedState:
     scales = rig.scales(rig.scenario.sample.pressure)
     try:
         rest, _ = settle(
-            state._replace(control=control), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation()
+            stopped(state._replace(control=control)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation()
         )
     except NotInEquilibriumError as problem:
         return without_answer(load, stress(state, rig.law), str(problem))
