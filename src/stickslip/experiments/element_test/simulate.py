@@ -16,7 +16,16 @@ from ...core.dynamics.cell_motion import strained
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import run
 from ...core.laws.builtin import Law, with_values
-from ...core.measure import contact_forces, coordination, fabric, least_supports, packing_fraction, stress, touching
+from ...core.measure import (
+    contact_forces,
+    coordination,
+    fabric,
+    least_supports,
+    overlaps,
+    packing_fraction,
+    stress,
+    touching,
+)
 from ...core.outcome import NotInEquilibriumError
 from ...core.progress import Report, silent, within
 from ...core.readable import readable
@@ -46,6 +55,7 @@ FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
 MODULI_UP_TO = 5000  # grains up to which elastic moduli are computed
+FURTHER, FURTHER_BY = 10, 0.1  # steps after rest by dynamics, and their strain in mean overlaps over diameters
 SAVE_EVERY = 20.0  # time between two saved pieces of an unfinished path [s]
 
 
@@ -323,22 +333,45 @@ def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, pro
     """Steps from number `done` on, the same ones; states to probe are probed and appended to a list."""
     for row, (state, load, rearranged) in enumerate(steps, start=done):
         if row in rig.probed:
-            probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load)))
+            probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load, rearranged)))
         yield state, load, rearranged
 
 
-def _probe(rig: Rig, state: State, load: float) -> ProbedState:
-    """Probe a state of the path, which comes to rest in a held cell first."""
-    path, nothing = rig.scenario.path, np.zeros((3, 3))
-    control = state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
-    scales = rig.scales(rig.scenario.sample.pressure)
+def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState:
+    """Probe a state of the path at rest in a held cell.
+
+    Contacts leave the Coulomb limit a little where dynamics brings a sample to rest. It is therefore loaded further by
+    small quasi-static steps, until they slide as along the path.
+    """
+    path, scales = rig.scenario.path, rig.scales(rig.scenario.sample.pressure)
     try:
-        rest, _ = settle(
-            stopped(state._replace(control=control)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation()
-        )
+        rest, outcome = settle(stopped(_held(state)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation())
+        if rearranged or outcome.fallback or path.integrator == "dynamic":
+            rest = _held(_load_further(rig, rest, scales))
     except NotInEquilibriumError as problem:
         return without_answer(load, stress(state, rig.law), str(problem))
     return probe(rest, rig.law, load, plane_of(path, rig.dim)[0], rig.scenario.probes.directions)
+
+
+def _held(state: State) -> State:
+    """State whose cell does not follow the stress."""
+    nothing = np.zeros((3, 3))
+    return state._replace(
+        control=state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
+    )
+
+
+def _load_further(rig: Rig, state: State, scales: Scales) -> State:
+    """State after small steps of the path from a state at rest, the last `FURTHER` without dynamics if possible."""
+    overlap = overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean())
+    step, keep, calm = np.sign(rig.scenario.path.turns[0]) * FURTHER_BY * overlap / FURTHER, Factorisation(), 0
+    state = controlled(state, rig.drive, np.diag(stress(state, rig.law)))
+    for _ in range(5 * FURTHER):
+        state, outcome = settle(_strained(state, rig.drive, step), rig.law, scales, tolerance=rig.tolerance, keep=keep)
+        calm = 0 if outcome.fallback else calm + 1
+        if calm == FURTHER:
+            break
+    return state
 
 
 def quasi_static(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
