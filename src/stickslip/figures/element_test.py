@@ -1,5 +1,6 @@
 """Figures of element tests, as soil engineers draw them; tables are dictionaries of columns, as in series.csv."""
 
+from textwrap import fill
 from typing import Annotated, Any
 
 import numpy as np
@@ -111,7 +112,9 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
 
 
 @styled
-def failure_directions(probes: list[_Probed], table: _Table, strain: str, first: dict[str, float]):
+def failure_directions(
+    probes: list[_Probed], table: _Table, strain: str, first: dict[str, float], names: tuple[str, str]
+):
     """Angle of friction, and normalised second-order work by direction of the strain, along a path.
 
     Parameters
@@ -120,11 +123,13 @@ def failure_directions(probes: list[_Probed], table: _Table, strain: str, first:
     table : series of the sample
     strain : name of the column of the imposed strain
     first : strain at which each sign of failure is first seen
+    names : of the components along the two axes of the plane of strains
     """
     figure, (above, below) = column_axes(2, 4.4, sharex=True, height_ratios=(1, 1.3))
     above.plot(table[strain], table["phi"], color=BLUE)
-    for k, (sign, at) in enumerate(first.items()):
-        above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls="--", lw=0.8, label=sign)
+    for k, at in enumerate(sorted(set(first.values()))):
+        signs = [sign for sign in first if first[sign] == at]
+        above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls="--", lw=0.8, label=fill("; ".join(signs), 34))
     at = np.array([each.load for each in probes]) * np.sign(table[strain][-1] or 1.0) * np.sign(probes[-1].load or 1.0)
     middle = 0.5 * (at[1:] + at[:-1])
     reach = np.ptp(table[strain]) / 40
@@ -136,9 +141,9 @@ def failure_directions(probes: list[_Probed], table: _Table, strain: str, first:
     shades = plt.get_cmap("RdBu").with_extremes(bad=BLACK)
     drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
     below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
-    figure.colorbar(drawn, ax=[above, below], label=r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$", aspect=40)
+    figure.colorbar(drawn, ax=[above, below], label=r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$", aspect=40, pad=0.02)
     label_axes(above, y=r"$\phi$ [°]")
-    label_axes(below, x=STRAINS[strain], y="direction of the strain [°]")
+    label_axes(below, x=STRAINS[strain], y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
-    legend_above(above)
+    legend_above(above, ncol=1, fontsize="x-small")
     return figure

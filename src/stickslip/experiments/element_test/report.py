@@ -79,7 +79,12 @@ def figures(result: ElementTestResult):
     yield "fig5_grading.png", figures_of.grading(curve, diameters, scenario.sample.dim)
     if probed := [each for each in result.runs[0].probes if each.envelope is not None]:
         first = {name: scenario.sign * each.load for name, each in first_seen(tuple(probed)).items() if each}
-        yield "fig6_directions.png", figures_of.failure_directions(probed, tables[0], strain, first)
+        yield (
+            "fig6_directions.png",
+            figures_of.failure_directions(
+                probed, tables[0], strain, first, plane_of(scenario.path, scenario.sample.dim)[1]
+            ),
+        )
         yield "fig7_envelopes.png", _envelopes(probed, scenario)
 
 
