@@ -62,7 +62,7 @@ from stickslip.experiments.element_test.report import columns
 
 probes, table = result.runs[0].probes, columns(result.runs[0], result.scenario)
 first = {sign: state.load for sign, state in first_seen(probes).items() if state}
-names = ("axial", "lateral")"""
+options = "axial_strain", first, ("axial", "lateral")"""
 SECTIONS = {
     "packing": Section(
         "Packing of spheres in its unstable mode", MODE,
@@ -105,8 +105,8 @@ SECTIONS = {
     "element-test": Section(
         "Directions of failure", RUN.format("directions_of_failure") + DIRECTIONS,
         {
-            "fig6_directions": 'ss.figures.element_test.failure_directions(probes, table, "axial_strain", first, names)',
-            "fig7_envelopes": 'ss.figures.response_envelopes([s.envelope for s in probes[1::4]], names=names)',
+            "fig6_directions": 'ss.figures.element_test.failure_directions(probes, table, *options)',
+            "fig7_envelopes": 'ss.figures.response_envelopes([s.envelope for s in probes[1::4]], names=options[2])',
         },
     ),
     "flow": Section(

@@ -16,6 +16,7 @@ from stickslip.experiments.element_test.probes import describe_direction, first_
 from stickslip.experiments.element_test.report import figures
 from stickslip.experiments.experiment import named_measures
 from stickslip.figures.style import png
+from stickslip.runs.page import folder_content
 
 DISKS = {"dim": 2, "grains": 60, "pressure": 100.0, "friction": 0.0}
 LAW = {"young": 1e9, "poisson": 0.2, "mu": 0.3}
@@ -219,6 +220,8 @@ def test_figures_and_tables_of_probes_are_written(result, tmp_path, monkeypatch,
         with (out / name).open(encoding="utf-8") as file:
             tables[name] = list(csv.DictReader(file))
     assert len(tables["probes.csv"]) == 1 and len(tables["envelopes.csv"]) == 8
+    (remarks,) = (text for heading, text in folder_content(out, search=False).sections if heading == "Remarks")
+    assert "No direction was seen in which sample 0 could fail" in remarks
     assert float(tables["probes.csv"][0]["strain"]) == pytest.approx(1e-5)
     assert float(tables["envelopes.csv"][2]["strain_lateral"]) == pytest.approx(1)
 

@@ -141,7 +141,8 @@ def failure_directions(
     shades = plt.get_cmap("RdBu").with_extremes(bad=BLACK)
     drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
     below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
-    figure.colorbar(drawn, ax=[above, below], label=r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$", aspect=40, pad=0.02)
+    label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
+    figure.colorbar(drawn, ax=[above, below], label=label, aspect=40, pad=0.02)
     label_axes(above, y=r"$\phi$ [°]")
     label_axes(below, x=STRAINS[strain], y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))

@@ -171,7 +171,7 @@ def numbers(result: ElementTestResult) -> dict:
             }
             for name, run in zip(names, runs, strict=True)
         },
-        "failures": "\n".join(result.failures),
+        "failures": "\n".join(result.failures), "remarks": "\n".join(sentences(result)),
     }  # fmt: skip
 
 
