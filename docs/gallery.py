@@ -62,7 +62,7 @@ from stickslip.experiments.element_test.report import columns
 
 probes, table = result.runs[0].probes, columns(result.runs[0], result.scenario)
 first = {sign: state.load for sign, state in first_seen(probes).items() if state}
-options = "axial_strain", first, ("axial", "lateral")"""
+options = ("axial_strain", 1), first, ("axial", "lateral")"""
 SECTIONS = {
     "packing": Section(
         "Packing of spheres in its unstable mode", MODE,

@@ -113,7 +113,7 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
 
 @styled
 def failure_directions(
-    probes: list[_Probed], table: _Table, strain: str, first: dict[str, float], names: tuple[str, str]
+    probes: list[_Probed], table: _Table, strain: tuple[str, int], first: dict[str, float], names: tuple[str, str]
 ):
     """Angle of friction, and normalised second-order work by direction of the strain, along a path.
 
@@ -121,19 +121,20 @@ def failure_directions(
     ----------
     probes : probed states with envelopes
     table : series of the sample
-    strain : name of the column of the imposed strain
+    strain : name of the column of the imposed strain, and sign of compression in it
     first : strain at which each sign of failure is first seen
     names : of the components along the two axes of the plane of strains
     """
+    strain, sign = strain
     figure, (above, below) = column_axes(2, 4.4, sharex=True, height_ratios=(1, 1.3))
     above.plot(table[strain], table["phi"], color=BLUE)
     for k, at in enumerate(sorted(set(first.values()))):
-        signs = [sign for sign in first if first[sign] == at]
+        signs = [name for name in first if first[name] == at]
         above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls="--", lw=0.8, label=fill("; ".join(signs), 34))
-    at = np.array([each.load for each in probes]) * np.sign(table[strain][-1] or 1.0) * np.sign(probes[-1].load or 1.0)
+    at = sign * np.array([each.load for each in probes])
     middle = 0.5 * (at[1:] + at[:-1])
-    reach = np.ptp(table[strain]) / 40
-    edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]])], middle, [at[-1] + reach]])
+    reach = np.sign(at[-1] or 1.0) * np.ptp(table[strain]) / 40
+    edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]], key=abs)], middle, [at[-1] + reach]])
     envelope = probes[0].envelope
     turn = 360 / len(envelope.angle)
     rows = np.degrees(np.append(envelope.angle, 2 * np.pi)) - 0.5 * turn

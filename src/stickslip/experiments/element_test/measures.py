@@ -275,7 +275,7 @@ def _probed(result: ElementTestResult) -> list[str]:
     run, scenario = result.runs[0], result.scenario
     if not run.probes:
         return []
-    here, sign = directions_seen(run.probes), scenario.sign
+    here, sign = directions_seen(run.probes), scenario.strain_sign
     unanswered = [
         f"No equilibrium could be probed at a strain of {sign * each.load:.3g}: {each.reason}."
         for each in run.probes if each.envelope is None
@@ -288,7 +288,7 @@ def _probed(result: ElementTestResult) -> list[str]:
         ]
     numbers = numbers_of(run, scenario)
     why = "second-order work is negative" if here.signs["negative work"] else "no equilibrium is nearby"
-    where = describe_direction(here.failing, scenario.path, scenario.sample.dim, sign)
+    where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
     peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
     return [
         f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "

@@ -78,11 +78,15 @@ def figures(result: ElementTestResult):
     curve, diameters = scenario.sample.grading.curve(), scenario.sample.diameters
     yield "fig5_grading.png", figures_of.grading(curve, diameters, scenario.sample.dim)
     if probed := [each for each in result.runs[0].probes if each.envelope is not None]:
-        first = {name: scenario.sign * each.load for name, each in first_seen(tuple(probed)).items() if each}
+        first = {name: scenario.strain_sign * each.load for name, each in first_seen(tuple(probed)).items() if each}
         yield (
             "fig6_directions.png",
             figures_of.failure_directions(
-                probed, tables[0], strain, first, plane_of(scenario.path, scenario.sample.dim)[1]
+                probed,
+                tables[0],
+                (strain, scenario.strain_sign),
+                first,
+                plane_of(scenario.path, scenario.sample.dim)[1],
             ),
         )
         yield "fig7_envelopes.png", _envelopes(probed, scenario)
@@ -93,7 +97,7 @@ def _envelopes(probed: list[ProbedState], scenario: ElementTestScenario):
     seen = directions_seen(tuple(probed))
     until = probed[: probed.index(seen) + 1] if seen else probed
     some = [until[k] for k in np.unique(np.linspace(0, len(until) - 1, DRAWN).round().astype(int))]
-    labels = [f"ε = {scenario.sign * each.load:.3g}" for each in some]
+    labels = [f"ε = {scenario.strain_sign * each.load:.3g}" for each in some]
     return response_envelopes([each.envelope for each in some], labels, plane_of(scenario.path, scenario.sample.dim)[1])
 
 
@@ -134,8 +138,8 @@ def _probe_row(each: ProbedState, scenario: ElementTestScenario) -> tuple:
     least = float(np.nanmin(envelope.normalised_work)) if np.isfinite(each.weakest) else nan
     determinant = each.band.determinant if each.band else nan
     return (
-        scenario.sign * each.load, phi, least, float(np.degrees(each.weakest)), determinant, *map(float, each.pair),
-        *map(float, each.real), each.unique.lower(), *map(int, each.signs.values()),
+        scenario.strain_sign * each.load, phi, least, float(np.degrees(each.weakest)), determinant,
+        *map(float, (*each.pair, *each.real)), each.unique.lower(), *map(int, each.signs.values()),
     )  # fmt: skip
 
 
@@ -147,7 +151,7 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
     names = ["strain", heading("angle", "degrees")]
     names += [heading(f"{kind}_{part}", unit) for kind, unit in kinds.items() for part in parts]
     rows = (
-        (scenario.sign * each.load, float(np.degrees(each.envelope.angle[k])), *map(float, row), int(slides))
+        (scenario.strain_sign * each.load, float(np.degrees(each.envelope.angle[k])), *map(float, row), int(slides))
         for each in result.runs[0].probes if each.envelope is not None
         for k, (row, slides) in enumerate(zip(
             scenario.sign * np.hstack([each.envelope.components(kind) for kind in kinds]), each.envelope.slides,
@@ -193,7 +197,7 @@ def show(result: ElementTestResult) -> None:
 
 def _show_signs(result: ElementTestResult) -> None:
     """Print the strain at which each sign of failure is first seen."""
-    run, sign = result.runs[0], result.scenario.sign
+    run, sign = result.runs[0], result.scenario.strain_sign
     table = new_table("", "first at", "", title=f"Signs of failure of sample {run.seed}", left=("",))
     for name, each in first_seen(run.probes).items():
         table.add_row(name, f"{sign * each.load:.3g}" if each else "–", SIGNS[name])

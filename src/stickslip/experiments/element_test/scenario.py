@@ -285,6 +285,11 @@ class ElementTestScenario(ScenarioBase):
         return 1 if self.signs == "compression" else -1
 
     @property
+    def strain_sign(self) -> int:
+        """Sign of the imposed strain in tables and figures; γ has always its own."""
+        return 1 if self.path.kind == "simple-shear" else self.sign
+
+    @property
     def time(self) -> float:
         """Time in which the pressure moves a grain by its diameter, D50 √(density/p) for spheres [time]."""
         s = self.sample

@@ -92,7 +92,7 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
-    probes: tuple[ProbedState, ...]  # of the first sample, if the scenario asks for them
+    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario asks for them
 
 
 class Piece(NamedTuple):
