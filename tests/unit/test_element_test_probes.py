@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 
 import stickslip as ss
 from stickslip.cli import main
@@ -21,6 +22,12 @@ from stickslip.runs.page import folder_content
 DISKS = {"dim": 2, "grains": 60, "pressure": 100.0, "friction": 0.0}
 LAW = {"young": 1e9, "poisson": 0.2, "mu": 0.3}
 PATH = {"strain": 8e-3, "step": 4e-4}
+
+
+@pytest.fixture(autouse=True)
+def _without_figures():
+    yield
+    plt.close("all")
 
 
 def scenario(**more):
