@@ -169,6 +169,15 @@ def test_states_are_probed_before_the_path_turns(turns):
     assert loads[rows] == pytest.approx(first * np.array([1, 4, 9]) / 9, rel=0.3)
 
 
+def test_a_strain_of_the_way_back_is_probed_on_the_way_there():
+    loads = element.loads_of(scenario(path={"strain": [1e-3, 2e-4], "step": 1e-4}))
+    turn, back = int(loads.argmax()), float(loads[-3])
+    assert np.abs(loads[: turn + 1] - back).min() > 0
+    chosen = scenario(path={"strain": [1e-3, 2e-4], "step": 1e-4}, probes={"strains": [back]})
+    (row,) = element._rows_to_probe(chosen)
+    assert row == np.abs(loads[: turn + 1] - back).argmin()
+
+
 def test_contacts_slide_in_a_state_that_dynamics_brought_to_rest():
     """Grains swing as they come to rest, and leave the Coulomb limit; the path would make them slide again."""
     path = {"strain": 2e-3, "integrator": "dynamic", "inertial_number": 1e-3}
