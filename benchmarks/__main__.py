@@ -22,6 +22,7 @@ from stickslip._core import build
 
 from . import (
     contact_status,
+    element_tests,
     engine,
     first_result,
     gouge,
@@ -132,17 +133,17 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--gouge`, `--friction`, `--start`,
-    `--writing`, `--lammps-ranks` and `--budgets` select time steps of many grains, the preparation of packings,
-    quasi-static sphere packings, their spectra only, strain steps of frictional packings, contact status, time
-    steps of fault gouge, the spring-slider with rate-and-state friction, the time to the first result with and
-    without compiled kernels, archives, movies and reports, the scaling of LAMMPS over MPI ranks, or the times that
-    help and documentation state.
+    `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--element-tests`, `--gouge`,
+    `--friction`, `--start`, `--writing`, `--lammps-ranks` and `--budgets` select time steps of many grains, the
+    preparation of packings, quasi-static sphere packings, their spectra only, strain steps of frictional packings,
+    contact status, triaxial tests and response envelopes, time steps of fault gouge, the spring-slider with
+    rate-and-state friction, the time to the first result with and without compiled kernels, archives, movies and
+    reports, the scaling of LAMMPS over MPI ranks, or the times that help and documentation state.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = set(sys.argv) & {
         "--engine", "--packings", "--spheres", "--spectra", "--steps", "--status", "--gouge", "--friction", "--start",
-        "--writing", "--lammps-ranks", "--budgets",
+        "--writing", "--lammps-ranks", "--budgets", "--element-tests",
     }  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
@@ -161,6 +162,8 @@ def main() -> None:
         rows += quasi_static.rows("--large" in sys.argv)
     if not chosen or "--status" in chosen:
         rows += contact_status.rows()
+    if "--element-tests" in chosen:
+        rows += element_tests.rows("--large" in sys.argv)
     if "--gouge" in chosen or not (chosen or quick):
         rows += gouge.rows()
     if not chosen or "--friction" in chosen:

@@ -9,6 +9,7 @@ import inspect
 import pickle
 import sys
 import tempfile
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,6 +56,13 @@ FIT = """
 data = ss.friction.Data(result.history.time, result.recorded, result.legs)
 fixed = {"stiffness": result.scenario.spring.stiffness}
 fits = [ss.friction.fit(data, law=law, fixed=fixed) for law in ("aging", "slip")]"""
+DIRECTIONS = """
+from stickslip.experiments.element_test.probes import first_seen
+from stickslip.experiments.element_test.report import columns
+
+probes, table = result.runs[0].probes, columns(result.runs[0], result.scenario)
+first = {sign: state.load for sign, state in first_seen(probes).items() if state}
+options = ("axial_strain", 1), first, ("axial", "lateral")"""
 SECTIONS = {
     "packing": Section(
         "Packing of spheres in its unstable mode", MODE,
@@ -92,6 +100,13 @@ SECTIONS = {
             "fig2_statuses": "ss.figures.packing(one.path.points[-1].state, one.law)",
             "fig3_cone": "ss.figures.quasi_rigid.cone(one, mu=0.5)",
             "fig4_stiffness": "ss.figures.quasi_rigid.stiffness(one)",
+        },
+    ),
+    "element-test": Section(
+        "Directions of failure", RUN.format("directions_of_failure") + DIRECTIONS,
+        {
+            "fig6_directions": 'ss.figures.element_test.failure_directions(probes, table, *options)',
+            "fig7_envelopes": 'ss.figures.response_envelopes([s.envelope for s in probes[1::4]], names=options[2])',
         },
     ),
     "flow": Section(
@@ -185,7 +200,7 @@ def write_page() -> None:
     for name, section in SECTIONS.items():
         text += [f"## {section.heading}", "", "```python", section.start, "```", ""]
         for picture, code in section.pictures.items():
-            function = getattr(ss.figures, code.removeprefix("ss.figures.").partition("(")[0])
+            function = attrgetter(code.removeprefix("ss.figures.").partition("(")[0])(ss.figures)
             caption = inspect.getdoc(function).splitlines()[0]
             file = f"figures/gallery/{{}}{name}_{picture}.png"
             text += [f"[![{caption}]({file.format('small_')})]({file.format('')})", "", f"*{caption}*", ""]

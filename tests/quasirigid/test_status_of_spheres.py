@@ -1,5 +1,6 @@
 """Rates and load paths of spheres: finite increments of the law itself, closed forms, and slow dynamics."""
 
+import tracemalloc
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from stickslip.quasirigid.cone_apex import OPENS, SLIDES, STICKS, Apex
 from stickslip.quasirigid.increment import OUT_OF_BALANCE, external_force
 from stickslip.quasirigid.round_cone import round_cone_stretch, status_on_round_cones
 from stickslip.quasirigid.status import Verdict
-from stickslip.quasirigid.system import rolling_motions
+from stickslip.quasirigid.system import _coordinates_of_bridges, rolling_motions
 from tests.quasirigid.five_packings import spheres
 
 
@@ -67,6 +68,18 @@ def test_rates_are_those_of_small_increments_by_newtons_method():
         assert errors[0] < 0.01
         assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.2)
     assert tried >= 2
+
+
+def test_motions_of_rolling_spheres_need_no_large_matrix():
+    """A square matrix of all contact components would take a minute for a thousand spheres."""
+    state, law, _ = spheres("sheared", 1)
+    m = ss.quasirigid.linear_system(state, law)
+    assert len(_coordinates_of_bridges(m))
+    tracemalloc.start()
+    rolling_motions(m)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 * (3 * m.count) ** 2
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])

@@ -29,6 +29,18 @@ def strained(number, steps, size=2e-4):
     return state
 
 
+@cache
+def strained_spheres():
+    """Spheres compressed along y at constant lateral stress, so that contacts slide."""
+    state = packing(3, 60)
+    side = {name: ss.measure.stress(state, LAW)[k, k] for name, k in (("xx", 0), ("zz", 2))}
+    state = state._replace(control=ss.control.stress_controlled(state.control, side))
+    for _ in range(20):
+        state, outcome = ss.equilibrate(ss.packings.strained(state, np.diag([0, -3e-4, 0])), LAW, check="nothing")
+        assert outcome.ok
+    return state
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_while_contacts_stick_the_response_is_that_of_the_moduli(dim):
     state = packing(dim)
@@ -56,6 +68,42 @@ def test_probes_of_stress_agree_with_the_contact_status_of_the_linear_problem():
     strain = np.array([answer.strain for answer in probed])
     assert np.abs(strain - envelope.strain).max() < 1e-3 * np.abs(strain).max()
     assert [answer.status.sliding.sum() for answer in probed] == envelope.slides.tolist()
+
+
+def test_probes_of_strain_of_spheres_agree_with_the_linear_problem_and_have_certificates():
+    state = strained_spheres()
+    envelope = ss.protocols.response_envelope(state, LAW, directions=6)
+    probed = ss.quasirigid.probe_statuses(state, LAW, envelope.stress)
+    assert envelope.slides.max() > 10 > envelope.slides.min()
+    assert np.abs(np.array([answer.strain for answer in probed]) - envelope.strain).max() < 1e-3
+    assert [answer.status.sliding.sum() for answer in probed] == envelope.slides.tolist()
+    assert all(answer.status.uniqueness.unique for answer in probed)
+
+
+def test_slow_dynamics_tends_to_the_response_as_the_rate_tends_to_zero():
+    """No Newton's method: grains follow a strain that grows at a rate, with drag."""
+    state = strained(30, 60)
+    envelope = ss.protocols.response_envelope(state, LAW, directions=5)
+    held = state._replace(control=ss.control.loads(30))
+    size, errors = 2e-7, []
+    for steps in (2000, 20_000):
+        ends = [
+            ss.run(held._replace(control=ss.control.strained_at(held.control, -size / (0.2 * steps) * strain)), LAW,
+                   steps, 0.2, drag=0.3, threads=1)[0]
+            for strain in envelope.strain
+        ]  # fmt: skip
+        change = np.array([ss.measure.stress(end, LAW) - ss.measure.stress(held, LAW) for end in ends])[:, :2, :2]
+        errors.append(np.abs(0.5 * (change + change.swapaxes(1, 2)) / size - envelope.stress).max())
+    assert errors[1] < 0.2 * errors[0] and errors[1] < 2e-3 * np.abs(envelope.stress).max()
+
+
+@pytest.mark.parametrize("pressure", [1e-5, 1e-7])
+def test_stiff_grains_have_the_ellipse_of_their_moduli(pressure):
+    """Overlaps are 5e-5 of the size at the lower pressure, where positions have a round-off that forces feel."""
+    state, _ = ss.packings.jammed(60, pressure=pressure, dim=2, seed=5)
+    state, _ = ss.equilibrate(state, LAW, check="nothing")
+    envelope = ss.protocols.response_envelope(state, LAW, directions=4)
+    assert np.abs(envelope.stress - envelope.elastic).max() < 1e-3 * np.abs(envelope.elastic).max()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -121,6 +169,20 @@ def test_a_lattice_that_is_isotropic_has_a_determinant_of_one():
     assert ss.protocols.localisation(state, law).determinant == pytest.approx(1, abs=1e-6)
 
 
+def test_no_plane_of_any_orientation_is_weaker_than_the_weakest():
+    state = strained_spheres()
+    weakest = ss.protocols.localisation(state, LAW)
+    moduli = ss.modes.elastic_moduli(state, LAW).tensor
+
+    def determinant(normal):
+        return np.linalg.det(np.einsum("...b,abcd,...d->...ac", normal, moduli, normal))
+
+    normals = np.random.default_rng(0).normal(size=(20_000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert determinant(weakest.normal) <= determinant(normals).min()
+    assert np.linalg.norm(weakest.normal) == pytest.approx(1)
+
+
 def test_a_packing_out_of_balance_and_wrong_stresses_are_refused():
     state = ss.packings.strained(packing(), np.diag([0, -1e-4]))
     state = ss.accept(state, ss.forces(state, LAW)[1])
@@ -128,6 +190,8 @@ def test_a_packing_out_of_balance_and_wrong_stresses_are_refused():
         ss.protocols.response_envelope(state, LAW, directions=4)
     with pytest.raises(ValueError, match=r"stresses of shape \(3,\) were given"):
         ss.quasirigid.probe_statuses(packing(), LAW, np.ones(3))
+    with pytest.raises(ValueError, match=r"a stress of shape \(3,\) was given"):
+        ss.control.stress_controlled(packing().control, np.ones(3))
 
 
 @pytest.mark.parametrize(
@@ -138,6 +202,10 @@ def test_a_packing_out_of_balance_and_wrong_stresses_are_refused():
         ({"plane": np.eye(2)}, "two symmetric tensors of shape"),
         ({"plane": [np.eye(2), 2 * np.eye(2)]}, "must span a plane"),
         ({"size": -1.0}, "size"),
+        ({"size": 2.0}, r"size = 2 was given: probes of this packing have sizes from \de-\d+ to 1"),
+        ({"size": 1e-13}, "size = 1e-13 was given: probes of this packing have sizes from"),
+        ({"plane": [[[np.nan, 0], [0, 1]], np.eye(2)]}, "plane holds NaN"),
+        ({"plane": "xy"}, "plane: words were given"),
     ],
 )
 def test_wrong_arguments_get_one_sentence(options, message):

@@ -73,8 +73,8 @@ MEANT = {
     },
     "element-test": {
         NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation "
-        "largest_unbalanced rearranged_share"),
-        STRESS: both("G0 E0 E50 p_critical"), "angle": both("phi_peak psi phi_residual phi_rowe"),
+        "largest_unbalanced rearranged_share strain_at_cone"),
+        STRESS: both("G0 E0 E50 p_critical"), "angle": both("phi_peak psi phi_residual phi_rowe cone_direction"),
     },
     "cyclic-shear": {
         NUMBER: both("gamma_half gamma_elastic gamma_returns residual in_band") + " G_ratio damping",

@@ -119,7 +119,7 @@ def strained_at(control: Control, rate: Numbers) -> Control:
 
 
 @checked
-def stress_controlled(control: Control, stress: dict[str, float], *, mass: float = 0.0) -> Control:
+def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, mass: float = 0.0) -> Control:
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
     σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Such a component is
@@ -128,7 +128,8 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     Parameters
     ----------
     stress : component -> target value, as in {"xx": p, "yy": p, "zz": p} or {"xy": tau}; the first letter is the
-        direction of displacement and force, the second that of the gradient and of the area's normal
+        direction of displacement and force, the second that of the gradient and of the area's normal; or a tensor,
+        (dim, dim), of which the components on and above the diagonal are imposed: all, without rotation of the cell
         [force/length^(dim−1)]
     mass : float, M [mass]; 0: the mass of all grains, for which the cell oscillates about as fast as sound crosses it
 
@@ -137,6 +138,13 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     ValueError
         if a component does not consist of two letters, each of them x, y or z.
     """
+    if not isinstance(stress, dict):
+        tensor = as_numbers(stress)
+        if tensor.shape not in ((2, 2), (3, 3)):
+            raise ValueError(
+                f"a stress of shape {tensor.shape} was given: a (dim, dim) tensor or components are needed"
+            )
+        stress = {"xyz"[a] + "xyz"[b]: float(tensor[a, b]) for a, b in zip(*np.triu_indices(len(tensor)), strict=True)}
     free, wanted = control.cell_free.copy(), control.stress.copy()
     for name, value in stress.items():
         if len(name) != 2 or not set(name) <= set("xyz"):

@@ -1,8 +1,10 @@
 """Figures of element tests, as soil engineers draw them; tables are dictionaries of columns, as in series.csv."""
 
+from textwrap import fill
 from typing import Annotated, Any
 
 import numpy as np
+from matplotlib import pyplot as plt
 from matplotlib.ticker import PercentFormatter
 
 from ..core.arguments import Result
@@ -14,6 +16,7 @@ STRAINS = {
 }  # fmt: skip
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
+_Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
 
 
@@ -105,4 +108,44 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
     axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
     axes.set_ylim(0, 100)
     axes.legend(loc="upper left")
+    return figure
+
+
+@styled
+def failure_directions(
+    probes: list[_Probed], table: _Table, strain: tuple[str, int], first: dict[str, float], names: tuple[str, str]
+):
+    """Angle of friction, and normalised second-order work by direction of the strain, along a path.
+
+    Parameters
+    ----------
+    probes : probed states with envelopes
+    table : series of the sample
+    strain : name of the column of the imposed strain, and sign of compression in it
+    first : strain at which each sign of failure is first seen
+    names : of the components along the two axes of the plane of strains
+    """
+    strain, sign = strain
+    figure, (above, below) = column_axes(2, 4.4, sharex=True, height_ratios=(1, 1.3))
+    above.plot(table[strain], table["phi"], color=BLUE)
+    for k, at in enumerate(sorted(set(first.values()))):
+        signs = [name for name in first if first[name] == at]
+        above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls="--", lw=0.8, label=fill("; ".join(signs), 34))
+    at = sign * np.array([each.load for each in probes])
+    middle = 0.5 * (at[1:] + at[:-1])
+    reach = np.sign(at[-1] or 1.0) * np.ptp(table[strain]) / 40
+    edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]], key=abs)], middle, [at[-1] + reach]])
+    envelope = probes[0].envelope
+    turn = 360 / len(envelope.angle)
+    rows = np.degrees(np.append(envelope.angle, 2 * np.pi)) - 0.5 * turn
+    work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
+    shades = plt.get_cmap("RdBu").with_extremes(bad=BLACK)
+    drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
+    below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
+    label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
+    figure.colorbar(drawn, ax=[above, below], label=label, aspect=40, pad=0.02)
+    label_axes(above, y=r"$\phi$ [°]")
+    label_axes(below, x=STRAINS[strain], y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
+    below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
+    legend_above(above, ncol=1, fontsize="x-small")
     return figure

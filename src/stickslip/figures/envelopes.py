@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib import pyplot as plt
 
-from .style import BLACK, COLORS, RED, WIDTH, axis_label, styled
+from .style import BLACK, COLORS, RED, WIDTH, label_axes, styled
 
 
 @styled
@@ -35,9 +35,8 @@ def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: t
     left.axhline(0, color=BLACK, lw=0.4)
     left.axvline(0, color=BLACK, lw=0.4)
     left.set_aspect("equal", "datalim")
-    left.locator_params(nbins=5)
-    left.set_xlabel(axis_label(f"dσ along {names[1]} per unit strain", "force/length"))
-    left.set_ylabel(axis_label(f"dσ along {names[0]} per unit strain", "force/length"))
+    unit = "force/length^(dim-1)"
+    label_axes(left, **{k: (f"dσ along {name} per unit strain", unit) for k, name in zip("yx", names, strict=True)})
     right.axhline(0, color=BLACK, lw=0.4)
     right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
     right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")

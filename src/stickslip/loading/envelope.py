@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Numbers, checked, require_positive
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import stress_controlled
 from ..core.dynamics.cell_motion import strained
@@ -17,11 +17,12 @@ from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.equilibrate import equilibrate
 from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
 from ..solve.newton import Factorisation
+from .compression import stopped
 
 SIZE = 1e-4  # of a probe, in mean overlaps per diameter
 BALANCED = 1e-7  # residual over the change of forces that a probe makes
-NORMALS = 90  # directions of normals of bands in a plane, before the least is refined
-AXES = "xyz"
+ROUND_OFF = 1e-15  # of a position, over the width of the cell
+NORMALS = 90  # normals of bands over half a circle, before the least is refined
 
 
 @readable
@@ -67,7 +68,13 @@ class Envelope(NamedTuple):
 
 @checked
 def response_envelope(
-    state: Committed, law: Law, *, directions: int = 64, control: str = "strain", plane=None, size: float = SIZE
+    state: Committed,
+    law: Law,
+    *,
+    directions: int = 64,
+    control: str = "strain",
+    plane: Numbers | None = None,
+    size: float = SIZE,
 ) -> Envelope:
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
@@ -81,13 +88,13 @@ def response_envelope(
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
         spheres, the planes of biaxial and triaxial tests along y
-    size : of the probes, in mean overlaps over diameters
+    size : of the probes, in mean overlaps over diameters, at most 1
 
     Raises
     ------
     ValueError
         with a one-sentence message, if the packing is not in equilibrium, has walls, groups or open sides, or only
-        rattlers.
+        rattlers, or if the probes would be lost in the round-off of positions.
 
     Source
     ------
@@ -105,6 +112,8 @@ def response_envelope(
     ([], True)
     """
     require_positive(size=size, directions=directions)
+    if not (least := _least_size(state)) <= size <= 1:
+        raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
     if control not in ("strain", "stress"):
         raise ValueError(f"control={control!r} was given: 'strain' and 'stress' are allowed")
     span = _orthonormal(_default_plane(state.cell.dim) if plane is None else np.asarray(plane, float), state.cell.dim)
@@ -147,14 +156,24 @@ def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
     return float(k * spacing + share * spacing)
 
 
+def _least_size(state: State) -> float:
+    """Size of a probe whose forces are known to 1e-3 despite the round-off of positions."""
+    return 1e3 * _round_off(state) if len(touching(state)) else 0.0
+
+
+def _round_off(state: State) -> float:
+    """Round-off of forces over the mean force."""
+    return float(ROUND_OFF * np.abs(state.cell.vectors).max() / overlaps(state)[touching(state)].mean())
+
+
 class _StrainProbe:
     """Probes of imposed strain."""
 
     def __init__(self, state: State, law: Law, step: float):
         control = state.control._replace(cell_free=np.zeros((3, 3), bool), cell_rate=np.zeros((3, 3)))
         self.law, self.step, self.keep = law, step, Factorisation()
-        self.tolerance = BALANCED * mean_normal_force(state, law) * SIZE
-        held = state._replace(control=control)
+        self.tolerance = mean_normal_force(state, law) * max(BALANCED * SIZE, _round_off(state))
+        held = stopped(state._replace(control=control))
         self.state = self.settle(held) if imbalance(held, law) <= BALANCED_BELOW else None
         if self.state is None:
             raise ValueError("a packing that is not in equilibrium was given: use `equilibrate` first")
@@ -190,9 +209,7 @@ class _StressProbe(_StrainProbe):
         """Return strain and stress per unit stress, and the number of contacts that slide."""
         dim = len(direction)
         wanted = self.before[:dim, :dim] + self.size * direction
-        names = [(a, b) for a in range(dim) for b in range(a, dim)]
-        target = {AXES[a] + AXES[b]: float(wanted[a, b]) for a, b in names}
-        end = self.settle(self.state._replace(control=stress_controlled(self.state.control, target)))
+        end = self.settle(self.state._replace(control=stress_controlled(self.state.control, wanted)))
         if end is None:
             return np.full_like(direction, np.nan), direction, -1
         vectors = self.state.cell.vectors[:dim, :dim]
@@ -248,7 +265,7 @@ class Localisation(NamedTuple):
 
 @checked
 def localisation(state: Committed, law: Law) -> Localisation:
-    """Return the plane in the xy plane of normals whose acoustic tensor n_b C_abcd n_d has the least determinant.
+    """Return the plane, of all orientations, whose acoustic tensor n_b C_abcd n_d has the least determinant.
 
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
@@ -267,21 +284,25 @@ def localisation(state: Committed, law: Law) -> Localisation:
     """
     moduli, stuck = elastic_moduli(state, law).tensor, elastic_moduli(_sticking(state), law)
     dim = len(moduli)
-    unit = np.eye(dim)[0]
-    whole = _acoustic(isotropic_tensor(dim, stuck.bulk, stuck.shear), unit)
-
-    def value(angle: float) -> float:
-        return _acoustic(moduli, _normal(angle, dim)) / whole
-
-    angles = np.pi * np.arange(NORMALS) / NORMALS
-    start = angles[np.argmin([value(angle) for angle in angles])]
-    best = minimize_scalar(value, bounds=(start - np.pi / NORMALS, start + np.pi / NORMALS), method="bounded")
-    return Localisation(_normal(best.x, dim), float(best.fun))
+    whole = _acoustic(isotropic_tensor(dim, stuck.bulk, stuck.shear), np.eye(dim)[0])
+    normals = _half_sphere(dim)
+    start = normals[np.argmin(_acoustic(moduli, normals))]
+    best = minimize(lambda n: _acoustic(moduli, n / np.linalg.norm(n)) / whole, start, method="Nelder-Mead",
+                    options={"xatol": 1e-6, "fatol": 1e-9})  # fmt: skip
+    return Localisation(best.x / np.linalg.norm(best.x), float(best.fun))
 
 
-def _normal(angle: float, dim: int) -> np.ndarray:
-    return np.array([np.cos(angle), np.sin(angle), 0.0])[:dim]
+def _half_sphere(dim: int) -> np.ndarray:
+    """(M, dim) normals that are evenly spread over half a circle or half a sphere, there on a spiral."""
+    if dim == 2:
+        angle = np.pi * np.arange(NORMALS) / NORMALS
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+    count = NORMALS**2 // 2
+    height, turn = (np.arange(count) + 0.5) / count, np.pi * (1 + 5**0.5) * np.arange(count)
+    level = np.sqrt(1 - height**2)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
 
 
-def _acoustic(moduli: np.ndarray, normal: np.ndarray) -> float:
-    return float(np.linalg.det(np.einsum("b,abcd,d->ac", normal, moduli, normal)))
+def _acoustic(moduli: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Determinants of the acoustic tensors of normals (…, dim)."""
+    return np.linalg.det(np.einsum("...b,abcd,...d->...ac", normal, moduli, normal))

@@ -13,8 +13,6 @@ from .increment import external_force
 from .matrices import linear_system
 from .status import ContactStatus, contact_status
 
-AXES = "xyz"
-
 
 class Probed(NamedTuple):
     """Answer to one increment of stress."""
@@ -24,14 +22,14 @@ class Probed(NamedTuple):
 
 
 @checked
-def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool | None = None) -> tuple[Probed, ...]:
+def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool | None = True) -> tuple[Probed, ...]:
     """Find the contact status under each of several rates of stress of a periodic cell.
 
     Parameters
     ----------
     state : State in equilibrium, in a fully periodic cell
     stresses : (M, dim, dim) symmetric, compression positive, for example those of `protocols.response_envelope`
-    unique : as in `contact_status`
+    unique : as in `contact_status`, but by default every status comes with its certificate
 
     Raises
     ------
@@ -57,23 +55,16 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
         raise ValueError(
             f"stresses of shape {stresses.shape} were given: symmetric ones of shape (M, {dim}, {dim}) are needed"
         )
-    here = _with_stress(state, stress(state, law)[:dim, :dim])
-    matrix = linear_system(here, law)
-    still = external_force(_with_stress(state, np.zeros((dim, dim))), matrix.free)
-    cell = np.flatnonzero(matrix.free.axis == 6)
+    matrix = linear_system(_under(state, stress(state, law)[:dim, :dim]), law)
+    still = external_force(_under(state, np.zeros((dim, dim))), matrix.free)
     answers = []
     for rate in stresses:
-        load = external_force(_with_stress(state, rate), matrix.free) - still
+        load = external_force(_under(state, rate), matrix.free) - still
         status = contact_status(matrix, load, unique=unique)
-        gradient = np.zeros((3, 3))
-        gradient.flat[matrix.free.component[cell] - 6 * state.n_bodies] = status.velocity[cell] / matrix.free.length
-        strain = -0.5 * (gradient + gradient.T)[:dim, :dim]
-        answers.append(Probed(status, strain if status.ok else np.full((dim, dim), np.nan)))
+        gradient = matrix.free.strain(status.velocity)[:dim, :dim]
+        answers.append(Probed(status, -0.5 * (gradient + gradient.T) if status.ok else np.full((dim, dim), np.nan)))
     return tuple(answers)
 
 
-def _with_stress(state: State, target: np.ndarray) -> State:
-    """Return the state with a stress imposed on all components of the cell."""
-    dim = len(target)
-    names = {AXES[a] + AXES[b]: float(target[a, b]) for a in range(dim) for b in range(a, dim)}
-    return state._replace(control=stress_controlled(state.control, names))
+def _under(state: State, target: np.ndarray) -> State:
+    return state._replace(control=stress_controlled(state.control, target))

@@ -132,6 +132,8 @@ def folder_content(
         sections.append(("Claims of the paper", picture + _claims_table(folder / CLAIMS)))
     if rows := _list_measures(tree, units):
         sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
+    if remarks := tree.get("remarks"):
+        sections.append(("Remarks", "".join(map(page.paragraph, remarks.splitlines()))))
     if rows := _summarize_series(tree.get("series"), units):
         sections.append(("Time series", _limited_table(["quantity", "final", "least", "greatest", "unit"], rows)))
     shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name not in (FILM, CHART)]

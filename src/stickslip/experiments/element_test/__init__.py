@@ -21,7 +21,7 @@ def references(scenario: ElementTestScenario) -> dict[str, tuple[str, ...]]:
 
 DISKS = {"dim": 2, "grains": 50, "pressure": 100.0}
 SMALLEST = (
-    {"sample": DISKS, "path": {"strain": 2e-3, "step": 1e-3}},
+    {"sample": DISKS, "path": {"strain": 2e-3, "step": 1e-3}, "probes": {"states": 1, "directions": 8}},
     {"sample": DISKS, "path": {"strain": 1e-4, "integrator": "dynamic", "inertial_number": 1e-3}},
 )
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
+from .probes import describe_direction, directions_seen, first_seen
 from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementSeries, ElementTestResult
 
@@ -19,13 +20,13 @@ BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Row
 FEW = 5  # rows that a slope needs
 NAN = float("nan")
 
-ELASTIC = ("G0", "E0", "nu0")
+PARTIAL = ("G0", "E0", "nu0", "strain_at_cone", "cone_direction")  # numbers that some samples may lack
 STRESS = "force/length^(dim-1)"
 UNITS = {
     "e0": "1", "coordination": "1", "G0": STRESS, "E0": STRESS, "nu0": "1", "E50": STRESS, "phi_peak": "degrees",
     "strain_at_peak": "1", "psi": "degrees", "phi_residual": "degrees", "e_critical": "1", "p_critical": STRESS,
     "K0": "1", "compression_index": "1", "phi_rowe": "degrees", "rowe_correlation": "1", "largest_unbalanced": "1",
-    "rearranged_share": "1",
+    "rearranged_share": "1", "strain_at_cone": "1", "cone_direction": "degrees",
 }  # fmt: skip
 MEANING = {
     "e0": "void ratio of the sample", "coordination": "mean contact number of the sample",
@@ -37,6 +38,8 @@ MEANING = {
     "K0": "lateral over axial stress", "compression_index": "−de/d log10 p", "phi_rowe": "angle of Rowe's relation",
     "rowe_correlation": "correlation of σ₁/σ₃ and 1 − dε_v/dε₁", "largest_unbalanced": "unbalanced over contact forces",
     "rearranged_share": "share of steps in which grains rearranged",
+    "strain_at_cone": "strain at which second-order work is first seen to be negative, first sample",
+    "cone_direction": "direction in which it is; 0 is axial compression, 90 lateral",
 }  # fmt: skip
 
 
@@ -136,6 +139,8 @@ def numbers_of(run: ElementRun, scenario: ElementTestScenario) -> dict[str, floa
         "E0": run.elastic.young, "nu0": run.elastic.poisson, "largest_unbalanced": float(series.unbalanced.max()),
         "rearranged_share": float(series.rearranged[1:].mean()) if len(series.load) > 1 else NAN,
     }  # fmt: skip
+    if (cone := first_seen(run.probes)["negative work"]) is not None:
+        out |= {"strain_at_cone": abs(cone.load), "cone_direction": float(np.degrees(cone.weakest))}
     if kind in ("isotropic", "oedometric"):
         return out | _compression(legs[0], series, dim, kind)
     return out | _peak(legs[0], dim, kind) | _critical(legs[-1], dim) | _rowe(legs[0], kind)
@@ -240,12 +245,12 @@ def estimate(values: np.ndarray) -> Estimate:
 
 
 def estimates(result: ElementTestResult) -> dict[str, Estimate]:
-    """Estimates of all numbers that the path gives: of elastic moduli, over the samples that have them."""
+    """Estimates of all numbers that the path gives: of moduli and cones, over the samples that have them."""
     rows = [numbers_of(run, result.scenario) for run in result.runs]
     columns = {name: np.array([row[name] for row in rows]) for name in UNITS}
-    known = np.isfinite(columns["G0"])
-    if known.any():
-        columns |= {name: columns[name][known] for name in ELASTIC}
+    for name in PARTIAL:
+        known = np.isfinite(columns[name])
+        columns[name] = columns[name][known] if known.any() else columns[name]
     numbers = {name: estimate(values) for name, values in columns.items()}
     return {name: number for name, number in numbers.items() if np.isfinite(number.mean)}
 
@@ -262,7 +267,34 @@ def measures(result: ElementTestResult) -> dict[str, tuple[float, str]]:
 
 def sentences(result: ElementTestResult) -> list[str]:
     """What a reader must know beside the numbers: scatter, what the path did not reach, rate, and halved steps."""
-    return [*_scatter(result), *_missing(result), *_quasi_static(result), *_halved(result)]
+    return [*_probed(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_halved(result)]
+
+
+def _probed(result: ElementTestResult) -> list[str]:
+    """In which direction the first sample could fail first, and where its peak is."""
+    run, scenario = result.runs[0], result.scenario
+    if not run.probes:
+        return []
+    here, sign = directions_seen(run.probes), scenario.strain_sign
+    unanswered = [
+        f"No equilibrium could be probed at a strain of {sign * each.load:.3g}: {each.reason}."
+        for each in run.probes if each.envelope is None
+    ]  # fmt: skip
+    if here is None:
+        last = sign * run.probes[-1].load
+        return [
+            f"No direction was seen in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
+            *unanswered,
+        ]
+    numbers = numbers_of(run, scenario)
+    why = "second-order work is negative" if here.signs["negative work"] else "no equilibrium is nearby"
+    where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
+    peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
+    return [
+        f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "
+        f"{why}{peak}.",
+        *unanswered,
+    ]
 
 
 def _scatter(result: ElementTestResult) -> list[str]:

@@ -256,6 +256,21 @@ class Loading(ScenarioTable):
         return self
 
 
+class Probing(ScenarioTable):
+    """Small probes of the first sample along its path, which show in which directions it can fail."""
+
+    strains: Annotated[tuple[Finite, ...], Listed] | None = Field(
+        None,
+        min_length=1,
+        description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed",
+    )
+    states: Annotated[int, Field(ge=1, le=200)] | None = Field(
+        None,
+        description="number n of probed strains instead, which are (k/n)² of the first turn, k = 1, 2, … n; default: 8",
+    )
+    directions: Annotated[int, Field(ge=8, le=3600)] = Field(64, description="directions of the strain, evenly spaced")
+
+
 class SampleScenario(ScenarioBase):
     """Scenario of tests of samples. Units are SI unless others are named."""
 
@@ -284,7 +299,7 @@ class ElementTestScenario(SampleScenario):
     check: bool = Field(
         False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
     )
-
+    probes: Probing | None = None
     engine: Literal["stickslip", "lammps"] = Field(
         "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
     )
@@ -294,6 +309,11 @@ class ElementTestScenario(SampleScenario):
     def sign(self) -> int:
         """Sign of compression in tables and figures."""
         return 1 if self.signs == "compression" else -1
+
+    @property
+    def strain_sign(self) -> int:
+        """Sign of the imposed strain in tables and figures; γ has always its own."""
+        return 1 if self.path.kind == "simple-shear" else self.sign
 
     @property
     def time(self) -> float:
@@ -312,6 +332,30 @@ class ElementTestScenario(SampleScenario):
         require_lammps_for_ranks(self.engine, self.ranks)
         if self.engine == "lammps" and self.path.integrator != "dynamic":
             raise ValueError('engine = "lammps" was given: it has no quasi-static steps, use integrator = "dynamic"')
+        return self
+
+    @property
+    def probed_strains(self) -> tuple[float, ...]:
+        """Imposed strains at which the first sample is probed."""
+        if self.probes is None:
+            return ()
+        count = self.probes.states or 8
+        return self.probes.strains or tuple(self.path.turns[0] * (k / count) ** 2 for k in range(1, count + 1))
+
+    @model_validator(mode="after")
+    def _check_probes(self):
+        if self.probes is None:
+            return self
+        if self.path.kind == "isotropic":
+            raise ValueError('probes were given with path.kind = "isotropic": choose a path with a strain')
+        if self.probes.strains is not None and self.probes.states is not None:
+            raise ValueError("probes.strains and probes.states were both given: give only one of them")
+        turn = self.path.turns[0]
+        for strain in self.probes.strains or ():
+            if not 0 <= strain / turn <= 1:
+                raise ValueError(
+                    f"probes.strains = {strain:g} was given: the path leads from 0 to {turn:g} before it turns"
+                )
         return self
 
     @model_validator(mode="after")

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,16 @@ from ...core.dynamics.cell_motion import strained
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import run
 from ...core.laws.builtin import Law
-from ...core.measure import contact_forces, coordination, fabric, least_supports, packing_fraction, stress, touching
+from ...core.measure import (
+    contact_forces,
+    coordination,
+    fabric,
+    least_supports,
+    overlaps,
+    packing_fraction,
+    stress,
+    touching,
+)
 from ...core.outcome import NotInEquilibriumError
 from ...core.progress import Report, silent, within
 from ...core.readable import readable
@@ -24,7 +34,8 @@ from ...core.units import Fields
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Workers
 from ...lammps.run import lammps_engine
-from ...loading.compression import Scales, compression_scales
+from ...loading.compression import Scales, compression_scales, stopped
+from ...loading.envelope import Envelope, Localisation
 from ...loading.packing import PackingInfo
 from ...loading.settling import DRAG, servo_mass, settle
 from ...solve.moduli import elastic_moduli
@@ -34,6 +45,7 @@ from ..experiment import result_of
 from ..realizations import Task, run_realizations
 from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
+from .probes import ProbedState, plane_of, probe, without_answer
 from .sample import BALANCED, check_pressures, make_sample
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
@@ -42,6 +54,7 @@ FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
 MODULI_UP_TO = 5000  # grains up to which elastic moduli are computed
+FURTHER, FURTHER_BY = 10, 0.1  # steps after rest by dynamics, and their strain in mean overlaps over diameters
 SAVE_EVERY = 20.0  # time between two saved pieces of an unfinished path [s]
 
 
@@ -78,6 +91,7 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
+    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario asks for them
 
 
 class Piece(NamedTuple):
@@ -85,6 +99,10 @@ class Piece(NamedTuple):
 
     rows: dict[str, np.ndarray]
     state: State
+
+
+Steps = Iterator[tuple[State, float, bool]]  # state, load, and whether dynamics was needed
+SAVED = (ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation)  # classes in saved results
 
 
 class Rig(NamedTuple):
@@ -97,6 +115,7 @@ class Rig(NamedTuple):
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
     engine: Engine | None  # of a dynamic test, if it is not `run`
+    probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
 
     @property
     def dim(self) -> int:
@@ -149,7 +168,7 @@ def simulate_element_test(
     >>> round(abs(series.strain[:, :3].sum(axis=1)).max(), 12)
     np.float64(0.0)
     """
-    law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, ElementRun, PackingInfo, SmallStrain, Piece)
+    law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, *SAVED)
     check_pressures(scenario.sample, law, kept, path=scenario.path.pressures or ())
     seeds = [scenario.seed + k for k in range(scenario.realizations)]
     jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
@@ -168,7 +187,7 @@ def _name(seed: int, half: bool) -> str:
 
 
 def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
-    return kept and kept.of(_name(seed, half), PackingInfo, Piece)
+    return kept and kept.of(_name(seed, half))
 
 
 def load_sample(
@@ -185,9 +204,11 @@ def load_sample(
             "rate": 0.5 * scenario.rate, "inertial_number": None}  # fmt: skip
         scenario = scenario.model_copy(update={"path": path.model_copy(update=slower)})
     tolerance = BALANCED * scenario.sample.pressure * scenario.sample.area
-    rig = Rig(scenario, law, state, drive_of(scenario.path, state.cell.dim), tolerance, Factorisation(), engine)
-    series, end, ended = _follow(rig, kept, within(report, stage=f"sample {seed}"))
-    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended)
+    drive = drive_of(scenario.path, state.cell.dim)
+    probed = _rows_to_probe(scenario) if seed == scenario.seed and not half else frozenset()
+    rig = Rig(scenario, law, state, drive, tolerance, Factorisation(), engine, probed)
+    series, end, ended, probes = _follow(rig, kept, within(report, stage=f"sample {seed}"))
+    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended, probes)
 
 
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
@@ -222,8 +243,15 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
     return np.concatenate(out)
 
 
-def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementSeries, State, str]:
-    """Series along the path, its last state, and the reason for which it ended early."""
+def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
+    """Numbers of the loads before the first turn that are nearest to the strains to probe."""
+    loads = np.abs(loads_of(scenario))
+    first = loads[: int(np.argmin(np.append(np.diff(loads), -1.0) > 0)) + 1]
+    return frozenset(int(np.abs(first - abs(strain)).argmin()) for strain in scenario.probed_strains)
+
+
+def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
+    """Series along the path, its last state, the reason for which it ended early, and the probed states."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}"))
@@ -238,7 +266,8 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementS
         rows.clear()
 
     move = quasi_static if rig.scenario.path.integrator == "quasi-static" else dynamic
-    steps = move(rig, state, wanted, done)
+    probes: list[ProbedState] = [kept.load(_probe_name(k)) for k in sorted(rig.probed) if kept and k < done]
+    steps = _with_probes(rig, move(rig, state, wanted, done), done, kept, probes)
     try:
         for state, load, rearranged in steps:
             rows.append(_measure(rig, state, load, rearranged))
@@ -253,10 +282,56 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report) -> tuple[ElementS
     if rows:
         keep()
     columns = [np.concatenate([piece.rows[name] for piece in pieces]) for name in ElementSeries._fields]
-    return ElementSeries(*columns), state, ended
+    return ElementSeries(*columns), state, ended, tuple(probes)
 
 
-Steps = Iterator[tuple[State, float, bool]]
+def _probe_name(row: int) -> str:
+    return f"probes-{row:06d}"
+
+
+def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, probes: list[ProbedState]) -> Steps:
+    """Steps from number `done` on, the same ones; states to probe are probed and appended to a list."""
+    for row, (state, load, rearranged) in enumerate(steps, start=done):
+        if row in rig.probed:
+            probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load, rearranged)))
+        yield state, load, rearranged
+
+
+def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState:
+    """Probe a state of the path at rest in a held cell.
+
+    Contacts leave the Coulomb limit a little where dynamics brings a sample to rest. It is therefore loaded further by
+    small quasi-static steps, until they slide as along the path.
+    """
+    path, scales = rig.scenario.path, rig.scales(rig.scenario.sample.pressure)
+    try:
+        rest, outcome = settle(stopped(_held(state)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation())
+        if rearranged or outcome.fallback or path.integrator == "dynamic":
+            rest = _held(_load_further(rig, rest, scales))
+    except NotInEquilibriumError as problem:
+        return without_answer(load, stress(state, rig.law), str(problem))
+    return probe(rest, rig.law, load, plane_of(path, rig.dim)[0], rig.scenario.probes.directions)
+
+
+def _held(state: State) -> State:
+    """State whose cell does not follow the stress."""
+    nothing = np.zeros((3, 3))
+    return state._replace(
+        control=state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
+    )
+
+
+def _load_further(rig: Rig, state: State, scales: Scales) -> State:
+    """State after small steps of the path from a state at rest, the last `FURTHER` without dynamics if possible."""
+    overlap = overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean())
+    step, keep, calm = np.sign(rig.scenario.path.turns[0]) * FURTHER_BY * overlap / FURTHER, Factorisation(), 0
+    state = controlled(state, rig.drive, np.diag(stress(state, rig.law)))
+    for _ in range(5 * FURTHER):
+        state, outcome = settle(_strained(state, rig.drive, step), rig.law, scales, tolerance=rig.tolerance, keep=keep)
+        calm = 0 if outcome.fallback else calm + 1
+        if calm == FURTHER:
+            break
+    return state
 
 
 def quasi_static(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:

@@ -1,0 +1,70 @@
+"""CPU time of element tests of 1000 spheres, and of response envelopes of their states.
+
+    python -m benchmarks --element-tests           dynamic test and envelope; two minutes
+    python -m benchmarks --element-tests --large   also the quasi-static test; a quarter of an hour
+
+A drained triaxial test of the sample of `examples/triaxial.toml` to an axial strain of 10 %, and the responses to 64
+probes at its end, where contacts slide.
+"""
+
+import os
+import time
+import tomllib
+import warnings
+from pathlib import Path
+
+import stickslip as ss
+from stickslip.experiments.element_test.simulate import BALANCED
+from stickslip.loading.compression import compression_scales
+from stickslip.loading.settling import settle
+from stickslip.solve.newton import Factorisation
+
+from .spheres import row
+
+EXAMPLE = Path(__file__).parents[1] / "examples/triaxial.toml"
+STRAIN, DIRECTIONS = 0.1, 64
+BUDGETS = {"dynamic": 300, "quasi-static": 900, "envelope": 180}  # seconds of one core
+
+
+def triaxial(integrator: str):
+    """Result of the test of one sample, and its CPU seconds."""
+    tables = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
+    path = {"kind": "triaxial", "strain": STRAIN, "integrator": integrator}
+    if integrator == "dynamic":
+        path["inertial_number"] = tables["path"]["inertial_number"]
+    tables |= {"realizations": 1, "check": False, "path": path}
+    start = time.process_time()
+    return ss.simulate(ss.scenario(**tables), workers=1), time.process_time() - start
+
+
+def envelope(result, case: str) -> list[dict]:
+    """CPU seconds of the response envelope of the last state, at rest, and the share without an answer."""
+    state, pressure = result.runs[0].end, result.scenario.sample.pressure
+    n, tolerance = len(state.grains.radius), BALANCED * pressure * float(2 * state.grains.radius.mean()) ** 2
+    scales = compression_scales(state, result.law, pressure, tolerance)
+    held = state._replace(control=ss.control.loads(n))
+    rest, _ = settle(held, result.law, scales, tolerance=tolerance, keep=Factorisation())
+    start = time.process_time()
+    answer = ss.protocols.response_envelope(rest, result.law, directions=DIRECTIONS)
+    seconds, case = time.process_time() - start, f"envelope of {DIRECTIONS} directions, {case}"
+    return [
+        row(case, n, seconds, BUDGETS["envelope"], "budget"),
+        row(f"{case}: share without equilibrium nearby", n, answer.collapsed.mean(), None, "", ""),
+    ]
+
+
+def rows(full: bool) -> list[dict]:
+    """All rows; `full` adds the quasi-static test."""
+    warnings.simplefilter("ignore")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    out = []
+    for integrator in ("dynamic", "quasi-static") if full else ("dynamic",):
+        result, seconds = triaxial(integrator)
+        run, case = result.runs[0], f"{integrator} triaxial test to {STRAIN:.0%}"
+        n = len(run.end.grains.radius)
+        out += [
+            row(case, n, seconds, BUDGETS[integrator], "budget"),
+            row(f"{case}: strain reached", n, float(run.series.load[-1]), None, "", ""),
+        ]
+        out += envelope(result, f"end of the {integrator} test")
+    return [r | {"threads": 1} for r in out]
