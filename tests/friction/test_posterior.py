@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom
 from scipy.stats import t as student
 
-from stickslip.friction.model import Data, model_friction, prepare
+from stickslip.friction.model import DEFAULTS, Data, model_friction, prepare
 from stickslip.friction.ratestate import RateState, prescribed
 from stickslip.friction.sampling import PERCENTS, posterior
 from stickslip.runs.sweep.definition import members, sweep
@@ -179,3 +179,17 @@ def test_a_posterior_that_did_not_converge_is_not_written(folder):
     assert done.returncode == 1
     assert "the posterior did not converge" in done.stderr
     assert not (folder / "short").exists() or not list((folder / "short").iterdir())
+
+
+def test_a_posterior_has_two_states_in_the_order_of_their_slip():
+    two = {"a": 0.010, "b": 0.006, "dc": 4e-6, "b2": 0.005, "dc2": 6e-5}
+    data = record(0, number=400)
+    values = DEFAULTS | two | {"mu0": 0.6, "v0": 1e-6, "stiffness": 1.0}
+    friction = model_friction(prepare(data), values, "slip") + noise(5, 400, 0.0, size=1e-4)
+    drawn = posterior(data._replace(friction=friction), law="slip", free=("b2", "dc2"), seed=1)
+    for name, true in two.items():
+        low, high = drawn.fit.intervals[name]
+        assert drawn.percentiles[name][0] == pytest.approx(low, rel=0.1)
+        assert drawn.percentiles[name][-1] == pytest.approx(high, rel=0.1)
+        assert low < true < high
+    assert (drawn.columns["dc"] < drawn.columns["dc2"]).all()

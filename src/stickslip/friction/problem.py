@@ -133,7 +133,7 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     if not minima:
         raise RuntimeError("the slider runs away for all parameters tried: give the damping, or the stiffness")
     x = min(minima, key=lambda minimum: minimum[0])[1]
-    solved = solve(task, _with_states_in_order(task, x), WHITE)
+    solved = solve(task, with_states_in_order(task, x), WHITE)
     return solved.x, count + solved.nfev
 
 
@@ -154,7 +154,7 @@ def _start_vector(task: Task, start: dict, free) -> np.ndarray:
     return x
 
 
-def _with_states_in_order(task: Task, x) -> np.ndarray:
+def with_states_in_order(task: Task, x) -> np.ndarray:
     """Return x with D_c < D_c2, if both states are free and can be exchanged."""
     pairs = (("b", "b2"), ("dc", "dc2"))
     if not {name for pair in pairs for name in pair} <= set(task.names):

@@ -23,7 +23,7 @@ from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
 from .identifiability import covariance
 from .model import Data
 from .noise import whitened
-from .problem import MAX_SHIFT, filtered_residual, jacobian, pieces, residual, solve
+from .problem import MAX_SHIFT, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
 
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 LONG = 50.0  # autocorrelation times that a chain must have
@@ -154,7 +154,7 @@ def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
     root = np.linalg.cholesky(covariance(rows)[0])
 
     def density(x) -> float:
-        if (np.abs(x - best)[task.logs] > MAX_SHIFT).any():
+        if (np.abs(x - best)[task.logs] > MAX_SHIFT).any() or (with_states_in_order(task, x) != x).any():
             return -np.inf
         excess = float(np.sum(whitened(residual(task, x), filters, runs) ** 2)) - least
         return -0.5 * (spare + m) * np.log1p(max(excess / (spare * scale**2), -0.5))
