@@ -213,6 +213,14 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
     assert find_unfinished(tmp_path) is None
 
 
+def test_a_file_under_a_name_that_runs_do_not_have_is_an_error(tmp_path):
+    unknown = pytest.raises(RuntimeError, match=r"files named odd\.csv are no files of runs")
+    with unknown, report.staged_results(tmp_path) as room:
+        report.save(room, ss.scenario(experiment="rate-state"), {})
+        (room / "odd.csv").write_text("1")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
 def test_sweeps_prove_their_files_too(call, tmp_path):
     (tmp_path / "out" / "members").mkdir(parents=True)
     (tmp_path / "out" / "members" / "mine").write_text("mine")

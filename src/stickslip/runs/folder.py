@@ -104,6 +104,10 @@ def staged_results(folder: Path, *, failures=()):
         with name_file_in_errors(folder):
             yield staging
         files = {path.name: [digest(path)] for path in staging.iterdir()}
+        if unknown := [name for name in files if not is_run_file(name)]:
+            raise RuntimeError(
+                f"files named {join_names(unknown)} are no files of runs: list them in data/run_files.py"
+            )
         if others := find_foreign(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(
                 f"{folder} contains files that another program wrote during the run ({join_names(others)}): move them "
