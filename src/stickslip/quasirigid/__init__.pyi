@@ -1,4 +1,6 @@
 from ..loading.biaxial import with_load as with_load
+from ..loading.biaxial import with_machine as with_machine
+from ..loading.biaxial import with_travel as with_travel
 from ..loading.slow import slow_dynamics as slow_dynamics
 from .cone_apex import consistent_statuses as consistent_statuses
 from .cone_apex import statuses_at_apex as statuses_at_apex

@@ -68,6 +68,10 @@ class Verdict(Enum):
         "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
         "load, or follow it using dynamics"
     )
+    FLOWS = (
+        "the packing did not come to rest within the stated time and displacement: it flows under this load; use a "
+        "smaller load, or a stiffer machine"
+    )
     NOT_FOUND = "no consistent status was found, but one may exist: try another `start` or fewer critical contacts"
 
 
