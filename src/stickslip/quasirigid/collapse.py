@@ -13,7 +13,7 @@ from scipy.linalg import LinAlgError, eig
 
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import body_positions, with_neighbor_list
-from ..core.control import spring_forces
+from ..core.control import between, spring_forces
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import KT, Law
@@ -21,7 +21,7 @@ from ..core.measure import contact_forces, elastic_energy, mean_normal_force, ra
 from ..core.outcome import Status
 from ..core.readable import readable
 from ..core.scales import natural_scales
-from ..core.state import SLIDE, State, reset_reached
+from ..core.state import SLIDE, Control, State, reset_reached
 from ..solve.freedom import freedom
 from ..solve.newton import Factorisation, newton
 from ..solve.spectrum import near_zero
@@ -31,10 +31,12 @@ from .rattling import gaps
 from .system import pinned_coordinates, roll_springs
 
 TIME_STEP = 0.1  # of dynamics, in units of the longest stable one, as in `slow_dynamics`
+RAMP, GENTLY = 25, 200  # stages in which the load is raised, and steps of each
 BLOCK, SAMPLE = 5000, 25  # steps between two looks at the packing, and between samples of its energy
 DURATION, TRAVEL = 1e5, 5.0  # defaults of the longest time, in natural units, and of the farthest, in mean diameters
-RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which Newton's method is tried, over the mean normal force
+RESTING = (1e-6, 1e-8)  # residuals at which Newton's method is tried, over the mean normal force
 BALANCED = 5e-11  # its tolerance, likewise
+ROUND_OFF = 1e-15  # of the force of a stiff spring, over that of an elongation of the size of the packing
 FAR = 1e3  # distance to which it may move grains, over the overlap that changes a force by the residual
 DENSE_BELOW, NEAREST = 1200, 12  # coordinates up to which all modes are computed, and number of modes beyond
 
@@ -80,15 +82,44 @@ class Motion(NamedTuple):
     steps: int
     time: float  # [time]
     kinetic_energy: float  # largest [energy]
-    cell_work: float  # of the stress on a free cell [energy]
+    work: float  # of loads, springs and the stress on a free cell [energy]
+
+
+class _Dynamics:
+    """State that moves under a drag, with what has been measured so far."""
+
+    def __init__(self, state: State, law: Law, drag: float):
+        self.start, self.law, self.drag, self.held = state, law, drag, _held_bodies(state)
+        self.state, self.dt = _still(state), TIME_STEP * stable_time_step(state, law)
+        self.steps, self.energy, self.work = 0, 0.0, 0.0
+
+    def run(self, steps: int, tolerance: float = 0.0) -> Status:
+        """Run; return how the run ended."""
+        before, (self.state, record, outcome) = self.state, run(
+            self.state, self.law, steps, self.dt, drag=self.drag, every=SAMPLE, tolerance=tolerance
+        )  # fmt: skip
+        self.steps += outcome.iterations
+        self.energy = max(self.energy, float(record.kinetic_energy.max(initial=0.0)))
+        self.work += _work_of_loads(before, self.state) + _work_on_cell(record.cell, before)
+        return outcome.status
+
+    @property
+    def farthest(self) -> float:
+        """Largest displacement of a body that was not a rattler [length]."""
+        return float(np.linalg.norm(displacements(self.start, self.state)[self.held, :3], axis=1).max(initial=0.0))
+
+    def motion(self, state: State, rests: bool) -> Motion:
+        """Result of the run."""
+        return Motion(state, rests, self.steps, self.steps * self.dt, self.energy, self.work)
 
 
 def run_to_rest(
-    state: State, law: Law, drag: float, duration: float | None = None, travel: float | None = None
+    state: State, law: Law, control: Control, drag: float, duration: float | None = None, travel: float | None = None
 ) -> Motion:
-    """Damped dynamics of a state under its control until it is at rest, or beyond a time or a displacement.
+    """Damped dynamics under a control until the packing is at rest, or beyond a time or a displacement.
 
-    Newton's method only removes what is left of the unbalanced forces.
+    Loads change to those of the control slowly enough that a stiff spring does not push. Newton's method only removes
+    what is left of the unbalanced forces.
 
     Parameters
     ----------
@@ -98,27 +129,26 @@ def run_to_rest(
     """
     duration = DURATION * natural_scales(state, law).time if duration is None else duration
     travel = TRAVEL * 2 * float(state.grains.radius.mean()) if travel is None else travel
-    dt, force = TIME_STEP * stable_time_step(state, law), mean_normal_force(state, law)
-    here, spent, energy, work, held = _still(state), 0, 0.0, 0.0, _held_bodies(state)
-    for share in RESTING:
-        while True:
-            here, record, outcome = run(here, law, BLOCK, dt, drag=drag, every=SAMPLE, tolerance=share * force)
-            spent += outcome.iterations
-            energy = max(energy, float(record.kinetic_energy.max(initial=0.0)))
-            work += _work_on_cell(record.cell, state)
-            if outcome.status is Status.CONVERGED:
-                break
-            far = np.linalg.norm(displacements(state, here)[held, :3], axis=1).max(initial=0.0)
-            if outcome.broken or spent * dt >= duration or not far < travel:
-                return Motion(_still(here), False, spent, spent * dt, energy, work)
-        rest = _still(here)._replace(contacts=reset_reached(here.contacts), time=state.time)
-        end, outcome = newton(rest, law, tolerance=BALANCED * force, keep=Factorisation())
-        size = FAR * share * force / float(law.table[..., KT].min())
-        if outcome.ok and np.abs(displacements(rest, end)[_held_bodies(rest)]).max(initial=0.0) < size:
+    here, force = _Dynamics(state, law, drag), mean_normal_force(state, law)
+    for share in np.arange(1, RAMP + 1) / RAMP:
+        here.state = here.state._replace(control=between(state.control, control, float(share)))
+        if here.run(GENTLY) is not Status.DONE:
+            return here.motion(_still(here.state), False)
+    noise = ROUND_OFF * float(np.abs(control.spring * control.anchor).max()) / force
+    for share in np.maximum(RESTING, 4 * noise):
+        while (status := here.run(BLOCK, float(share) * force)) is not Status.CONVERGED:
+            late = here.steps * here.dt >= duration or not here.farthest < travel
+            if late or status is not Status.STEPS_SPENT:
+                return here.motion(_still(here.state), False)
+        now = here.state.contacts
+        rest = _still(here.state)._replace(contacts=reset_reached(now), time=state.time)
+        end, outcome = newton(rest, law, tolerance=max(BALANCED, noise) * force, keep=Factorisation())
+        near = FAR * share * force / float(law.table[..., KT].min())
+        if outcome.ok and np.abs(displacements(rest, end)[_held_bodies(rest)]).max(initial=0.0) < near:
             rest = end
             break
     rest = with_neighbor_list(rest, law)
-    return Motion(accept(rest, forces(rest, law)[1]), True, spent, spent * dt, energy, work)
+    return here.motion(accept(rest, forces(rest, law)[1]), True)
 
 
 def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray, predicted: float, **known) -> Collapse:
@@ -126,7 +156,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
 
     Parameters
     ----------
-    before : at the beginning, under the load that is held
+    before : at the end of the path
     pull : (n,) rate of the load on the coordinates of `freedom(before)`, whatever its size
     predicted : displacement below which the motion is quiet [length]
     known : load, reason and held of the event
@@ -141,13 +171,13 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     size, total = float(np.linalg.norm(field)), float(np.sqrt(square.sum()))
     value, mode = softest_mode(before, law)
     direction = field / size if size else field
-    work = motion.cell_work + _work_of_loads(before, after)
     held = [_loaded_contacts(state) for state in (before, after)]
+    gain = stored_energy(after, law) - stored_energy(before, law)
     return Collapse(
         **known, quiet=bool(total <= predicted), rests=motion.rests, duration=motion.time, steps=motion.steps,
         largest=float(np.sqrt(square.max(initial=0.0))), total=total,
-        motion=float(field @ pull / np.linalg.norm(pull)) if pull.any() else 0.0, strain=strain, work=work,
-        released=work - stored_energy(after, law) + stored_energy(before, law), kinetic_energy=motion.kinetic_energy,
+        motion=float(field @ pull / np.linalg.norm(pull)) if pull.any() else 0.0, strain=strain, work=motion.work,
+        released=motion.work - gain, kinetic_energy=motion.kinetic_energy,
         direction=direction, participation=float(total**4 / (len(square) * (square**2).sum())) if total else 1.0,
         eigenvalue=value, mode=mode, overlap=float(abs(direction @ mode)), lost=len(held[0].keys() - held[1].keys()),
         gained=len(held[1].keys() - held[0].keys()), sliding=tuple(sum(h.values()) for h in held),

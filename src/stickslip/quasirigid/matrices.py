@@ -228,7 +228,7 @@ def block_diagonal(parts: np.ndarray):
 
 @checked
 def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
-    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of springs that pull bodies.
+    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of the machine.
 
     It equals −J for these statuses.
 

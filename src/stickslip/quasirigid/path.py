@@ -259,8 +259,8 @@ def _go_through(
 ) -> tuple[PathState | None, float]:
     """State after dynamics from the end of the path, or None if it does not come to rest, and the share of the leg."""
     load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
-    before = place.state._replace(control=between(leg.begin, leg.end, raised))
-    motion = run_to_rest(before, leg.law, *through)
+    before = place.state._replace(control=between(leg.begin, leg.end, share))
+    motion = run_to_rest(before, leg.law, between(leg.begin, leg.end, raised), *through)
     free, held = freedom(before), np.append(~place.loose, np.zeros(len(before.walls.mass), bool))
     ends = (external_force(before._replace(control=c), free) for c in (leg.begin, leg.end))
     quiet = JUMP * (raised - share) * way.motion_before(load, 0.5 * leg.increment, held)
