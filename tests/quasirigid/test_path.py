@@ -365,7 +365,7 @@ def test_an_unstable_start_and_other_laws_are_refused(boxed):
 def test_legs_that_change_more_than_loads_are_refused(boxed):
     state, law = boxed
     for change, message in (
-        ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity and stress"),
+        ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity, stress and anchors"),
         ({"stress": state.control.stress + 1e-4}, "a cell component that is not free"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -10,8 +10,8 @@ CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 SERIES, CURVES, THRESHOLD = "series.csv", "curves.csv", "threshold.csv"
-EVENTS, STEPS, SLIPS = "events.csv", "steps.csv", "slips.csv"
-TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS)
+EVENTS, STEPS, SLIPS, COLLAPSES = "events.csv", "steps.csv", "slips.csv", "collapses.csv"
+TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS, COLLAPSES)
 RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, *TABLES, PAGE, FILM)
 _RUN_FILE = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|fltst_dp\d+\.txt|devol\.dat|" + "|".join(map(re.escape, RUN_FILES))

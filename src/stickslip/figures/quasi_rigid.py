@@ -24,6 +24,8 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
     for color, sample in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
             axes.plot(sample.curve.strain, getattr(sample.curve, name), color=color, lw=1.2)
+            at = [np.flatnonzero(sample.curve.load <= event.load)[-1] for event in collapses_of(sample)]
+            axes.plot(sample.curve.strain[at], getattr(sample.curve, name)[at], "v", mfc="none", color=color, ms=4)
             if not sample.path.complete:
                 last = sample.curve.strain[-1], getattr(sample.curve, name)[-1]
                 axes.plot(*last, "x" if sample.path.loses_stability else "o", mfc="none", color=color, ms=5)
@@ -41,10 +43,17 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
     for lost, mark in ENDS.items():
         if lost in {sample.path.loses_stability for sample in tested if not sample.path.complete}:
             top.plot([], [], mark, mfc="none", color=BLACK, ms=5, label=ENDS_WORDS[lost])
+    if any(collapses_of(sample) for sample in tested):
+        top.plot([], [], "v", mfc="none", color=BLACK, ms=4, label="collapse")
     label_axes(top, y="stress ratio" if test == "biaxial" else "shear stress / pressure")
     label_axes(bottom, x="axial strain" if test == "biaxial" else "shear strain", y="volumetric strain")
     legend_above(top, ncol=2)
     return figure
+
+
+def collapses_of(sample) -> list:
+    """Collapses on the path of a sample that moved more than the load alone would have."""
+    return [event for event in sample.path.collapses if not event.quiet]
 
 
 @styled

@@ -9,6 +9,7 @@ change in stored energy, is dissipated by friction, dashpots and drag.
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 
 from ..core.contacts.forces import accept, forces
@@ -26,7 +27,7 @@ from ..solve.freedom import freedom
 from ..solve.newton import Factorisation, newton
 from ..solve.spectrum import near_zero
 from .events import APEX
-from .matrices import LinearSystem, linear_system, stiffness_matrix
+from .matrices import linear_system, stiffness_matrix
 from .rattling import gaps
 from .system import pinned_coordinates, roll_springs
 
@@ -38,6 +39,8 @@ RESTING = (1e-6, 1e-8)  # residuals at which Newton's method is tried, over the 
 BALANCED = 5e-11  # its tolerance, likewise
 ROUND_OFF = 1e-15  # of the force of a stiff spring, over that of an elongation of the size of the packing
 FAR = 1e3  # distance to which it may move grains, over the overlap that changes a force by the residual
+NULL = 1e-9  # share of the largest stiffness up to which an eigenvalue is that of a motion that nothing resists
+RANK = 1e-8  # singular value up to which modes are parallel
 DENSE_BELOW, NEAREST = 1200, 12  # coordinates up to which all modes are computed, and number of modes beyond
 
 
@@ -67,11 +70,11 @@ class Collapse(NamedTuple):
     direction: np.ndarray  # (n,) displacement, of unit length, zero for rattlers
     participation: float  # of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
     eigenvalue: float  # smallest real part of the eigenvalues of k where the path ended [force/length]
-    mode: np.ndarray  # (n,) its mode, of unit length
-    overlap: float  # |direction · mode|
+    modes: int  # number of modes that nothing resists there, or 1, the softest
+    overlap: float  # of the direction with them: length of its projection on their span
     lost: int  # contacts between grains that are not rattlers before that are not there afterwards
     gained: int  # such contacts after that were not there before
-    sliding: tuple[int, int]  # number of sliding contacts before and after
+    sliding: tuple[int, int]  # number of contacts at the Coulomb limit before and after
 
 
 class Motion(NamedTuple):
@@ -169,7 +172,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     field = full[free.component]
     square = (moved[: len(loose), :3][~loose] ** 2).sum(axis=1)
     size, total = float(np.linalg.norm(field)), float(np.sqrt(square.sum()))
-    value, mode = softest_mode(before, law)
+    value, modes, sliding = soft_modes_where_it_ends(before, law)
     direction = field / size if size else field
     held = [_loaded_contacts(state) for state in (before, after)]
     gain = stored_energy(after, law) - stored_energy(before, law)
@@ -177,40 +180,41 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
         **known, quiet=bool(total <= predicted), rests=motion.rests, duration=motion.time, steps=motion.steps,
         largest=float(np.sqrt(square.max(initial=0.0))), total=total,
         motion=float(field @ pull / np.linalg.norm(pull)) if pull.any() else 0.0, strain=strain, work=motion.work,
-        released=motion.work - gain, kinetic_energy=motion.kinetic_energy,
-        direction=direction, participation=float(total**4 / (len(square) * (square**2).sum())) if total else 1.0,
-        eigenvalue=value, mode=mode, overlap=float(abs(direction @ mode)), lost=len(held[0].keys() - held[1].keys()),
-        gained=len(held[1].keys() - held[0].keys()), sliding=tuple(sum(h.values()) for h in held),
+        released=motion.work - gain, kinetic_energy=motion.kinetic_energy, direction=direction,
+        participation=float(total**4 / (len(square) * (square**2).sum())) if total else 1.0, eigenvalue=value,
+        modes=modes.shape[1], overlap=float(np.linalg.norm(direction @ modes)),
+        lost=len(held[0].keys() - held[1].keys()), gained=len(held[1].keys() - held[0].keys()),
+        sliding=(sliding, sum(held[1].values())),
     )  # fmt: skip
 
 
-def softest_mode(state: State, law: Law) -> tuple[float, np.ndarray]:
-    """Smallest real part of the eigenvalues of k(S), all contacts at the limit sliding and those without force open.
+def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray, int]:
+    """Smallest real part of the eigenvalues of k(S), and the modes that nothing resists, or the softest one.
+
+    S: all contacts at the limit slide, and those without force are open.
 
     Returns
     -------
-    float, (n,) mode of unit length on the coordinates of `freedom(state)`; NaN and zeros if k is singular
+    float, (n, K) orthonormal basis on the coordinates of `freedom(state)`, number of sliding contacts
     """
     m, whole = linear_system(state, law), freedom(state)
-    k, kept = _stiffness_where_it_ends(m), np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
-    part = k[kept][:, kept]
-    out = np.zeros(len(whole))
-    try:
-        values, modes = eig(part.toarray()) if len(kept) < DENSE_BELOW else near_zero(part, NEAREST, 1e-6)[:2]
-    except (LinAlgError, RuntimeError):
-        return np.nan, out
-    first = int(np.argmin(values.real))
-    mode = modes[:, first].real
-    out[np.searchsorted(whole.component, m.free.component[kept])] = mode / np.linalg.norm(mode)
-    return float(values.real[first]), out
-
-
-def _stiffness_where_it_ends(m: LinearSystem):
     mean = float(m.force[:, 0].mean())
     faint = m.force[:, 0] <= APEX * mean
     slides = ~faint & (m.limit | (m.margin <= APEX * mean))
     m = m._replace(springs=np.where(faint[:, None, None], 0.0, m.springs))
-    return stiffness_matrix(m, slides) + roll_springs(m)
+    kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
+    part = sparse.csr_array(stiffness_matrix(m, slides) + roll_springs(m))[kept][:, kept]
+    try:
+        values, modes = eig(part.toarray()) if len(kept) < DENSE_BELOW else near_zero(part, NEAREST, 1e-6)[:2]
+    except (LinAlgError, RuntimeError):
+        return np.nan, np.zeros((len(whole), 0)), int(slides.sum())
+    unresisted = values.real <= NULL * np.abs(part.data).max()
+    unresisted[np.argmin(values.real)] = True
+    parts = np.concatenate([modes[:, unresisted].real, modes[:, unresisted].imag], axis=1)
+    base, sizes, _ = np.linalg.svd(parts, full_matrices=False)
+    out = np.zeros((len(whole), int((sizes > RANK).sum())))
+    out[np.searchsorted(whole.component, m.free.component[kept])] = base[:, sizes > RANK]
+    return float(values.real.min()), out, int(slides.sum())
 
 
 def stored_energy(state: State, law: Law) -> float:

@@ -20,7 +20,7 @@ from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import between
 from ..core.laws.builtin import KT, Law
-from ..core.measure import mean_normal_force, rattlers, touching
+from ..core.measure import ROUND_OFF, mean_normal_force, rattlers, touching
 from ..core.progress import Report, silent
 from ..core.readable import pluralize, readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
@@ -435,7 +435,7 @@ def _check_leg(begin: Control, end: Control) -> None:
 
 
 def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
-    state = place.state
+    state = _without_parted(place.state)
     loads, _ = forces(state, law)
     rows = touching(state)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
@@ -443,6 +443,12 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
     return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
+
+
+def _without_parted(state: State) -> State:
+    """State in which contacts at the apex that have parted by more than round-off are open."""
+    rows = touching(state)
+    return with_modes(state, rows[gaps(state, rows)[1] > ROUND_OFF * state.grains.radius.min()], OPEN)
 
 
 def _progress_message(point: PathPoint) -> str:
