@@ -110,7 +110,7 @@ class Increment:
         if choice.status is None or not choice.stable:
             self.lost = _verdict_of_loss(choice)
             return
-        if choice.others:
+        if choice.others and (np.array(choice.others) != choice.status).any():
             self._record_fork(choice.status, choice.others)
         was = np.where(before.parted[m.rows], OPENS, _statuses_from_side(np.where(m.limit, m.sign, 0.0)))
         told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != choice.status)
