@@ -14,12 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..builtin_laws import NAMES
-from ..core.arguments import checked, require_positive
+from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import between
-from ..core.laws.builtin import KT, Law
+from ..core.laws.builtin import Law
 from ..core.measure import ROUND_OFF, mean_normal_force, rattlers, touching
 from ..core.progress import Report, silent
 from ..core.readable import pluralize, readable
@@ -28,14 +27,11 @@ from ..solve.freedom import freedom, residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
 from .events import Event, Fork
 from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_force
-from .matrices import linear_system, stiffness_matrix
+from .path_checks import check_dynamics, check_start
 from .rattling import gaps, move_aside, with_modes
 from .status import Verdict
-from .system import driven_motions, pinned_coordinates
 
-BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
-CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
 PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
@@ -151,8 +147,9 @@ def load_path(
     'CONSISTENT'
     """
     here = _accept_forces(with_neighbor_list(state), law)
-    _check_start(here, law, legs, increment)
-    through = None if drag is None else _check_through(state, drag, duration, travel)
+    check_start(here, law, legs, increment)
+    if drag is not None:
+        check_dynamics(state.control, drag, duration, travel)
     place = _place(here)
     way = _PathRecord(_path_point(place, law, 0.0), law)
     for number, (begin, end) in enumerate(pairwise((state.control, *legs))):
@@ -162,10 +159,10 @@ def load_path(
             place, share, verdict = _follow_leg(place, share, leg, way, report)
             if verdict is Verdict.CONSISTENT:
                 break
-            if through is None:
+            if drag is None:
                 return way.path(verdict)
             report("load path", (number + share) / len(legs), f"load {number + share:.4f}, dynamics: {verdict.value}")
-            rest, share = _go_through(place, share, leg, way, verdict, through)
+            rest, share = _go_through(place, share, leg, way, verdict, (drag, duration, travel))
             if rest is None:
                 return way.path(Verdict.FLOWS)
             place = rest
@@ -183,14 +180,6 @@ class _Leg(NamedTuple):
     count: int  # of legs
     increment: float
     geometric: bool
-
-
-class _Through(NamedTuple):
-    """Dynamics at the end of a path."""
-
-    drag: float  # [1/time]
-    duration: float | None  # longest [time]
-    travel: float | None  # largest displacement [length]
 
 
 def _place(state: State) -> PathState:
@@ -255,7 +244,7 @@ class _PathRecord:
 
 
 def _go_through(
-    place: PathState, share: float, leg: _Leg, way: _PathRecord, verdict: Verdict, through: _Through
+    place: PathState, share: float, leg: _Leg, way: _PathRecord, verdict: Verdict, through: tuple
 ) -> tuple[PathState | None, float]:
     """State after dynamics from the end of the path, or None if it does not come to rest, and the share of the leg."""
     load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
@@ -351,87 +340,6 @@ def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
 
 def _accept_forces(state: State, law: Law) -> State:
     return accept(state, forces(state, law)[1])
-
-
-def _check_start(state: State, law: Law, legs, increment: float) -> None:
-    if not legs:
-        raise ValueError("no leg was given: at least one Control is needed")
-    if law.kind != NAMES.index("linear") or law.properties:
-        raise ValueError(
-            "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
-            "only for `linear`"
-        )
-    if not law.table[..., KT].min() > 0:
-        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
-    if not 0 < increment <= 1:
-        raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
-    for end in legs:
-        _check_leg(state.control, end)
-    matrix = linear_system(state, law)
-    if not len(matrix.free):
-        raise ValueError("the packing has only rattlers: a path needs grains that support each other")
-    mean = mean_normal_force(state, law)
-    residual = np.abs(residual_vector(state, forces(state, law)[0], matrix.free)).max()
-    if not residual < BALANCED * mean:
-        raise ValueError(
-            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force: at most {BALANCED:g} is "
-            f"allowed; use `relax` or `equilibrate` first"
-        )
-    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool))
-    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
-    if len(kept) <= CHECKED_UP_TO:
-        part = stuck[kept][:, kept].toarray()
-        lowest = float(np.linalg.eigvalsh(0.5 * (part + part.T))[0])
-        if lowest < -1e-9 * np.abs(part).max():
-            raise ValueError(
-                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; bring the "
-                f"packing to rest under this control, with drag"
-            )
-    whole = freedom(state)
-    carried = np.isin(whole.component, matrix.free.component)
-    for end in legs:
-        at = state._replace(control=end)
-        for motion in driven_motions(matrix, external_force(at, matrix.free)):
-            axis, body = (values[motion != 0] for values in (matrix.free.axis, matrix.free.body))
-            whole = (axis == axis[0]).all()
-            load = (
-                f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
-            )
-            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
-        pull = np.abs(external_force(state._replace(control=end), whole))
-        bad = np.flatnonzero((pull > 0) & ~carried)
-        if len(bad):
-            raise ValueError(
-                f"body {whole.body[bad[0]]} is loaded but is a rattler: load only bodies that are supported by others"
-            )
-
-
-def _check_through(state: State, drag: float, duration: float | None, travel: float | None) -> _Through:
-    require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
-    if state.control.rate.any() or state.control.cell_rate.any() or state.control.course.any():
-        raise ValueError(
-            "a drag was given with bodies or a cell that move at a rate: dynamics holds the load, so all rates and "
-            "time profiles must be zero; pull with a spring whose anchor moves instead"
-        )
-    return _Through(drag, duration, travel)
-
-
-def _check_leg(begin: Control, end: Control) -> None:
-    for name in ("free", "group", "cell_free"):
-        if not np.array_equal(getattr(end, name), getattr(begin, name)):
-            raise ValueError(
-                "the controls of the legs do not free the same components as the state's control: only loads may change"
-            )
-    for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress", "anchor"}:
-        if not np.array_equal(getattr(end, name), getattr(begin, name)):
-            raise ValueError(
-                f"the controls of the legs change {name}: only forces, torques, gravity, stress and anchors of "
-                f"springs may change; to control a displacement, pull with a stiff spring, see `with_machine`"
-            )
-    if ((end.stress != begin.stress) & ~begin.cell_free).any():
-        raise ValueError(
-            "the legs change the stress of a cell component that is not free: free it with `stress_controlled`"
-        )
 
 
 def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
