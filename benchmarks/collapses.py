@@ -18,11 +18,10 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.core.control import spring_forces
-from stickslip.core.measure import rattlers
 from stickslip.core.state import Control, State
 from stickslip.loading.biaxial import TOP, biaxial_box, with_load, with_machine, with_travel
 from stickslip.loading.slow import SlowRun, slow_dynamics
-from stickslip.quasirigid.collapse import Collapse, displacements
+from stickslip.quasirigid.collapse import Collapse, displacements, without_drift
 from stickslip.quasirigid.path import LoadPath, load_path
 from tests.quasirigid.five_packings import spheres
 
@@ -48,10 +47,10 @@ def disks_under_load(seed: int) -> Case:
 
 
 def disks_in_machine(seed: int) -> Case:
-    """Box of 60 disks whose lid is moved down by 0.04 by a machine of 100 kn."""
+    """Box of 60 disks whose lid is moved down by 0.02 by a machine of 100 kn."""
     state, law = biaxial_box(60, seed=seed)
     state = with_machine(state, 60 + TOP, 100.0)
-    return Case(f"disks-displacement {seed}", state, law, with_travel(state.control, 60 + TOP, [0, -0.04]))
+    return Case(f"disks-displacement {seed}", state, law, with_travel(state.control, 60 + TOP, [0, -0.02]))
 
 
 def spheres_under_stress(seed: int) -> Case:
@@ -71,7 +70,7 @@ def spheres_in_machine(seed: int) -> Case:
 
 KINDS = {
     "disks-load": (disks_under_load, range(1, 13)),
-    "disks-displacement": (disks_in_machine, range(1, 9)),
+    "disks-displacement": (disks_in_machine, (2, 4, 5, 6, 7, 8)),
     "spheres-load": (spheres_under_stress, range(8)),
     "spheres-displacement": (spheres_in_machine, (1, 2, 5, 6, 7)),
 }
@@ -91,7 +90,7 @@ def compare(case: Case) -> "Difference | None":
     if not real:
         print(f"{head}", flush=True)
         return None
-    run = slow_dynamics(case.state, case.law, case.end, time=WHOLE, until=min(1.0, real[0].load + 0.1), drag=DRAG)
+    run = slow_dynamics(case.state, case.law, case.end, time=WHOLE, until=min(1.0, real[0].load + 0.04), drag=DRAG)
     first = real[0]
     off, field, wall = first_collapse(case, path, run, first)
     late = first.duration / WHOLE + 2 * run.load[0]
@@ -120,14 +119,14 @@ def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) ->
     steps = [np.linalg.norm(displacements(states[k - 1], states[k])[:, :3]) for k in near if k]
     load = loads[near[near > 0][int(np.argmax(steps))]]
     ends = event.load - 0.5 * WINDOW, event.load + WINDOW
+    series = (path.load, path.states), (loads, states)
+    start = state_at(ends[0], *series[0])  # its rattlers count for neither
     mine, theirs = (
-        displacements(*(state_at(end, *series) for end in ends))
-        for series in ((path.load, path.states), (loads, states))
+        without_drift(start, displacements(*(state_at(end, *one) for end in ends)))[:, :3] for one in series
     )
-    n = len(case.state.grains.radius)
-    kept = np.append(~rattlers(state_at(ends[0], path.load, path.states), 2), np.zeros(len(mine) - n, bool))
-    field = np.linalg.norm((mine - theirs)[kept, :3]) / np.linalg.norm(mine[kept, :3])
-    bulk = [strength(case, series, ends) for series in ((path.load, path.states), (loads, states))]
+    grains = len(start.grains.radius)
+    field = np.linalg.norm((mine - theirs)[:grains]) / np.linalg.norm(mine[:grains])
+    bulk = [strength(case, one, ends) for one in series]
     return float(load - event.load), float(field), float(abs(bulk[1] / bulk[0] - 1))
 
 

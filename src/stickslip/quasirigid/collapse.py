@@ -165,10 +165,9 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     known : load, reason and held of the event
     """
     after, free, loose = motion.state, freedom(before), rattlers(before, 2)
-    moved = displacements(before, after)
     strain = _strain(before, after)
-    ours = np.append(~loose, np.ones(before.n_bodies - len(loose), bool))
-    full = np.append((moved * ours[:, None]).ravel(), free.length * strain.ravel())
+    moved = without_drift(before, displacements(before, after))
+    full = np.append(moved.ravel(), free.length * strain.ravel())
     field = full[free.component]
     square = (moved[: len(loose), :3][~loose] ** 2).sum(axis=1)
     size, total = float(np.linalg.norm(field)), float(np.sqrt(square.sum()))
@@ -253,6 +252,16 @@ def displacements(before: State, after: State) -> np.ndarray:
     grains = np.concatenate([moved, (b.angle - a.angle) * a.radius[:, None]], axis=1)
     walls = after.walls.point - before.walls.point
     return np.concatenate([grains, np.concatenate([walls, np.zeros_like(walls)], axis=1)])
+
+
+def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
+    """(B, 6) displacements, zero for rattlers, and without the mean of the others along axes that nothing holds."""
+    held = _held_bodies(state)
+    moved = moved * held[:, None]
+    if not len(state.walls.mass) and held.any():
+        unheld = np.append(state.control.free[:, :3].all(axis=0), [False] * 3)
+        moved -= np.outer(held, np.where(unheld, moved[held].mean(axis=0), 0.0))
+    return moved
 
 
 def _strain(before: State, after: State) -> np.ndarray:
