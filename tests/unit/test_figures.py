@@ -207,7 +207,7 @@ def test_quasi_rigid_curves_stand_over_strain():
         assert holds(axes, sample.curve.strain[3:4], getattr(sample.curve, name)[3:4], marker="v")
     assert (top.get_ylabel(), bottom.get_xlabel()) == ("stress ratio", "axial strain")
     texts = [text.get_text() for text in top.get_legend().get_texts()]
-    assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost"]
+    assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost", "collapse"]
     (axes,) = quasi_rigid.errors([sample]).axes
     assert holds(axes, [1.0, 2.0], [0.1, 0.05], label="sample 3")
 
