@@ -115,10 +115,10 @@ class Difference(NamedTuple):
 def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) -> tuple[float, float, float]:
     """Difference of the load of a collapse [legs], relative ones of its displacements and its motion along the load."""
     loads, states = np.append(0.0, run.load), [case.state, *run.states]
-    near = np.flatnonzero(np.abs(loads - event.load) < WINDOW)
+    near = np.flatnonzero(np.abs(loads - event.load) < WINDOW + event.duration / WHOLE)
     steps = [np.linalg.norm(displacements(states[k - 1], states[k])[:, :3]) for k in near if k]
     load = loads[near[near > 0][int(np.argmax(steps))]]
-    ends = event.load - 0.5 * WINDOW, event.load + WINDOW
+    ends = event.load - 0.5 * WINDOW, event.load + WINDOW + event.duration / WHOLE
     series = (path.load, path.states), (loads, states)
     start = state_at(ends[0], *series[0])  # its rattlers count for neither
     mine, theirs = (
