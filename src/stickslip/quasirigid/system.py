@@ -159,7 +159,7 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
     """
     moves = []
     for own in _coordinates_of_bridges(matrix):
-        roll = np.linalg.svd(matrix.c[own].toarray())[0][:, -1]
+        roll = np.linalg.svd(matrix.c[own].toarray(), full_matrices=False)[0][:, -1]
         bends = matrix.geometric[own].toarray()
         if not geometric or np.abs(roll @ bends).max() <= RESIDUAL * np.abs(bends).max():
             moves.append(np.zeros(len(matrix.free)))
