@@ -12,9 +12,9 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import stickslip as ss
+from stickslip.quasirigid.apex_status import contact_status
 from stickslip.quasirigid.lcp import complementarity, lemke, principal_pivoting
 from stickslip.quasirigid.matrices import LinearSystem, linear_system, stiffness_matrix
-from stickslip.quasirigid.status import contact_status
 from stickslip.quasirigid.system import pinned_coordinates
 from stickslip.quasirigid.uniqueness import certificate
 from stickslip.solve.linear import one_thread

@@ -15,7 +15,7 @@ from stickslip.quasirigid.events import Event
 from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Increment, PathState
 from stickslip.quasirigid.opening import decide_statuses
 from stickslip.quasirigid.path import AGAIN, RETURNS, LoadPath, load_path
-from stickslip.quasirigid.status import Alternative, Verdict, contact_status
+from stickslip.quasirigid.status import Alternative, Verdict, status_of_critical
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 
 
@@ -129,7 +129,7 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
     open_ = []
 
     def no_answer(*given, **how):
-        return contact_status(*given, **how)._replace(uniqueness=None)
+        return status_of_critical(*given, **how)._replace(uniqueness=None)
 
     def undecided(problem):
         open_.append("certificate")
@@ -146,7 +146,7 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
         assert sure.unchecked == 0
         assert "not known" not in sure.summary
         with monkeypatch.context() as patched:
-            patched.setattr(piece, "contact_status", no_answer)
+            patched.setattr(piece, "status_of_critical", no_answer)
             patched.setattr(piece, "certificate", undecided)
             patched.setattr(piece, "decide_statuses", cut_short)
             path = load_path(state, law, more, increment=0.05)
@@ -257,7 +257,7 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     state, law = boxed
 
     def with_another(matrix, load, **options):
-        choice = contact_status(matrix, load, **options)
+        choice = status_of_critical(matrix, load, **options)
         if not choice.sliding.any() or options.get("unique") is False:
             return choice
         sticks = Alternative(np.zeros_like(choice.sliding), choice.velocity, choice.rate, True)
@@ -266,7 +266,7 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     end = with_load(state.control, 60 + TOP, 3.0)
     plain = load_path(state, law, end)
     first = next(e for e in plain.events if e.kind == "reaches the cone")
-    monkeypatch.setattr(piece, "contact_status", with_another)
+    monkeypatch.setattr(piece, "status_of_critical", with_another)
     path = load_path(state, law, end)
     # where a contact closes and slides at once there may be one before
     fork = next(row for row in path.alternatives if row.load == pytest.approx(first.load))
@@ -365,7 +365,7 @@ def test_an_unstable_start_and_other_laws_are_refused(boxed):
 def test_legs_that_change_more_than_loads_are_refused(boxed):
     state, law = boxed
     for change, message in (
-        ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity and stress"),
+        ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity, stress and anchors"),
         ({"stress": state.control.stress + 1e-4}, "a cell component that is not free"),
     ):
         with pytest.raises(ValueError, match=message):

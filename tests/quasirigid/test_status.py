@@ -12,10 +12,11 @@ import stickslip as ss
 from stickslip.loading.biaxial import TOP
 from stickslip.quasirigid import absence
 from stickslip.quasirigid import status as room
+from stickslip.quasirigid.apex_status import contact_status
 from stickslip.quasirigid.enumeration import AllSolutions, Solution, enumerate_solutions, status_map
 from stickslip.quasirigid.lcp import Complementarity, complementarity, lemke
 from stickslip.quasirigid.matrices import force_rates, linear_system, stiffness_matrix
-from stickslip.quasirigid.status import Verdict, contact_status
+from stickslip.quasirigid.status import Verdict
 from stickslip.quasirigid.system import StatusSolver, pinned_coordinates
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.conftest import make_law, stirred

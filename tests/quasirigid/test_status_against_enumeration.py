@@ -8,9 +8,10 @@ import pytest
 from scipy.linalg import LinAlgError
 
 from stickslip.quasirigid.absence import Absence, UnresistedMotion
+from stickslip.quasirigid.apex_status import contact_status
 from stickslip.quasirigid.lcp import complementarity
 from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
-from stickslip.quasirigid.status import Verdict, contact_status
+from stickslip.quasirigid.status import Verdict
 from stickslip.quasirigid.system import regular_stiffness
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.quasirigid import brute_force as brute

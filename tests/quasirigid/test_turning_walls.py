@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.quasirigid.apex_status import contact_status
 from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
 from stickslip.quasirigid.null_modes import IDLE, RIGID, mechanisms
-from stickslip.quasirigid.status import contact_status
 from stickslip.quasirigid.system import pinned_coordinates
 from stickslip.quasirigid.walls import rigid_rotation
 

@@ -290,7 +290,7 @@ def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     """Time steps and strains of any size: the power of ten is in the label of the axis."""
     step = np.linspace(0, most, 30)
     flat = Made(strain=step, ratio=step, volumetric=-step, load=step)
-    path = Made(curve=flat, back=None, slow=(), path=Made(complete=True, loses_stability=False), seed=1)
+    path = Made(curve=flat, back=None, slow=(), path=Made(complete=True, loses_stability=False, collapses=()), seed=1)
     figures = [
         watch.watched_stress(step, 1.0 + step, step), sphere_shear.stress_through_failure(long_run(most)),
         quasi_rigid.curves([path], "shear"),

@@ -194,7 +194,8 @@ def test_quasi_rigid_curves_stand_over_strain():
         return Made(strain=1e-3 * rising(n), ratio=rising(n), volumetric=1e-3 * rising(n), load=np.linspace(0, 1, n))
 
     slow = [Made(time=1.0, curve=curve(4), error=0.1), Made(time=2.0, curve=curve(6), error=0.05)]
-    path = Made(complete=False, loses_stability=True)
+    collapses = [Made(load=3 / 7, quiet=False), Made(load=5 / 7, quiet=True)]
+    path = Made(complete=False, loses_stability=True, collapses=collapses)
     sample = Made(curve=curve(8), back=curve(5), path=path, seed=3, slow=slow)
     top, bottom = quasi_rigid.curves([sample], "biaxial").axes
     for axes, name in ((top, "ratio"), (bottom, "volumetric")):
@@ -203,9 +204,10 @@ def test_quasi_rigid_curves_stand_over_strain():
         slow = sample.slow[1].curve
         assert holds(axes, slow.strain, getattr(slow, name), linestyle="--")
         assert holds(axes, sample.curve.strain[-1:], getattr(sample.curve, name)[-1:], marker="x")
+        assert holds(axes, sample.curve.strain[3:4], getattr(sample.curve, name)[3:4], marker="v")
     assert (top.get_ylabel(), bottom.get_xlabel()) == ("stress ratio", "axial strain")
     texts = [text.get_text() for text in top.get_legend().get_texts()]
-    assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost"]
+    assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost", "collapse"]
     (axes,) = quasi_rigid.errors([sample]).axes
     assert holds(axes, [1.0, 2.0], [0.1, 0.05], label="sample 3")
 

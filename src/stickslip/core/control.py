@@ -291,9 +291,12 @@ def factors_at(control: Control, time: float) -> np.ndarray:
 
 @checked
 def between(begin: Control, end: Control, share: float) -> Control:
-    """Interpolate between two controls: forces, torques, gravity and stress at a fraction `share` of the way."""
+    """Interpolate between two controls, at a fraction `share` of the way.
+
+    Forces, torques, gravity, stress and the anchors of springs are interpolated.
+    """
     mixed = {
         name: (1 - share) * getattr(begin, name) + share * getattr(end, name)
-        for name in ("force", "torque", "gravity", "stress")
+        for name in ("force", "torque", "gravity", "stress", "anchor")
     }
     return begin._replace(**mixed)

@@ -11,8 +11,8 @@ REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 SERIES, CURVES, THRESHOLD = "series.csv", "curves.csv", "threshold.csv"
 EVENTS, STEPS, SLIPS, CYCLES = "events.csv", "steps.csv", "slips.csv", "cycles.csv"
-PROBES, ENVELOPES = "probes.csv", "envelopes.csv"
-TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS, CYCLES, PROBES, ENVELOPES)
+COLLAPSES, PROBES, ENVELOPES = "collapses.csv", "probes.csv", "envelopes.csv"
+TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS, CYCLES, COLLAPSES, PROBES, ENVELOPES)
 RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, *TABLES, PAGE, FILM)
 _RUN_FILE = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|fltst_dp\d+\.txt|devol\.dat|" + "|".join(map(re.escape, RUN_FILES))

@@ -26,8 +26,8 @@ from ..friction.loads import slide_hold_slide
 from ..friction.ratestate import RateState, Spring, spring_slider
 from ..loading.packing import disk_array, with_push
 from ..loading.protocols import perturbed
+from ..quasirigid.apex_status import contact_status
 from ..quasirigid.matrices import linear_system
-from ..quasirigid.status import contact_status
 from ..solve.relax import relax
 from ..solve.spectrum import spectrum
 

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..core.arguments import Requirement, Result, require_filled
+from ..core.contacts.neighbors import body_positions
+from ..core.control import spring_forces
 from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, label_axes, legend_above, styled
 
 _KIND = "sample of a QuasiResult"
@@ -24,6 +26,8 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
     for color, sample in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
             axes.plot(sample.curve.strain, getattr(sample.curve, name), color=color, lw=1.2)
+            at = [np.flatnonzero(sample.curve.load <= event.load)[-1] for event in collapses_of(sample)]
+            axes.plot(sample.curve.strain[at], getattr(sample.curve, name)[at], "v", mfc="none", color=color, ms=4)
             if not sample.path.complete:
                 last = sample.curve.strain[-1], getattr(sample.curve, name)[-1]
                 axes.plot(*last, "x" if sample.path.loses_stability else "o", mfc="none", color=color, ms=5)
@@ -41,10 +45,47 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
     for lost, mark in ENDS.items():
         if lost in {sample.path.loses_stability for sample in tested if not sample.path.complete}:
             top.plot([], [], mark, mfc="none", color=BLACK, ms=5, label=ENDS_WORDS[lost])
+    if any(collapses_of(sample) for sample in tested):
+        top.plot([], [], "v", mfc="none", color=BLACK, ms=4, label="collapse")
     label_axes(top, y="stress ratio" if test == "biaxial" else "shear stress / pressure")
     label_axes(bottom, x="axial strain" if test == "biaxial" else "shear strain", y="volumetric strain")
     legend_above(top, ncol=2)
     return figure
+
+
+def collapses_of(sample) -> list:
+    """Collapses on the path of a sample that moved more than the load alone would have."""
+    return [event for event in sample.path.collapses if not event.quiet]
+
+
+@styled
+def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("points", "collapses"))]], wall: int):
+    """Force on a wall against its displacement along several load paths, with their collapses.
+
+    Parameters
+    ----------
+    paths : results of `load_path` by name
+    wall : body number
+    """
+    figure, axes = column_axes(1, 2.6)
+    for color, (name, path) in zip(cycle(COLORS), paths.items(), strict=False):
+        number = wall - len(path.states[0].grains.radius)
+        normal, start = path.states[0].walls.normal[number], path.states[0].walls.point[number]
+        moved = np.array([(s.walls.point[number] - start) @ normal for s in path.states])
+        force = np.array([force_on(s, wall) @ normal for s in path.states])
+        axes.plot(moved, force, color=color, lw=1.2, label=name)
+        at = [np.flatnonzero(path.load <= event.load)[-1] for event in path.collapses if not event.quiet]
+        axes.plot(moved[at], force[at], "v", mfc="none", color=color, ms=4)
+    if any(not event.quiet for path in paths.values() for event in path.collapses):
+        axes.plot([], [], "v", mfc="none", color=BLACK, ms=4, label="collapse")
+    label_axes(axes, x=("displacement of the wall", "length"), y=("force on the wall", "force"))
+    legend_above(axes, ncol=3)
+    return figure
+
+
+def force_on(state, body: int) -> np.ndarray:
+    """(3,) load on a body: a dead one, and that of the spring of a machine [force]."""
+    return state.control.force[body] + spring_forces(state.control, body_positions(state), state.time)[body]
 
 
 @styled

@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Seed, Values, checked, require_positive
-from ..core.control import force_controlled, stress_controlled
+from ..core.arguments import Numbers, Seed, Values, checked, require_positive
+from ..core.contacts.neighbors import body_positions
+from ..core.control import force_controlled, spring_loaded, stress_controlled
 from ..core.dynamics.run import run
 from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.outcome import NotInEquilibriumError
-from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
+from ..core.state import Control, State, as_rows, assembly, box, disks, flat_walls, loads
 from ..solve.equilibrate import BALANCED, equilibrate
 from .packing import balance, check_radii, frictionless, random_grains
 
@@ -175,3 +176,45 @@ def with_load(control: Control, wall: int, factor: float) -> Control:
         raise ValueError(f"body {wall} has no force to multiply: wall k of a packing with n grains is body n + k")
     force[wall] *= factor
     return control._replace(force=force)
+
+
+@checked
+def with_machine(state: State, wall: int, stiffness: float) -> State:
+    """State in which a spring exerts the present force on a wall: a testing machine of finite stiffness.
+
+    A leg that moves the load point (`with_travel`) drives the displacement of the wall if the machine is much stiffer
+    than the packing, and its force if it is much softer.
+
+    Parameters
+    ----------
+    wall : body number of a wall under a force
+    stiffness : of the machine [force/length]
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, law = ss.packings.biaxial_box(30, pressure=1e-3, seed=1)
+    >>> lid = 30 + ss.packings.TOP
+    >>> held = ss.quasirigid.with_machine(state, lid, 100.0)
+    >>> float(held.control.spring[lid, 1]), float(held.control.force[lid, 1])
+    (100.0, 0.0)
+    """
+    require_positive(stiffness=stiffness)
+    pull, control, place = state.control.force[wall], state.control, body_positions(state)[wall]
+    if not pull.any():
+        raise ValueError(f"body {wall} has no force that a machine could exert: give a wall under a force")
+    for axis in np.flatnonzero(pull):
+        control = spring_loaded(control, [wall], [place + pull / stiffness], stiffness, axis=int(axis))
+    force = control.force.copy()
+    force[wall] = 0.0
+    return state._replace(control=control._replace(force=force))
+
+
+@checked
+def with_travel(control: Control, wall: int, travel: Numbers) -> Control:
+    """Control with the load point of the spring that pulls a wall moved by `travel`, (3,) or (2,) [length]."""
+    if not control.spring[wall].any():
+        raise ValueError(f"body {wall} is not pulled by a spring: use `with_machine` first")
+    anchor = control.anchor.copy()
+    anchor[wall] += as_rows(travel, 1, 3)[0]
+    return control._replace(anchor=anchor)

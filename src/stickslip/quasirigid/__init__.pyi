@@ -1,5 +1,8 @@
 from ..loading.biaxial import with_load as with_load
+from ..loading.biaxial import with_machine as with_machine
+from ..loading.biaxial import with_travel as with_travel
 from ..loading.slow import slow_dynamics as slow_dynamics
+from .apex_status import contact_status as contact_status
 from .cone_apex import consistent_statuses as consistent_statuses
 from .cone_apex import statuses_at_apex as statuses_at_apex
 from .enumeration import status_map as status_map
@@ -11,5 +14,4 @@ from .matrices import stiffness_matrix as stiffness_matrix
 from .null_modes import mechanisms as mechanisms
 from .path import load_path as load_path
 from .probes import probe_statuses as probe_statuses
-from .status import contact_status as contact_status
 from .uniqueness import certificate as certificate

@@ -29,7 +29,7 @@ from .lcp import complementarity, inconsistent
 from .matrices import LinearSystem, force_rates, linear_system
 from .opening import ApexStatuses, decide_statuses
 from .rattling import NUDGE, gaps, with_modes
-from .status import ContactStatus, Verdict, contact_status
+from .status import ContactStatus, Verdict, status_of_critical
 from .system import RESIDUAL, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
@@ -110,7 +110,7 @@ class Increment:
         if choice.status is None or not choice.stable:
             self.lost = _verdict_of_loss(choice)
             return
-        if choice.others:
+        if choice.others and (np.array(choice.others) != choice.status).any():
             self._record_fork(choice.status, choice.others)
         was = np.where(before.parted[m.rows], OPENS, _statuses_from_side(np.where(m.limit, m.sign, 0.0)))
         told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != choice.status)
@@ -205,7 +205,7 @@ class Increment:
         if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
             return same
         self.looked, self.solve = load, None
-        return contact_status(now, self.load, start=slides, geometric=self.geometric)
+        return status_of_critical(now, self.load, start=slides, geometric=self.geometric)
 
     def _previous_status(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
         """Previous status if it is still consistent, otherwise None."""

@@ -31,7 +31,7 @@ from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
-from ..solve.freedom import Freedom, freedom, incidence, stiffness_of
+from ..solve.freedom import Freedom, freedom, incidence, spring_stiffness, stiffness_of
 from .walls import append_wall_rotations
 
 
@@ -53,6 +53,7 @@ class LinearSystem(NamedTuple):
     force: np.ndarray  # (M, d) on body i [force]
     limit: np.ndarray  # (M,) bool: currently at the Coulomb limit
     geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
+    machine: sparse.csr_array  # (n, n) diagonal stiffness of springs that pull bodies [force/length]
     free: Freedom
 
     @property
@@ -121,9 +122,11 @@ def linear_system(
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
     matrix = LinearSystem(
         rows, frame, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign,
-        line.mu[rows], force, sliding, sparse.csr_array((len(free), len(free))), free,
+        line.mu[rows], force, sliding, sparse.csr_array((len(free), len(free))),
+        sparse.csr_array(spring_stiffness(state, free)), free,
     )  # fmt: skip
-    matrix = matrix._replace(geometric=_geometric_stiffness(stuck, law, line, matrix))
+    dead = stuck._replace(control=stuck.control._replace(spring=np.zeros_like(stuck.control.spring)))
+    matrix = matrix._replace(geometric=_geometric_stiffness(dead, law, line, matrix))
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
 
 
@@ -134,10 +137,6 @@ def _check_supported(state: State, law: Law) -> None:
         )
     if resists_rolling(law):
         raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
-    if state.control.spring.any():
-        raise ValueError(
-            "a state with springs was given: this theory supports dead loads only; use `force_controlled` instead"
-        )
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
@@ -195,7 +194,8 @@ def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: Li
         before=slip, slip=slip, closed=kept * line.closed, force_n=kept * line.force_n, secant=kept * line.secant
     )
     whole = stiffness_of(state, line, blocks_of(state, law, line)[0], matrix.free)
-    return sparse.csr_array(-whole - stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=False))
+    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=False)
+    return sparse.csr_array(-whole - stuck + matrix.machine)
 
 
 def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
@@ -228,7 +228,9 @@ def block_diagonal(parts: np.ndarray):
 
 @checked
 def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
-    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness; equal to −J for these statuses.
+    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of the machine.
+
+    It equals −J for these statuses.
 
     Parameters
     ----------
@@ -236,7 +238,7 @@ def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, ge
     geometric : whether the forces rotate with the contacts
     """
     sliding = _status_of_all(matrix, sliding)
-    k = matrix.c @ block_diagonal(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
+    k = matrix.c @ block_diagonal(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T + matrix.machine
     return sparse.csr_array(k + matrix.geometric if geometric else k)
 
 

@@ -32,7 +32,7 @@ from .cone_apex import (
 )
 from .matrices import LinearSystem
 from .round_cone import force_change, status_on_round_cones
-from .status import contact_status
+from .status import status_of_critical
 from .system import pinned_coordinates, regular_stiffness, rolling_motions
 
 COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
@@ -96,6 +96,7 @@ class ApexStatuses(NamedTuple):
     stable: bool | None  # whether det k has the same sign as if all contacts stick; None if nothing was found
     others: tuple[np.ndarray, ...]  # (M,) other consistent combinations
     complete: bool  # True if all combinations were enumerated, so that there are no others
+    motion: np.ndarray | None = None  # (n,) velocities of all coordinates, released bodies included
 
     @property
     def opens(self) -> np.ndarray:
@@ -144,8 +145,8 @@ def decide_statuses(
     choices.sort(key=lambda choice: not choice[2])
     if not choices:
         return ApexStatuses(apex, None, None, None, (), complete)
-    status, velocity, stable = choices[0]
-    return ApexStatuses(apex, status, velocity, stable, tuple(choice[0] for choice in choices[1:]), complete)
+    status, velocity, stable, motion = choices[0]
+    return ApexStatuses(apex, status, velocity, stable, tuple(choice[0] for choice in choices[1:]), complete, motion)
 
 
 def _open_all(search: _Search) -> ApexStatuses | None:
@@ -158,19 +159,21 @@ def _open_all(search: _Search) -> ApexStatuses | None:
     c.eliminate_zeros()
     springs = np.where(apex[:, None, None], 0.0, matrix.springs)
     rest = matrix._replace(c=c, springs=springs, limit=matrix.limit & ~apex)
-    choice = contact_status(rest, search.load, geometric=search.geometric)
+    choice = status_of_critical(rest, search.load, geometric=search.geometric)
     if not choice.ok or choice.stable is False:
         return None
     velocity = (matrix.c.T @ choice.velocity).reshape(-1, 3)
-    rolls = (matrix.c.T @ rolling_motions(rest, search.geometric).T)[::3][apex]
+    moves = rolling_motions(rest, search.geometric)
+    rolls, motion = (matrix.c.T @ moves.T)[::3][apex], choice.velocity
     size = np.abs(velocity).max(initial=0.0) or 1.0
     apart = velocity[apex, 0] / size
     if (apart < -SLACK).any():
         way = linprog(np.zeros(rolls.shape[1]), -rolls, apart, bounds=(None, None)) if rolls.size else None
         if way is None or way.status != 0:
             return None
+        motion = motion + size * way.x @ moves
     status = np.where(apex, OPENS, np.where(choice.sliding, SLIDES, STICKS))
-    return ApexStatuses(apex, status, velocity, choice.stable is not False, (), False)
+    return ApexStatuses(apex, status, velocity, choice.stable is not False, (), False, motion)
 
 
 def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
@@ -200,7 +203,7 @@ def _release_most(search: _Search, released: np.ndarray) -> list:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (statuses, V, stable) with some bodies released, bodies that stay caught, and whether all were found.
+    """Consistent (statuses, V, stable, motion) with released bodies, those that stay caught, and whether all are there.
 
     A body may be dragged along in its least motion although another motion would release it; in that case, not all
     combinations were found.
@@ -220,13 +223,14 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
     answers, all_seen = _stable_statuses(map_of.apex)
     good, caught = [], np.zeros(0, int)
     for solution, stable in answers:
-        drawn = _dragged_bodies(search, map_of.velocities(solution), loose, gone)[released]
+        dragged, motion = _dragged_bodies(search, map_of.velocities(solution), loose, gone)
+        drawn = dragged[released]
         if drawn.any():
             caught = np.union1d(caught, released[drawn])
             continue
         status, velocity = np.zeros(matrix.count, int), np.zeros(matrix.force.shape)
         status[special], status[gone], velocity[special] = solution.status, OPENS, solution.velocity
-        good.append((status, velocity, stable))
+        good.append((status, velocity, stable, motion))
     return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
 
 
@@ -258,20 +262,24 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     return out & turns[:, None]
 
 
-def _dragged_bodies(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
-    """(B,) mask of released bodies that have closing contacts, even though they follow their neighbours."""
-    matrix, ours = search.matrix, search.ours
+def _dragged_bodies(
+    search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) released bodies with contacts that close although they follow their neighbours, and (n,) that motion."""
+    matrix, ours, motion = search.matrix, search.ours, velocity.copy()
     if not len(loose):
-        return np.zeros(len(ours), bool)
+        return np.zeros(len(ours), bool), motion
     columns = np.repeat(gone, matrix.width)
     apart = (matrix.c.T @ velocity)[columns]
     own = matrix.c[loose][:, np.flatnonzero(columns)].toarray()
     if search.any_motion:
         size = np.abs(apart).max(initial=0.0) or 1.0
         way = linprog(np.zeros(len(loose)), -own.T[:: matrix.width], apart[:: matrix.width] / size, bounds=(None, None))
-        return (ours & gone).any(axis=1) & (way.status != 0)
-    follow = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
-    normal = (own.T @ follow + apart)[:: matrix.width]
+        if way.status == 0:
+            motion[loose] = size * way.x
+        return (ours & gone).any(axis=1) & (way.status != 0), motion
+    motion[loose] = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
+    normal = (own.T @ motion[loose] + apart)[:: matrix.width]
     closes = np.zeros(matrix.count, bool)
     closes[gone] = normal < -SLACK * np.abs(velocity).max(initial=0.0)
-    return (ours & closes).any(axis=1)
+    return (ours & closes).any(axis=1), motion

@@ -9,33 +9,35 @@ the rotation of contacts.
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ..builtin_laws import NAMES
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.laws.builtin import KT, Law
-from ..core.measure import mean_normal_force, rattlers, touching
+from ..core.control import between
+from ..core.laws.builtin import Law
+from ..core.measure import ROUND_OFF, mean_normal_force, rattlers, touching
 from ..core.progress import Report, silent
-from ..core.readable import readable
+from ..core.readable import pluralize, readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
+from .collapse import Collapse, describe_collapse, displacements, run_to_rest
 from .events import Event, Fork
 from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_force
-from .matrices import linear_system, stiffness_matrix
+from .path_checks import check_dynamics, check_start
 from .rattling import gaps, move_aside, with_modes
 from .status import Verdict
-from .system import driven_motions, pinned_coordinates
 
-BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
-CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
 PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
+COLLAPSE, PASSES = "collapse", "dynamics goes on without a collapse"
+OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
+JUMP = 10.0  # motion over that before, for the same change of the load, from which it is a collapse
 AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
 
 
@@ -59,6 +61,7 @@ class LoadPath(NamedTuple):
     alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
     unchecked: int  # number of times that uniqueness could not be decided because too many contacts were critical
     law: Law
+    collapses: tuple[Collapse, ...] = ()  # through which dynamics carried the packing, if a drag was given
 
     @property
     def complete(self) -> bool:
@@ -68,12 +71,16 @@ class LoadPath(NamedTuple):
     @property
     def loses_stability(self) -> bool:
         """True if the packing loses its stability at the end of the path."""
-        return self.verdict in (Verdict.UNSTABLE, Verdict.NEGATIVE, Verdict.MECHANISM)
+        return self.verdict in (Verdict.UNSTABLE, Verdict.NEGATIVE, Verdict.MECHANISM, Verdict.FLOWS)
 
     @property
     def summary(self) -> str:
         """Sentence about the end of the path and the uniqueness of its statuses."""
         end = "the full load was reached" if self.complete else self.verdict.value
+        if falls := sum(not event.quiet and event.rests for event in self.collapses):
+            end += f", after {pluralize(falls, 'collapse')}"
+        if quiet := sum(event.quiet for event in self.collapses):
+            end += f"; dynamics passed {pluralize(quiet, 'end')} of the path without a collapse"
         disks, times = np.unique([e.i for e in self.events if e.kind == RETURNS], return_counts=True)
         if len(disks) and times.max() >= AGAIN:
             end += (
@@ -99,17 +106,27 @@ class LoadPath(NamedTuple):
 
 @checked
 def load_path(
-    state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report: Report = silent
-) -> LoadPath:
+    state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, drag: float | None = None,
+    duration: float | None = None, travel: float | None = None, report: Report = silent,
+) -> LoadPath:  # fmt: skip
     """Follow a packing while its control changes linearly from one given control to the next.
+
+    Where no stable equilibrium continues, the path ends or, if a `drag` is given, damped dynamics under a load that is
+    held leads to the next equilibrium, from which the path goes on. Loads are dead; the load points of springs may move
+    instead, and a stiff spring drives a displacement (`with_machine`).
 
     Parameters
     ----------
     state : State in equilibrium under its own control
     law : Law with sharp friction, linear in the overlap (`linear`)
-    legs : Control at the end of each leg; forces, torques, gravity and stress change linearly within each leg
+    legs : Control at the end of each leg; forces, torques, gravity, stress and the anchors of springs change linearly
+        within each leg
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg
     geometric : whether k includes the geometric stiffness
+    drag : on translations and rotations during a collapse; default: the path ends where stability is lost [1/time]
+    duration : longest time of a collapse; default: 1e5 natural units, see `relax` [time]
+    travel : largest displacement of a body in a collapse; default: 5 mean diameters. If the packing is not at rest
+        within both, it flows, and the path ends [length]
     report : called as report(stage, share done, text) after every increment
 
     Raises
@@ -130,24 +147,53 @@ def load_path(
     'CONSISTENT'
     """
     here = _accept_forces(with_neighbor_list(state), law)
-    _check_start(here, law, legs, increment)
-    nothing = np.zeros(len(here.contacts.mode), bool)
-    place = PathState(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
+    check_start(here, law, legs, increment)
+    if drag is not None:
+        check_dynamics(state.control, drag, duration, travel)
+    place = _place(here)
     way = _PathRecord(_path_point(place, law, 0.0), law)
-    for number, end in enumerate(legs):
-        place, verdict = _follow_leg(place, law, end, number, len(legs), increment, geometric, way, report)
-        if verdict is not Verdict.CONSISTENT:
-            return way.path(verdict)
+    for number, (begin, end) in enumerate(pairwise((state.control, *legs))):
+        leg = _Leg(law, begin, end, number, len(legs), increment, geometric)
+        share = 0.0
+        while share < 1.0:
+            place, share, verdict = _follow_leg(place, share, leg, way, report)
+            if verdict is Verdict.CONSISTENT:
+                break
+            if drag is None:
+                return way.path(verdict)
+            report("load path", (number + share) / len(legs), f"load {number + share:.4f}, dynamics: {verdict.value}")
+            rest, share = _go_through(place, share, leg, way, verdict, (drag, duration, travel))
+            if rest is None:
+                return way.path(Verdict.FLOWS)
+            place = rest
         place = place._replace(state=place.state._replace(control=end))
     return way.path(Verdict.CONSISTENT)
 
 
+class _Leg(NamedTuple):
+    """Leg of a path, and how it is followed."""
+
+    law: Law
+    begin: Control
+    end: Control
+    number: int
+    count: int  # of legs
+    increment: float
+    geometric: bool
+
+
+def _place(state: State) -> PathState:
+    """Beginning of a path."""
+    nothing = np.zeros(len(state.contacts.mode), bool)
+    return PathState(state, rattlers(state, 2), nothing, nothing, True, -np.inf)
+
+
 class _PathRecord:
-    """Record of a path: points, events and forks so far."""
+    """Record of a path: points, events, forks and collapses so far."""
 
     def __init__(self, first: PathPoint, law: Law):
         self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
-        self.anchor, self.since = 0.0, 0
+        self.anchor, self.since, self.collapses, self.offset = 0.0, 0, [], OFFSET
 
     def add(self, piece: Increment, point: PathPoint) -> None:
         self.points.append(point)
@@ -164,24 +210,68 @@ class _PathRecord:
         else:
             self.since += 1 + len(piece.events)
 
+    def raised_by(self, load: float, most: float) -> float:
+        """Share of a leg by which the load is raised, more if dynamics has just passed here without a collapse."""
+        last = self.collapses[-1] if self.collapses else None
+        self.offset = min(2 * self.offset, most) if last and last.quiet and load < last.held + most else OFFSET
+        return self.offset
+
+    def motion_before(self, load: float, width: float, held: np.ndarray) -> float:
+        """Displacement of the given bodies per load, over the last `width` of the path [length]."""
+        earlier = [p for p in self.points if p.load <= load - width and not self._passed(p.load)]
+        begin = earlier[-1] if earlier else self.points[0]
+        moved = displacements(begin.state, self.points[-1].state)[held, :3]
+        return float(np.linalg.norm(moved) / (load - begin.load)) if load > begin.load else 0.0
+
+    def _passed(self, load: float) -> bool:
+        return bool(self.collapses) and load < self.collapses[-1].held
+
+    def collapse(self, event: Collapse, point: PathPoint) -> None:
+        self.points.append(point)
+        self.collapses.append(event)
+        self.events += [
+            Event(event.load, event.reason, -1, -1), Event(event.held, PASSES if event.quiet else COLLAPSE, -1, -1)
+        ]  # fmt: skip
+        self.anchor, self.since = point.load, 0
+
     def path(self, verdict: Verdict) -> LoadPath:
         if verdict is not Verdict.CONSISTENT:
             self.events.append(Event(self.points[-1].load, verdict.value, -1, -1))
-        return LoadPath(tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law)
+        return LoadPath(
+            tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law,
+            tuple(self.collapses),
+        )  # fmt: skip
 
 
-def _follow_leg(
-    place: PathState, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _PathRecord, report
-):
-    """Follow one leg; return the state at its end and the verdict."""
-    begin, share, size, missed = place.state.control, 0.0, increment, np.inf
+def _go_through(
+    place: PathState, share: float, leg: _Leg, way: _PathRecord, verdict: Verdict, through: tuple
+) -> tuple[PathState | None, float]:
+    """State after dynamics from the end of the path, or None if it does not come to rest, and the share of the leg."""
+    load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
+    before = place.state._replace(control=between(leg.begin, leg.end, share))
+    motion = run_to_rest(before, leg.law, between(leg.begin, leg.end, raised), *through)
+    free, held = freedom(before), np.append(~place.loose, np.zeros(len(before.walls.mass), bool))
+    ends = (external_force(before._replace(control=c), free) for c in (leg.begin, leg.end))
+    quiet = JUMP * (raised - share) * way.motion_before(load, 0.5 * leg.increment, held)
+    known = {"load": load, "reason": verdict.value, "held": leg.number + raised}
+    event = describe_collapse(before, motion, leg.law, -np.subtract(*ends), quiet, **known)
+    after = _place(motion.state)
+    way.collapse(event, _path_point(after, leg.law, leg.number + raised))
+    return (after if motion.rests else None), raised
+
+
+def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, report: Report):
+    """Follow a leg from a share of it; return the state and the share at which it stops, and the verdict."""
+    law, increment, size, missed = leg.law, leg.increment, leg.increment, np.inf
     wedged = 0.0  # share at which a rattler was found wedged; it is wedged at a smaller load
     while share < 1.0:
         # an imbalance is removed over a whole increment: a part of it removes only its share
-        piece = Increment(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
-        after, used, verdict = piece.run(number + share)
+        piece = Increment(
+            place, law, leg.begin, leg.end, share, min(size, 1.0 - share), leg.geometric, size / increment
+        )
+        after, used, verdict = piece.run(leg.number + share)
         after, wedge = _move_rattlers(after, law, place.state)
-        load = number + share + used
+        load = leg.number + share + used
         if size > SMALLEST and (len(wedge) or OUT_OF_BALANCE < piece.missed < SHRINKS * missed):
             if len(wedge):
                 wedged = share + used
@@ -194,14 +284,14 @@ def _follow_leg(
         point = _path_point(after, law, load)
         way.add(piece, point)
         if verdict is not Verdict.CONSISTENT:
-            return after, verdict
+            return after, share + used, verdict
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
         left = wedged - share if not len(wedge) else 0.0
         size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
-        report("load path", (number + share) / legs, _progress_message(point))
+        report("load path", (leg.number + share) / leg.count, _progress_message(point))
         if way.since > CROWD:
-            return place, Verdict.NO_PROGRESS
-    return place, Verdict.CONSISTENT
+            return place, share, Verdict.NO_PROGRESS
+    return place, share, Verdict.CONSISTENT
 
 
 def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
@@ -252,79 +342,8 @@ def _accept_forces(state: State, law: Law) -> State:
     return accept(state, forces(state, law)[1])
 
 
-def _check_start(state: State, law: Law, legs, increment: float) -> None:
-    if not legs:
-        raise ValueError("no leg was given: at least one Control is needed")
-    if law.kind != NAMES.index("linear") or law.properties:
-        raise ValueError(
-            "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
-            "only for `linear`"
-        )
-    if not law.table[..., KT].min() > 0:
-        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
-    if not 0 < increment <= 1:
-        raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
-    for end in legs:
-        _check_leg(state.control, end)
-    matrix = linear_system(state, law)
-    if not len(matrix.free):
-        raise ValueError("the packing has only rattlers: a path needs grains that support each other")
-    mean = mean_normal_force(state, law)
-    residual = np.abs(residual_vector(state, forces(state, law)[0], matrix.free)).max()
-    if not residual < BALANCED * mean:
-        raise ValueError(
-            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force: at most {BALANCED:g} is "
-            f"allowed; use `relax` or `equilibrate` first"
-        )
-    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool))
-    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
-    if len(kept) <= CHECKED_UP_TO:
-        part = stuck[kept][:, kept].toarray()
-        lowest = float(np.linalg.eigvalsh(0.5 * (part + part.T))[0])
-        if lowest < -1e-9 * np.abs(part).max():
-            raise ValueError(
-                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; bring the "
-                f"packing to rest under this control, with drag"
-            )
-    whole = freedom(state)
-    carried = np.isin(whole.component, matrix.free.component)
-    for end in legs:
-        at = state._replace(control=end)
-        for motion in driven_motions(matrix, external_force(at, matrix.free)):
-            axis, body = (values[motion != 0] for values in (matrix.free.axis, matrix.free.body))
-            whole = (axis == axis[0]).all()
-            load = (
-                f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
-            )
-            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
-        pull = np.abs(external_force(state._replace(control=end), whole))
-        bad = np.flatnonzero((pull > 0) & ~carried)
-        if len(bad):
-            raise ValueError(
-                f"body {whole.body[bad[0]]} is loaded but is a rattler: load only bodies that are supported by others"
-            )
-
-
-def _check_leg(begin: Control, end: Control) -> None:
-    for name in ("free", "group", "cell_free"):
-        if not np.array_equal(getattr(end, name), getattr(begin, name)):
-            raise ValueError(
-                "the controls of the legs do not free the same components as the state's control: only loads may change"
-            )
-    for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress"}:
-        if not np.array_equal(getattr(end, name), getattr(begin, name)):
-            raise ValueError(
-                f"the controls of the legs change {name}: only forces, torques, gravity and stress may change; to "
-                f"control strain, use dynamics"
-            )
-    if ((end.stress != begin.stress) & ~begin.cell_free).any():
-        raise ValueError(
-            "the legs change the stress of a cell component that is not free: free it with `stress_controlled`"
-        )
-
-
 def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
-    state = place.state
+    state = _without_parted(place.state)
     loads, _ = forces(state, law)
     rows = touching(state)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
@@ -332,6 +351,12 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
     return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
+
+
+def _without_parted(state: State) -> State:
+    """State in which contacts at the apex that have parted by more than round-off are open."""
+    rows = touching(state)
+    return with_modes(state, rows[gaps(state, rows)[1] > ROUND_OFF * state.grains.radius.min()], OPEN)
 
 
 def _progress_message(point: PathPoint) -> str:

@@ -9,9 +9,10 @@ from ..core.control import stress_controlled
 from ..core.laws.builtin import Law
 from ..core.measure import stress
 from ..core.state import State
+from .apex_status import contact_status
 from .increment import external_force
 from .matrices import linear_system
-from .status import ContactStatus, contact_status
+from .status import ContactStatus
 
 
 class Probed(NamedTuple):

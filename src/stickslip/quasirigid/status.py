@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from ..core.arguments import checked
 from ..core.readable import readable
 from ..solve.linear import one_thread
 from .absence import Absence, UnresistedMotion, farkas, farkas_ray, find_idle_motions, motion_of_ray
@@ -68,6 +67,10 @@ class Verdict(Enum):
         "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
         "load, or follow it using dynamics"
     )
+    FLOWS = (
+        "the packing did not come to rest within the stated time and displacement: it flows under this load; use a "
+        "smaller load, or a stiffer machine"
+    )
     NOT_FOUND = "no consistent status was found, but one may exist: try another `start` or fewer critical contacts"
 
 
@@ -100,6 +103,7 @@ class ContactStatus(NamedTuple):
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
     proof: Absence | UnresistedMotion | None = None  # that no status is consistent, or the motion driven by the load
     marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status
+    opens: np.ndarray | None = None  # (M,) bool: contacts without force that open, if there are contacts without force
 
     @property
     def ok(self) -> bool:
@@ -117,33 +121,11 @@ class VerifiedStatus(NamedTuple):
     stable: bool | None = None
 
 
-@checked
-def contact_status(
+def status_of_critical(
     matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
     geometric: bool = True, unique: bool | None = None,
 ) -> ContactStatus:  # fmt: skip
-    """Find the contact status by the principle of minimum sliding.
-
-    A contact slides if and only if it would otherwise leave the Coulomb cone. All inconsistent contacts are flipped
-    together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at
-    a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
-    contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
-    P-matrix: those with det k > 0 come first, and the absence of a status is proven. If many statuses are singular,
-    solutions may exist to within the error bounds, of which none balances the load as k(S) itself shows: nothing is
-    proven then, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
-
-    Parameters
-    ----------
-    load : (n,) rate of the external load on the free coordinates [force/time]
-    critical : indices of the contacts at the Coulomb limit; default: those of `matrix.limit`
-    start : (M,) bool, initial status, such as that of the last step; default: all critical contacts slide
-    geometric : whether the forces rotate with the contacts
-    unique : whether stability and uniqueness of the status are tested; default: only for up to 14 critical contacts
-
-    Returns
-    -------
-    ContactStatus
-    """
+    """Find the status of critical contacts that all carry a force; arguments are those of `contact_status`."""
     system = StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric)
     if start is not None and np.shape(start) != (matrix.count,):
         raise ValueError(

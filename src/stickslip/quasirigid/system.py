@@ -38,7 +38,8 @@ class StatusSolver:
         c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
         geometry = (matrix.geometric if geometric else 0.0 * matrix.geometric) + roll_springs(matrix, geometric)
-        ordered = matrix._replace(c=c, geometric=sparse.csr_array(geometry)[self.kept][:, self.kept])
+        parts = {"geometric": geometry, "machine": matrix.machine}
+        ordered = matrix._replace(c=c, **{k: sparse.csr_array(a)[self.kept][:, self.kept] for k, a in parts.items()})
         self.stuck = sparse.csc_array(stiffness_matrix(ordered, np.zeros(matrix.count, bool)))
         columns = sparse.csc_array(c)
         normal, along = columns[:, matrix.width * critical], columns[:, matrix.width * critical + 1]
@@ -146,7 +147,8 @@ def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
 def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
     """(n,) translations of the whole packing that move no contact."""
     moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
-    return [move for move in moves if move.any() and np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12]
+    moves = [move for move in moves if move.any() and not (matrix.machine @ move).any()]
+    return [move for move in moves if np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12]
 
 
 def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:

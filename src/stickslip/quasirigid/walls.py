@@ -52,10 +52,11 @@ def append_wall_rotations(state: State, matrix, arm: float):
     row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
     kept = (row >= 0) & (column >= 0)
     more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
-    padded = sparse.block_diag([matrix.geometric, sparse.csr_array((count, count))], format="csr")
+    still = sparse.csr_array((count, count))
+    padded, machine = (sparse.block_diag([a, still], format="csr") for a in (matrix.geometric, matrix.machine))
     return matrix._replace(
         c=sparse.csr_array(sparse.vstack([c, c_more])), geometric=sparse.csr_array(padded + more),
-        free=_append_angles(state, free),
+        machine=sparse.csr_array(machine), free=_append_angles(state, free),
     )  # fmt: skip
 
 

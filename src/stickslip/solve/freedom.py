@@ -189,7 +189,7 @@ def spring_stiffness(state: State, free: Freedom):
     body, axis = np.nonzero(state.control.spring)
     place = free.place[6 * body + axis]
     kept = place >= 0
-    return sparse.diags_array(np.bincount(place[kept], state.control.spring[body, axis][kept], len(free)))
+    return sparse.diags_array(np.bincount(place[kept], state.control.spring[body, axis][kept], len(free)).astype(float))
 
 
 def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):

@@ -8,9 +8,10 @@ import numpy as np
 from ...core.tables import write_table
 from ...core.units import Fields, units_of
 from ...data.nodes import archive_fields
-from ...data.run_files import SERIES
+from ...data.run_files import COLLAPSES, SERIES
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
+from ...quasirigid.collapse import Collapse
 from ...reports.terminal import console, new_table, show_table
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
 
@@ -30,8 +31,10 @@ def figures(result: QuasiResult):
 
 
 def files(result: QuasiResult):
-    """Yield (file name, function that writes it) for the curves as CSV."""
+    """Yield (file name, function that writes it) for the curves and collapses as CSV."""
     yield SERIES, partial(_write_curves, result)
+    if result.scenario.loading.collapses:
+        yield COLLAPSES, partial(_write_collapses, result)
 
 
 def numbers(result: QuasiResult) -> dict:
@@ -59,6 +62,7 @@ def _sample(sample: SampleResult) -> dict:
             "kind": "\n".join(e.kind for e in events),
             "bodies": np.array([[e.i, e.j] for e in events]).reshape(-1, 2),
         },
+        "collapses": _collapses(path.collapses),
         "curve": archive_fields(sample.curve),
         "looks": archive_fields(sample.looks),
         "slow": {
@@ -75,6 +79,24 @@ def _sample(sample: SampleResult) -> dict:
     if sample.collapse is not None:
         out["collapse"] = sample.collapse
     return out
+
+
+def _collapses(events: tuple[Collapse, ...]) -> Fields:
+    """Fields of all collapses of a path, one row each."""
+    columns = {name: [getattr(event, name) for event in events] for name in Collapse._fields}
+    reasons = "\n".join(columns.pop("reason"))
+    return Fields({name: np.array(column) for name, column in columns.items()} | {"reason": reasons}, Collapse)
+
+
+def _write_collapses(result: QuasiResult, path: Path) -> None:
+    """Write one row per collapse."""
+    names = [name for name in Collapse._fields if name not in ("reason", "strain", "direction", "sliding")]
+    rows = (
+        (sample.seed, *(float(getattr(event, name)) for name in names), *event.sliding)
+        for sample in result.tested
+        for event in sample.path.collapses
+    )
+    write_table(path, ("sample", *names, "sliding_before", "sliding_after"), rows)
 
 
 def _write_curves(result: QuasiResult, path: Path) -> None:
@@ -104,8 +126,34 @@ def show(result: QuasiResult) -> None:
     for sample in result.tested:
         end = sample.path.summary
         console.print(f"  sample {sample.seed}: {end}")
+    if result.scenario.loading.collapses:
+        _show_collapses(result)
     for failure in result.failures:
         console.print(failure, style="yellow")
+
+
+def _show_collapses(result: QuasiResult) -> None:
+    names = (
+        "sample",
+        "load",
+        "largest motion",
+        "along the load",
+        "released",
+        "participation",
+        "lost",
+        "gained",
+        "mode",
+    )
+    table = new_table(*names, title="Collapses, with the overlap of their motion with what nothing resists before")
+    for sample in result.tested:
+        for event in sample.path.collapses:
+            if not event.quiet:
+                table.add_row(
+                    str(sample.seed), f"{event.load:.4g}", f"{event.largest:.1e}", f"{event.motion:.1e}",
+                    f"{event.released:.1e}", f"{event.participation:.2f}", str(event.lost), str(event.gained),
+                    f"{event.overlap:.2f}",
+                )  # fmt: skip
+    show_table(table)
 
 
 def measures(result: QuasiResult) -> dict[str, tuple[float, str]]:
@@ -116,6 +164,7 @@ def measures(result: QuasiResult) -> dict[str, tuple[float, str]]:
         "stress_ratio": [sample.curve.ratio[-1] for sample in result.tested],
         "strain": [sample.curve.strain[-1] for sample in result.tested],
         "events": [len(sample.path.events) for sample in result.tested],
+        "collapses": [sum(not event.quiet for event in sample.path.collapses) for sample in result.tested],
         "sliding_share": [p.sliding / max(p.contacts, 1) for p in (sample.path.points[-1] for sample in result.tested)],
         "error_of_slowest_dynamics": [run.error for run in slowest],
         "collapse_load": [sample.collapse for sample in result.tested if sample.collapse is not None],

@@ -42,6 +42,19 @@ class Loading(ScenarioTable):
     ratio: Annotated[float, Field(gt=0, le=10)] = Field(
         1.0, description="final ratio of shear stress to pressure (shear)"
     )
+    machine: Positive | None = Field(
+        None,
+        description="stiffness of a machine that moves the wall and is stopped by it; default: the force on the wall "
+        "grows (biaxial) [force/length]",
+    )
+    strain: Annotated[float, Field(gt=0, le=0.3)] = Field(
+        0.01, description="final travel of the machine over the initial distance of the walls, see `machine`"
+    )
+    collapses: bool = Field(
+        False,
+        description="whether dynamics with the drag `dynamics.drag` carries the sample through collapses to its next "
+        "equilibrium, from which the path goes on",
+    )
     unload: bool = Field(
         False, description="whether to unload, starting from the share `turn` of the load at which the path ends"
     )
@@ -90,6 +103,20 @@ class QuasiScenario(ScenarioBase):
         yield Size("loading.increment makes", steps, "load steps", "use a larger increment")
         memory = STATE * self.disks.number * steps
         yield Size("states along a path take", memory, "bytes", "use a larger loading.increment")
+
+    @model_validator(mode="after")
+    def _check_loading(self):
+        if self.loading.collapses and not self.dynamics.drag:
+            raise ValueError(
+                "loading.collapses = true was given with dynamics.drag = 0: a collapse comes to rest by drag; use a "
+                "positive drag"
+            )
+        if self.loading.machine and self.loading.test == "shear":
+            raise ValueError(
+                'loading.machine was given with test = "shear": a machine moves a wall; use test = "biaxial", or '
+                "leave it out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_law(self):

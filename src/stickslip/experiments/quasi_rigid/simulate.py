@@ -9,15 +9,27 @@ from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
 from ...core.contacts.forces import forces
 from ...core.contacts.memory import HELD
-from ...core.control import between, stress_controlled
+from ...core.contacts.neighbors import body_positions
+from ...core.control import between, spring_forces, stress_controlled
 from ...core.laws.builtin import KN, Law
 from ...core.measure import branch_vectors, contact_forces, touching
 from ...core.progress import Report, silent, within
 from ...core.state import Control, State
 from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...ensemble import Workers
-from ...loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box, with_load
+from ...loading.biaxial import (
+    BOTTOM,
+    LEFT,
+    RIGHT,
+    TOP,
+    biaxial_box,
+    sheared_box,
+    with_load,
+    with_machine,
+    with_travel,
+)  # fmt: skip
 from ...loading.slow import SlowRun, slow_dynamics
+from ...quasirigid.collapse import Collapse
 from ...quasirigid.enumeration import status_map
 from ...quasirigid.events import Event, Fork
 from ...quasirigid.increment import external_force
@@ -120,6 +132,7 @@ def simulate_quasi(
         PathPoint,
         Event,
         Fork,
+        Collapse,
         Verdict,
         Curve,
         PathStiffness,
@@ -148,6 +161,11 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     )
     if load.test == "biaxial":
         wall = disks.number + (TOP if load.wall == "top" else RIGHT)
+        if load.machine:
+            state = with_machine(state, wall, load.machine)
+            axis = 1 if load.wall == "top" else 0
+            apart = state.walls.point[wall - disks.number, axis] - state.walls.point[(LEFT, BOTTOM)[axis], axis]
+            return state, law, with_travel(state.control, wall, -load.strain * apart * np.eye(3)[axis])
         return state, law, with_load(state.control, wall, load.factor)
     shear = float(state.control.stress[0, 1]) - load.ratio * disks.pressure
     return state, law, stress_controlled(state.control, {"xy": shear})
@@ -162,7 +180,8 @@ def simulate_sample(
     name = f"sample {seed}"
     report(name, 0.0, "equilibrating")
     state, law, end = load_or_compute(kept, "prepared", lambda: prepare(scenario, seed))
-    options = {"increment": load.increment, "geometric": load.geometric}
+    drag = slow.drag if load.collapses else None
+    options = {"increment": load.increment, "geometric": load.geometric, "drag": drag}
     loading = within(report, 0.0, 0.3, stage=name)
     path = load_or_compute(kept, "path", lambda: load_path(state, law, end, report=loading, **options))
     curve, back = stress_strain_curve(path.states, path.load, scenario), None
@@ -175,16 +194,23 @@ def simulate_sample(
             [state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario
         )
         back = Curve(*(values[1:] for values in back))
+    smooth = before_collapse(curve, path)
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
     for k, time in enumerate(slow.times if until > 0 else ()):
         part = within(report, *(0.3 + 0.6 * n / len(slow.times) for n in (k, k + 1)), stage=name)
         follow = partial(slow_dynamics, state, law, end, time=time, until=until, drag=slow.drag, report=part)
         run = load_or_compute(kept, f"slow-{k}", follow)
         followed = stress_strain_curve([state, *run.states], np.append(0.0, run.load), scenario)
-        runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(curve, followed)))
+        runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(smooth, followed)))
     looks = path_stiffness(path, law, state, end)
     lasting, track = force_tracks(path)
-    return SampleResult(seed, law, path, curve, back, looks, tuple(runs), collapse_load(runs, curve), track, lasting)
+    return SampleResult(seed, law, path, curve, back, looks, tuple(runs), collapse_load(runs, smooth), track, lasting)
+
+
+def before_collapse(curve: Curve, path: LoadPath) -> Curve:
+    """Curve of a path up to its first collapse."""
+    first = [event.load for event in path.collapses if not event.quiet][:1]
+    return Curve(*(values[curve.load <= first[0]] for values in curve)) if first else curve
 
 
 def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> Curve:
@@ -197,7 +223,8 @@ def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> C
     walls = np.array([s.walls.point for s in states])
     length = np.stack([walls[:, RIGHT, 0] - walls[:, LEFT, 0], walls[:, TOP, 1] - walls[:, BOTTOM, 1]], axis=1)
     n = scenario.disks.number
-    force = np.array([[s.control.force[n + RIGHT, 0], s.control.force[n + TOP, 1]] for s in states])
+    pull = [s.control.force + spring_forces(s.control, body_positions(s), s.time) for s in states]
+    force = np.array([[f[n + RIGHT, 0], f[n + TOP, 1]] for f in pull])
     stress, area = -force / length[:, ::-1], length.prod(axis=1)
     axis = 1 if scenario.loading.wall == "top" else 0
     strain = 1 - length[:, axis] / length[0, axis]
@@ -281,7 +308,7 @@ def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
     for state in path.states:
         keys = set(state.contacts.key[touching(state)].tolist())
         lasting = keys if lasting is None else lasting & keys
-    keys, track = np.array(sorted(lasting)), []
+    keys, track = np.array(sorted(lasting), np.int64), []
     for state in path.states:
         rows = np.searchsorted(state.contacts.key[: int(state.contacts.count[0])], keys)
         track.append(force_components(state, path.law, rows))

@@ -12,11 +12,11 @@ from ...core.dynamics.run import run
 from ...core.laws.builtin import Law
 from ...core.state import SLIDE, State
 from ...loading.biaxial import TOP, biaxial_box, with_load
+from ...quasirigid.apex_status import contact_status
 from ...quasirigid.enumeration import MAPPED
 from ...quasirigid.lcp import complementarity
 from ...quasirigid.matrices import LinearSystem, linear_system, statuses, stiffness_matrix
 from ...quasirigid.path import load_path
-from ...quasirigid.status import contact_status
 from ...quasirigid.system import pinned_coordinates
 
 SOLVED = 6  # critical contacts up to which the eigenvalues of all statuses are computed

@@ -1,0 +1,165 @@
+"""Load paths through collapses, compared with slow dynamics of the whole path under the same drag.
+
+    python -m benchmarks.collapses             # all samples (about half an hour on one core)
+    python -m benchmarks.collapses --only disks-load
+
+Stated beforehand, for the first collapse of each sample: dynamics collapses within 1 % of the load at which the path
+does, and the displacements of the grains from shortly before it to shortly after it differ by at most a tenth, and so
+do those of the loaded wall or cell. The load of dynamics goes on growing while it collapses, so that it is also counted
+how often it is late by no more than the duration of the collapse. A collapse amplifies what precedes it, so that later
+ones are not compared.
+"""
+
+import argparse
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.core.control import spring_forces
+from stickslip.core.state import Control, State
+from stickslip.loading.biaxial import TOP, biaxial_box, with_load, with_machine, with_travel
+from stickslip.loading.slow import SlowRun, slow_dynamics
+from stickslip.quasirigid.collapse import Collapse, displacements, without_drift
+from stickslip.quasirigid.path import LoadPath, load_path
+from tests.quasirigid.five_packings import spheres
+
+DRAG, WHOLE = 0.02, 1e6  # drag of both, and duration of the leg in slow dynamics
+INCREMENT = 0.005
+WINDOW = 0.02  # of the leg before and after a collapse, in which dynamics is searched and displacements are compared
+LOAD, FIELD = 0.01, 0.1  # tolerances stated above
+
+
+class Case(NamedTuple):
+    """A sample with its load."""
+
+    name: str
+    state: State
+    law: ss.Law
+    end: Control
+
+
+def disks_under_load(seed: int) -> Case:
+    """Box of 60 disks whose lid is pressed three times as hard."""
+    state, law = biaxial_box(60, seed=seed)
+    return Case(f"disks-load {seed}", state, law, with_load(state.control, 60 + TOP, 3.0))
+
+
+def disks_in_machine(seed: int) -> Case:
+    """Box of 60 disks whose lid is moved down by 0.02 by a machine of 100 kn."""
+    state, law = biaxial_box(60, seed=seed)
+    state = with_machine(state, 60 + TOP, 100.0)
+    return Case(f"disks-displacement {seed}", state, law, with_travel(state.control, 60 + TOP, [0, -0.02]))
+
+
+def spheres_under_stress(seed: int) -> Case:
+    """Cell of 14 spheres squeezed along y."""
+    state, law, _ = spheres("sheared", seed)
+    stress = {"xx": 0.7e-3, "yy": 1.6e-3, "zz": 0.7e-3, "xy": 0.0}
+    return Case(f"spheres-load {seed}", state, law, ss.control.stress_controlled(state.control, stress))
+
+
+def spheres_in_machine(seed: int) -> Case:
+    """Box of 14 spheres, one of whose walls is moved by 0.1 by a machine of 100 kn."""
+    state, law, _ = spheres("box", seed)
+    wall = int(np.flatnonzero(state.control.force.any(axis=1))[-1])
+    state, way = with_machine(state, wall, 100.0), np.sign(state.control.force[wall])
+    return Case(f"spheres-displacement {seed}", state, law, with_travel(state.control, wall, 0.1 * way))
+
+
+KINDS = {
+    "disks-load": (disks_under_load, range(1, 13)),
+    "disks-displacement": (disks_in_machine, (2, 4, 5, 6, 7, 8)),
+    "spheres-load": (spheres_under_stress, range(8)),
+    "spheres-displacement": (spheres_in_machine, (1, 2, 5, 6, 7)),
+}
+
+
+def state_at(load: float, loads: np.ndarray, states: list[State]) -> State:
+    """State of a series at the load nearest to the given one."""
+    return states[int(np.abs(loads - load).argmin())]
+
+
+def compare(case: Case) -> "Difference | None":
+    """Print the first collapse of a path and of slow dynamics; return the differences of its load and its field."""
+    begin = time.perf_counter()
+    path = load_path(case.state, case.law, case.end, increment=INCREMENT, drag=DRAG)
+    seconds, real = time.perf_counter() - begin, [c for c in path.collapses if not c.quiet]
+    head = f"{case.name:24s} {path.verdict.name:10s} {path.points[-1].load:.4f} {len(real)} collapses ({seconds:.0f} s)"
+    if not real:
+        print(f"{head}", flush=True)
+        return None
+    run = slow_dynamics(case.state, case.law, case.end, time=WHOLE, until=min(1.0, real[0].load + 0.04), drag=DRAG)
+    first = real[0]
+    off, field, wall = first_collapse(case, path, run, first)
+    late = first.duration / WHOLE + 2 * run.load[0]
+    print(
+        f"{head}, first at {first.load:.4f} (largest {first.largest:.1e}, overlap {first.overlap:.2f}): dynamics "
+        f"{off:+.4f} of the leg, {off / first.load:+.2%} (its duration: {late:.4f}), field {field:.1%}, wall or cell "
+        f"{wall:.1%}",
+        flush=True,
+    )
+    return Difference(off / first.load, off - late, field, wall)
+
+
+class Difference(NamedTuple):
+    """Differences of dynamics from the path in its first collapse."""
+
+    load: float  # over the load of the path
+    late: float  # of the leg, beyond the duration of the collapse
+    field: float  # of the displacements
+    wall: float  # of the wall, cell or force
+
+
+def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) -> tuple[float, float, float]:
+    """Difference of the load of a collapse [legs], relative ones of its displacements and its motion along the load."""
+    loads, states = np.append(0.0, run.load), [case.state, *run.states]
+    near = np.flatnonzero(np.abs(loads - event.load) < WINDOW + event.duration / WHOLE)
+    steps = [np.linalg.norm(displacements(states[k - 1], states[k])[:, :3]) for k in near if k]
+    load = loads[near[near > 0][int(np.argmax(steps))]]
+    ends = event.load - 0.5 * WINDOW, event.load + WINDOW + event.duration / WHOLE
+    series = (path.load, path.states), (loads, states)
+    start = state_at(ends[0], *series[0])  # its rattlers count for neither
+    mine, theirs = (
+        without_drift(start, displacements(*(state_at(end, *one) for end in ends)))[:, :3] for one in series
+    )
+    grains = len(start.grains.radius)
+    field = np.linalg.norm((mine - theirs)[:grains]) / np.linalg.norm(mine[:grains])
+    bulk = [strength(case, one, ends) for one in series]
+    return float(load - event.load), float(field), float(abs(bulk[1] / bulk[0] - 1))
+
+
+def strength(case: Case, series, ends) -> float:
+    """Change of what follows the load: the force of the machine, or the displacement of the wall, or the cell's yy."""
+    first, last = (state_at(end, *series) for end in ends)
+    if case.state.control.spring.any():
+        pull = [
+            spring_forces(s.control, np.concatenate([s.grains.position, s.walls.point]), s.time) for s in (first, last)
+        ]
+        return float(np.abs(pull[1]).sum() / np.abs(pull[0]).sum())
+    if len(case.state.walls.mass):
+        return float(last.walls.point[TOP, 1] - first.walls.point[TOP, 1])
+    return float(last.cell.vectors[1, 1] / first.cell.vectors[1, 1] - 1)
+
+
+def main() -> None:
+    """Compare the samples selected on the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", choices=list(KINDS), help="only samples of this kind")
+    chosen = parser.parse_args().only
+    for name, (make, seeds) in KINDS.items():
+        if chosen in (None, name):
+            results = [out for out in (compare(make(seed)) for seed in seeds) if out is not None]
+            tests = {
+                f"load within {LOAD:.0%}": [abs(r.load) <= LOAD for r in results],
+                "or late by its duration": [abs(r.load) <= LOAD or -LOAD < r.late <= 0 for r in results],
+                f"field within {FIELD:.0%}": [r.field <= FIELD for r in results],
+                f"wall or cell within {FIELD:.0%}": [r.wall <= FIELD for r in results],
+            }
+            counts = ", ".join(f"{words} {sum(passed)}" for words, passed in tests.items())
+            print(f"{name}: of {len(results)} that collapse: {counts}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
