@@ -62,7 +62,9 @@ from stickslip.experiments.element_test.report import columns
 
 probes, table = result.runs[0].probes, columns(result.runs[0], result.scenario)
 first = {sign: state.load for sign, state in first_seen(probes).items() if state}
-options = ("axial_strain", 1), first, ("axial", "lateral")"""
+options = ("axial_strain", 1), first, ("axial", "lateral")
+some = probes[1::4]
+labels = [f"ε = {state.load:.3f}" for state in some]"""
 SECTIONS = {
     "packing": Section(
         "Packing of spheres in its unstable mode", MODE,
@@ -106,7 +108,7 @@ SECTIONS = {
         "Directions of failure", RUN.format("directions_of_failure") + DIRECTIONS,
         {
             "fig6_directions": 'ss.figures.element_test.failure_directions(probes, table, *options)',
-            "fig7_envelopes": 'ss.figures.response_envelopes([s.envelope for s in probes[1::4]], names=options[2])',
+            "fig7_envelopes": 'ss.figures.response_envelopes([s.envelope for s in some], labels, options[2])',
         },
     ),
     "flow": Section(

@@ -35,8 +35,8 @@ def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: t
     left.axhline(0, color=BLACK, lw=0.4)
     left.axvline(0, color=BLACK, lw=0.4)
     left.set_aspect("equal", "datalim")
-    unit = "force/length^(dim-1)"
-    label_axes(left, **{k: (f"dσ along {name} per unit strain", unit) for k, name in zip("yx", names, strict=True)})
+    unit = "force/length" if envelopes[0].stress.shape[-1] == 2 else "force/length^2"
+    label_axes(left, **{k: (f"dσ/|dε| along {name}", unit) for k, name in zip("yx", names, strict=True)})
     right.axhline(0, color=BLACK, lw=0.4)
     right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
     right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
