@@ -19,7 +19,8 @@ class Recording(NamedTuple):
 
     stations: tuple[float, ...] = ()  # depths of the time series [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
-    quiet_sampling: float = 0.1 * YEAR  # longest time between samples, outside and within events [s]
+    # longest time between samples, outside and within events; of a step, too, if the normal stress changes [s]
+    quiet_sampling: float = 0.1 * YEAR
     seismic_sampling: float = 0.1
     quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
     seismic_profiles: float = 1.0
@@ -83,7 +84,7 @@ class Moment(NamedTuple):
     time: float
     excess_slip: np.ndarray
     rate: np.ndarray  # of the excess slip
-    log_states: np.ndarray  # (S, N) of its one or two states
+    log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
     radiated: float
@@ -130,8 +131,8 @@ class Recorder:
         stress = self._strength(now)
         rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
         slip = at(now.excess_slip) + fault.plate_rate * now.time
-        slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
-        thetas = [at(dc) / fault.v0 * np.exp(at(s)) for dc, s in zip(slips, now.log_states, strict=False)]
+        slips, shift = (fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)), fault.state_shift(now.time)
+        thetas = [at(dc) / fault.v0 * np.exp(at(s - shift)) for dc, s in zip(slips, now.log_states, strict=False)]
         self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, thetas))
         self.sampled[:] = now.time, np.log10(now.fastest)
 
@@ -140,7 +141,8 @@ class Recorder:
         at = self.stations
         if not len(at.depth):
             return np.zeros(0)
-        values = frictional_stress(self.fault, now.log_velocity, now.log_states, np.unique(at.cells))
+        states = now.log_states - self.fault.state_shift(now.time)
+        values = frictional_stress(self.fault.at(now.time), now.log_velocity, states, np.unique(at.cells))
         return at(values)
 
     def _slip(self, excess: np.ndarray, time: float) -> np.ndarray:
