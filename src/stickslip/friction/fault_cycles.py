@@ -141,7 +141,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
-    now, breaks = _moment(fault, state), _breaks(fault, until)
+    now, breaks = _moment(fault, state), _breaks(fault)
     longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
         w_trial[:] = w
@@ -180,10 +180,9 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     return end, steps, rejected
 
 
-def _breaks(fault: Fault, until: float) -> np.ndarray:
+def _breaks(fault: Fault) -> np.ndarray:
     """Times at which steps end, because the normal stress is not smooth there; the last one is infinite."""
-    times = {time for change in fault.changes for time in change.breaks}
-    return np.array(sorted({*times, until, np.inf} if fault.changes else {np.inf}))
+    return np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
 
 
 def _moment(fault: Fault, state: FaultState) -> Moment:

@@ -78,6 +78,13 @@ def points(fault: Fault, depths) -> Points:
     return Points(depths, np.stack([first, first + 1], axis=1), np.stack([1 - share, share], axis=1))
 
 
+def normal_series(fault: Fault, depths: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Effective normal stress at M times and P depths (M, P) [Pa]."""
+    depths = np.asarray(depths, float)
+    constant = points(fault, depths)(fault.normal)
+    return np.array([sum((change.change(depths, t) for change in fault.changes), constant) for t in times.tolist()])
+
+
 class Moment(NamedTuple):
     """The fault after an accepted step."""
 

@@ -95,7 +95,7 @@ def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.
 
 
 @checked
-def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | None = None) -> FaultState:
+def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | str | None = None) -> FaultState:
     """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
 
     A second state is in the same ratio to its steady state as the first one.
@@ -103,8 +103,8 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     Parameters
     ----------
     velocity : default: the plate rate [m/s]
-    stress : a number or (N,); default: the steady stress at that velocity in the deepest cell, as in the SEAS benchmark
-        problems [Pa]
+    stress : a number or (N,), or "steady" for that of steady sliding of each cell; default: the steady stress at that
+        velocity in the deepest cell, as in the SEAS benchmark problems [Pa]
 
     Raises
     ------
@@ -124,7 +124,10 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
         raise ValueError("plate_rate = 0 was given without a velocity at the start: give one, such as 1e-12 m/s")
     velocity = fault.plate_rate if velocity is None else velocity
     require_positive(velocity=velocity)
-    tau = np.asarray(steady_stress(fault.at(0.0), velocity)[-1] if stress is None else stress, float)
+    steady = steady_stress(fault.at(0.0), velocity)
+    if isinstance(stress, str) and stress != "steady":
+        raise ValueError(f"stress = {stress!r} was given: use values in Pa, or 'steady'")
+    tau = np.asarray(steady[-1] if stress is None else steady if isinstance(stress, str) else stress, float)
     if tau.shape not in ((), fault.depth.shape):
         raise ValueError(f"stress has shape {tau.shape}: use a number, or one for each of the {len(fault.depth)} cells")
     tau = np.array(np.broadcast_to(tau, fault.depth.shape))
@@ -133,7 +136,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
         raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
     w, n = np.log(velocity / fault.v0), len(fault.depth)
     s = _log_state(fault, _state_terms(fault, w, strength / fault.normal_at(0.0)), fault.evolution, -w)
-    _check_balance(fault, s, tau, velocity)
+    _check_balance(fault, s, tau, velocity, default=stress is None)
     s = s + fault.state_shift(0.0)
     state = FaultState(
         0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
@@ -161,12 +164,18 @@ def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) ->
     return np.where(acts, s, otherwise)
 
 
-def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float) -> None:
+def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float, *, default: bool = False) -> None:
     wrong = ~(np.abs(s) < LARGEST)
     if wrong.any():
         k = int(np.argmax(wrong))
-        change = "smaller" if s[k] > 0 else "larger"
         more = f", or v2 far above this velocity instead of {fault.v2:g} m/s" if fault.cuts[1] else ""
+        if default:
+            raise ValueError(
+                f"no initial stress was given, and that of steady sliding of the deepest cell, {stress[k]:.4g} Pa, cannot "
+                f"be balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use stress = "
+                f"'steady' for the steady stress of each cell, or values that vary with depth{more}"
+            )
+        change = "smaller" if s[k] > 0 else "larger"
         raise ValueError(
             f"no state balances the initial stress of {stress[k]:.4g} Pa at {fault.depth[k]:g} m with a slip velocity "
             f"of {velocity:g} m/s: use a {change} stress{more}"

@@ -6,12 +6,12 @@ it is not smooth, where time steps end.
 
 import csv
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.special import erfc
 
-from ..core.arguments import check_types, checked, require_positive
+from ..core.arguments import Array, Series, check_types, checked, require_positive
 from ..core.readable import readable
 
 INSTANTS = 400  # times at which the normal stress is checked before a simulation
@@ -44,6 +44,7 @@ class Injection(NamedTuple):
 
     def check(self) -> None:
         """Raise ValueError if a field is not valid."""
+        self.check_entries()
         require_positive(flux=self.flux, storage=self.storage, diffusivity=self.diffusivity)
         if not (0 <= self.start < self.stop and np.isfinite(self.at)):
             raise ValueError(
@@ -84,6 +85,7 @@ class Oscillation(NamedTuple):
 
     def check(self) -> None:
         """Raise ValueError if a field is not valid."""
+        self.check_entries()
         require_positive(amplitude=self.amplitude, period=self.period)
 
     def change(self, depth: np.ndarray, time: float) -> np.ndarray:
@@ -104,9 +106,9 @@ class StressTable(NamedTuple):
     array([-2000000.])
     """
 
-    time: np.ndarray  # (K,) increasing [s]
-    depth: np.ndarray  # (D,) increasing [m]
-    values: np.ndarray  # (K, D) added to the normal stress: minus a pore pressure [Pa]
+    time: Series  # (K,) increasing [s]
+    depth: Series  # (D,) increasing [m]
+    values: Annotated[Any, Array((2,))]  # (K, D) added to the normal stress: minus a pore pressure [Pa]
 
     check_entries = check_types
 
@@ -117,6 +119,7 @@ class StressTable(NamedTuple):
 
     def check(self) -> None:
         """Raise ValueError if the table is not valid."""
+        self.check_entries()
         for name, axis in (("times", self.time), ("depths", self.depth)):
             axis = np.asarray(axis, float)
             if axis.ndim != 1 or not len(axis) or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
@@ -162,5 +165,8 @@ def read_stress_table(path: str | Path) -> StressTable:
             f"{path} is not a table of numbers: give depths in m in the first row, after a first cell with any "
             f"text, then rows of a time in s and changes of normal stress in Pa"
         ) from None
-    table.check()
+    try:
+        table.check()
+    except ValueError as problem:
+        raise ValueError(f"{path}: {problem}") from None
     return table
