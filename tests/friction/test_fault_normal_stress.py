@@ -4,8 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.linalg import solve_banded
+from scipy.optimize import brentq
+from scipy.special import erfc
 
 from stickslip import friction
 from stickslip.experiments.fault import simulate as room
@@ -18,6 +20,7 @@ from tests.conftest import stickslip_here as stickslip
 
 SOURCE = friction.Injection(flux=1.25e-6, storage=1e-9, diffusivity=0.1, stop=8.64e6)
 TABLE = friction.StressTable([0.0, 1e7, 1.2e7], [0.0, 1000.0], [[0.0, 0.0], [-2e6, 1e6], [3e6, 0.0]])
+QUIET = friction.Recording(quiet_sampling=YEAR)
 STATIONS = friction.Recording(stations=(0.0, 525.0), quiet_sampling=1e5)
 
 
@@ -180,6 +183,56 @@ def test_a_small_normal_stress_near_the_surface_starts_from_steady_stress():
     assert np.allclose(end.velocity(fault), fault.plate_rate, rtol=1e-6)
     with pytest.raises(ValueError, match="stress = 'low' was given: use values in Pa, or 'steady'"):
         friction.initial_state(fault, stress="low")
+
+
+# ---- constant friction
+
+
+def crack(ratio, x, *, modulus, pressure, diffusion):
+    """Slip of a crack with constant friction under p = Δp erfc(x/l), and its half-length (Viesca 2021, arXiv:2102.03123).
+
+    Without a singular stress at its tips, the half-length λ l follows from T = (2/π) ∫ erfc(λ sin u) du from 0 to π/2,
+    and slip from the stress drop by the kernel of a crack of mode III.
+    """
+    drop = pressure * 0.6
+
+    def missing(scale):
+        return 2 / np.pi * quad(lambda u: erfc(scale * np.sin(u)), 0, np.pi / 2)[0] - ratio
+
+    half = brentq(missing, 1e-6, 50.0) * diffusion
+
+    def slip(at):
+        def rate(xi):
+            kernel = sum(np.arccosh(abs((half**2 - at * y) / (half * (at - y)))) for y in (xi, -xi))
+            return drop * (erfc(xi / diffusion) - ratio) * kernel
+
+        return 2 / (np.pi * modulus) * (quad(rate, 0, at, limit=200)[0] + quad(rate, at, half, limit=200)[0])
+
+    return np.array([slip(at) if at < half else 0.0 for at in x]), half
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.6])
+def test_slip_with_constant_friction_is_that_of_viesca(ratio):
+    """A direct effect a → 0 without evolution: the error falls with a, and that of an extrapolation with a²."""
+    end, pressure, length = 1e6, 5e6, np.sqrt(4 * 0.1 * 1e6)
+    times, depths = end * np.linspace(0.0, 1.0, 80) ** 2, np.linspace(0.0, 1500.0, 301)
+    values = [-pressure * erfc(depths / (length * np.sqrt(max(t, 1e-9) / end))) for t in times]
+    slips = []
+    for a in (8e-4, 4e-4, 2e-4):
+        fault = friction.line_fault(
+            1500.0, 25.0, a=a, b=0.0, dc=1e-2, normal=50e6, v0=1e-7, plate_rate=0.0,
+            changes=(friction.StressTable(times, depths, values),),
+        )  # fmt: skip
+        start = friction.initial_state(fault, velocity=1e-7, stress=0.6 * (50e6 - ratio * pressure))
+        history = friction.simulate_fault(fault, end * (1 - 1e-9) / YEAR, start=start, recording=QUIET)
+        assert history.state.time == end
+        slips.append(history.state.excess_slip)
+    true, half = crack(ratio, fault.depth, modulus=fault.modulus, pressure=pressure, diffusion=length)
+    errors = [np.abs(slip - true).max() / true[0] for slip in slips]
+    assert 1.6 < errors[0] / errors[1] < 2.4
+    assert errors[2] < 0.05
+    assert np.abs(2 * slips[2] - slips[1] - true).max() < 0.01 * true[0]
+    assert fault.depth[slips[2] > 1e-3 * true[0]].max() == pytest.approx(half, abs=0.1 * half)
 
 
 # ---- scenarios
