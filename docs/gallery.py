@@ -9,6 +9,7 @@ import inspect
 import pickle
 import sys
 import tempfile
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -131,6 +132,10 @@ SECTIONS = {
             "fig3_stations": "ss.figures.fault.station_series(result.history)",
         },
     ),
+    "injection": Section(
+        "Fluid injected into a fault", RUN.format("injection"),
+        {"fig4_normal_stress": "ss.figures.fault.normal_stress_series(result.history)"},
+    ),
     "threshold": Section(
         "Static and kinetic friction", RUN.format("threshold_array"),
         {"fig1_static_and_kinetic": 'ss.figures.static_and_kinetic(result.found, label="push over normal force")'},
@@ -185,7 +190,7 @@ def write_page() -> None:
     for name, section in SECTIONS.items():
         text += [f"## {section.heading}", "", "```python", section.start, "```", ""]
         for picture, code in section.pictures.items():
-            function = getattr(ss.figures, code.removeprefix("ss.figures.").partition("(")[0])
+            function = attrgetter(code.removeprefix("ss.figures.").partition("(")[0])(ss.figures)
             caption = inspect.getdoc(function).splitlines()[0]
             file = f"figures/gallery/{{}}{name}_{picture}.png"
             text += [f"[![{caption}]({file.format('small_')})]({file.format('')})", "", f"*{caption}*", ""]

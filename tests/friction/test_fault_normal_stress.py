@@ -156,7 +156,9 @@ def test_energy_is_conserved_without_plates():
 def test_a_continued_run_is_the_run_without_a_stop():
     fault, state = injected(alpha=0.2, changes=(SOURCE, TABLE, friction.Oscillation(1e5, 5e6)))
     whole = friction.simulate_fault(fault, 0.4, start=state, recording=STATIONS)
-    half = friction.simulate_fault(fault, whole.time[len(whole.time) // 2] / YEAR - 1e-9, start=state, recording=STATIONS)
+    half = friction.simulate_fault(
+        fault, whole.time[len(whole.time) // 2] / YEAR - 1e-9, start=state, recording=STATIONS
+    )
     rest = friction.simulate_fault(fault, 0.4, start=half.state, recording=STATIONS)
     assert 0 < half.state.time < whole.state.time
     for name in ("excess_slip", "log_state", "log_velocity", "energy"):
@@ -175,7 +177,9 @@ def test_steps_end_where_the_normal_stress_is_not_smooth():
 def test_a_small_normal_stress_near_the_surface_starts_from_steady_stress():
     shape = {"a": 0.010, "b": 0.015, "dc": 8e-3, "normal": [(0.0, 1e5), (5e3, 50e6)]}
     fault = friction.line_fault(10e3, 100.0, **shape)
-    with pytest.raises(ValueError, match=r"no initial stress was given, and that of steady sliding of the deepest cell"):
+    with pytest.raises(
+        ValueError, match=r"no initial stress was given, and that of steady sliding of the deepest cell"
+    ):
         friction.initial_state(fault)
     state = friction.initial_state(fault, stress="steady")
     assert np.allclose(state.theta(fault) * fault.plate_rate, fault.dc, rtol=1e-9)
@@ -189,7 +193,7 @@ def test_a_small_normal_stress_near_the_surface_starts_from_steady_stress():
 
 
 def crack(ratio, x, *, modulus, pressure, diffusion):
-    """Slip of a crack with constant friction under p = Δp erfc(x/l), and its half-length (Viesca 2021, arXiv:2102.03123).
+    """Slip of a crack with constant friction under p = Δp erfc(x/l), and its half-length; Viesca, arXiv:2102.03123.
 
     Without a singular stress at its tips, the half-length λ l follows from T = (2/π) ∫ erfc(λ sin u) du from 0 to π/2,
     and slip from the stress drop by the kernel of a crack of mode III.

@@ -249,8 +249,8 @@ def check_normal(fault: Fault, until: float) -> None:
         normal = fault.normal_at(time)
         if not normal.min() > 0:
             raise ValueError(
-                f"the effective normal stress falls to {normal.min():.4g} Pa at {fault.depth[normal.argmin()]:g} m after "
-                f"{time:.4g} s: use smaller changes, or a larger normal stress"
+                f"the effective normal stress falls to {normal.min():.4g} Pa at {fault.depth[normal.argmin()]:g} m "
+                f"after {time:.4g} s: use smaller changes, or a larger normal stress"
             )
         _check_cells(fault._replace(normal=normal))
 

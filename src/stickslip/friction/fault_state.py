@@ -171,9 +171,9 @@ def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: fl
         more = f", or v2 far above this velocity instead of {fault.v2:g} m/s" if fault.cuts[1] else ""
         if default:
             raise ValueError(
-                f"no initial stress was given, and that of steady sliding of the deepest cell, {stress[k]:.4g} Pa, cannot "
-                f"be balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use stress = "
-                f"'steady' for the steady stress of each cell, or values that vary with depth{more}"
+                f"no initial stress was given, and that of steady sliding of the deepest cell, {stress[k]:.4g} Pa, "
+                f"cannot be balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use "
+                f"stress = 'steady' for the steady stress of each cell, or values that vary with depth{more}"
             )
         change = "smaller" if s[k] > 0 else "larger"
         raise ValueError(

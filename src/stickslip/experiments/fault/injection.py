@@ -1,8 +1,8 @@
 """Reproduction of the SEAS benchmark problem BP6-QD: aseismic slip due to fluid injected into a fault.
 
 Lambert et al. 2025, doi:10.1029/2024JB030601. The parameters are those of the public inputs of tandem, RSFaultZ and
-QDBIM, which agree. Series of CYCLAPS (P. Dublanchet, 2024, aging law), from a public copy: the one called "z = 0" is
-that of the cell beside the source, 9.77 m away, and "z = 0.5 km" is 50 cells away, as their pressures show. No series of the slip law is public there.
+QDBIM, which agree. Series of CYCLAPS (P. Dublanchet, 2024, aging law), from a public copy: "z = 0" is the cell beside
+the source, 9.77 m away, and "z = 0.5 km" is 50 cells away, as their pressures show. It has none of the slip law.
 """
 
 import numpy as np
@@ -79,8 +79,8 @@ def evaluate_claims(main: FaultResult, slip: FaultResult, coarse: FaultResult) -
     state = float(np.log10(main.history.theta[0, 0]))
     claims = [
         claim(
-            "initial-state", "Sec 3: 10.612318 in files of other codes", 10.612318, state, "log10 s", TOLERANCE["state"],
-            error=0.0,
+            "initial-state", "Sec 3: 10.612318 in files of other codes", 10.612318, state, "log10 s",
+            TOLERANCE["state"], error=0.0,
         )
     ]  # fmt: skip
     rows = [(station, row) for station, table in PUBLISHED.items() for row in table]

@@ -53,8 +53,9 @@ def numbers(result: FaultResult) -> dict:
     }  # fmt: skip
     fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal", "b2", "dc2")}
     return {
-        "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault), "events": h.events,
-        "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory), "units": "SI",
+        "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
+        "events": h.events, "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
+        "units": "SI",
     }  # fmt: skip
 
 

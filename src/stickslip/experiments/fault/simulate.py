@@ -45,7 +45,7 @@ class FaultResult(NamedTuple):
 
     @property
     def crept_length(self) -> float:
-        """Length of the cells that have slipped by D_c or more beyond plate motion; NaN if normal stress is constant [m]."""
+        """Length of cells that slipped by D_c or more beyond plate motion; NaN if normal stress is constant [m]."""
         fault, state = self.history.fault, self.history.state
         return fault.cell * int((state.excess_slip >= fault.dc).sum()) if fault.changes else np.nan
 
