@@ -19,9 +19,8 @@ class Recording(NamedTuple):
 
     stations: tuple[float, ...] = ()  # depths of the time series [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
-    # longest time between samples, outside and within events; of a step, too, if the normal stress changes [s]
-    quiet_sampling: float = 0.1 * YEAR
-    seismic_sampling: float = 0.1
+    quiet_sampling: float = 0.1 * YEAR  # between samples, and longest step if the normal stress changes [s]
+    seismic_sampling: float = 0.1  # within events [s]
     quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
     seismic_profiles: float = 1.0
     spacing: float = 500.0  # of the points of a profile [m]

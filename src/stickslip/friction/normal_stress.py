@@ -1,7 +1,7 @@
 """Changes of the effective normal stress on a fault in time: injected fluid, an oscillation, a table.
 
-Each kind has `change(depth, time)`, which is added to the normal stress of the fault, and the times `breaks` at which
-it is not smooth, where time steps end.
+Each kind has `change(depth, time)`, which is added to the normal stress of the fault, and times `breaks` at which it
+is not smooth or extreme, where time steps end.
 """
 
 import csv
@@ -79,7 +79,6 @@ class Oscillation(NamedTuple):
 
     amplitude: float  # A [Pa]
     period: float  # T [s]
-    breaks = ()
 
     check_entries = check_types
 
@@ -87,6 +86,11 @@ class Oscillation(NamedTuple):
         """Raise ValueError if a field is not valid."""
         self.check_entries()
         require_positive(amplitude=self.amplitude, period=self.period)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times of the first largest and least values [s]."""
+        return 0.25 * self.period, 0.75 * self.period
 
     def change(self, depth: np.ndarray, time: float) -> np.ndarray:
         """Change of the normal stress (N,) [Pa]."""

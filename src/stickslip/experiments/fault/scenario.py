@@ -134,8 +134,7 @@ class FaultRun(ScenarioTable):
     stations: Annotated[tuple[NotNegative, ...], Listed] = Field(STATIONS, description="depths of time series [m]")
     threshold: Positive = Field(1e-3, description="an event lasts while any cell slips at least this fast [m/s]")
     sampling: Positive = Field(
-        0.1 * YEAR,
-        description="longest time between samples outside events; of a step, too, if normal stress changes [s]",
+        0.1 * YEAR, description="time between samples outside events, and longest step if normal stress changes [s]"
     )
     interval: Positive = Field(5.0, description="years between profiles of slip outside events")
     seismic_interval: Positive = Field(1.0, description="time between profiles of slip within events [s]")
