@@ -81,8 +81,7 @@ def show(result: FaultResult) -> None:
     if np.isfinite(result.recurrence):
         console.print(f"  recurrence {result.recurrence / YEAR:.4g} years")
     if np.isfinite(result.crept_length):
-        length, unit = in_readable_units([result.crept_length], "m")
-        console.print(f"  {length[0]:.4g} {unit} of the fault have slipped by D_c or more beyond plate motion")
+        console.print(f"  {result.crept_length / 1e3:.4g} km of the fault slipped by D_c or more beyond plate motion")
     work = "loading" if result.history.energy.loading else "friction"
     console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of {work}")
 
