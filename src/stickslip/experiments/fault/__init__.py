@@ -55,7 +55,7 @@ EXPERIMENT = Experiment(
         Paper(
             name="seas-bp6",
             title="SEAS benchmark problem BP6-QD: aseismic slip due to injected fluid",
-            cuts="cells of 19.5 m instead of 6.5 m, and samples every 20,000 s instead of 10,000 s",
+            cuts="the slip law with cells of 19.5 m instead of 6.5 m, and samples every 20,000 s instead of 10,000 s",
             scenario=_here("injection.paper_scenario"),
             reproduce=_here("injection.reproduce"),
             shows=_here("injection.shows"),

@@ -15,6 +15,7 @@ from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 
 HALF, BESIDE = 20e3, 9.765625  # length of one side of the fault, distance of the first station: a cell of CYCLAPS [m]
+FINE, COARSE = 3072, 1024  # numbers of cells
 DAY = 86400.0
 # time [s], slip [m], log10 of the slip velocity, shear stress and pressure [MPa] at the stations of CYCLAPS
 PUBLISHED = {
@@ -40,15 +41,13 @@ SHOWS = {
 }
 
 
-def paper_scenario(
-    *, quick: bool = False, seed: int = 0, cells: int | None = None, law: str = "aging"
-) -> FaultScenario:
+def paper_scenario(*, quick: bool = False, seed: int = 0, cells: int = FINE, law: str = "aging") -> FaultScenario:
     """Return the scenario: one half of the fault, as slip is even about the source, and as at a free surface.
 
     The number of cells is an odd multiple of 1024, with which a centre lies at the station beside the source.
     """
     return validate_scenario(
-        FaultScenario, seed=seed, line={"width": HALF, "cell": HALF / (cells or (1024 if quick else 3072))},
+        FaultScenario, seed=seed, line={"width": HALF, "cell": HALF / cells},
         friction={"law": law, "a": 0.007, "b": 0.005, "dc": 4e-3, "normal": 50e6},
         injection={"flux": 1.25e-6, "storage": 1e-9, "diffusivity": 0.1, "stop": 100 * DAY},
         loading={"plate_rate": 0.0, "velocity": 1e-12, "stress": 29.2e6},
@@ -66,9 +65,9 @@ def reproduce(
     main, slip, coarse = (
         simulate_cycles(
             paper_scenario(quick=quick, seed=seed, law=law, cells=cells), folder=folder,
-            report=within(report, stage=f"{law} law" + (", longer cells" if cells else "")),
+            report=within(report, stage=f"{law} law, cells of {HALF / cells:.3g} m"),
         )
-        for law, cells in (("aging", None), ("slip", None), ("aging", 1024))
+        for law, cells in (("aging", FINE), ("slip", COARSE if quick else FINE), ("aging", COARSE))
     )  # fmt: skip
     claims = evaluate_claims(main, slip, coarse)
     return Reproduction(main, (slip, coarse), note_quick_run(claims) if quick else claims)
