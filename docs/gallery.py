@@ -148,6 +148,10 @@ SECTIONS = {
             "fig3_stations": "ss.figures.fault.station_series(result.history)",
         },
     ),
+    "injection": Section(
+        "Fluid injected into a fault", RUN.format("injection"),
+        {"fig4_normal_stress": "ss.figures.fault.normal_stress_series(result.history)"},
+    ),
     "threshold": Section(
         "Static and kinetic friction", RUN.format("threshold_array"),
         {"fig1_static_and_kinetic": 'ss.figures.static_and_kinetic(result.found, label="push over normal force")'},

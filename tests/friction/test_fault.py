@@ -490,7 +490,7 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"v2": "1"}, "v2 must be a number, but a value of type str was given"),
         ({"v3": 1.0}, "'v3' was given: the other fields of a fault are mu0"),
         ({"poisson": None}, "poisson must be a number, but None was given"),
-        ({"plate_rate": 0.0}, "plate_rate = 0.0 was given"),
+        ({"plate_rate": -1.0}, "plate_rate = -1.0 was given"),
         ({"poisson": 0.5}, "poisson = 0.5 was given"),
     ],
 )

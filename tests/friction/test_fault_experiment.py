@@ -129,7 +129,7 @@ def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
     ("change", "message"),
     [
         ("[loading]\nstress = 1e9", "loading: no state balances the initial stress of 1e+09 Pa at 50 m"),
-        ('[friction]\nform = "logarithmic"\nv2 = 1e-10', "use a larger stress, or v2 far above this velocity"),
+        ('[friction]\nform = "logarithmic"\nv2 = 1e-10', "values that vary with depth, or v2 far above this velocity"),
     ],
 )
 def test_a_start_without_balance_leaves_nothing(change, message, tmp_path, monkeypatch, capsys):

@@ -462,7 +462,7 @@ struct Fault {
   double damping;
   double plate_rate;
   double cell;
-  double *cells;  // (7, N) a, b, D_c, normal stress, initial stress, b2, D_c2
+  double *cells;  // (8, N) a, b, D_c, normal stress, initial stress, b2, D_c2, shift of s
   int64_t number;
   int64_t states;
   double *weights;  // (K, K) of the stages of a step in each later one, and in the step

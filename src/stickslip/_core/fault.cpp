@@ -1,20 +1,20 @@
 // Rates of a fault with rate-and-state friction, and the pieces of an embedded Runge–Kutta step.
 //
 // The unknowns of each cell are its slip in excess of plate motion, u = δ − V_p t, and s = ln(V0 θ/D_c) of each of its
-// one or two states. The slip velocity V = V0 e^w follows from the balance of stress and friction,
+// one or two states, plus the shift by which changes of the normal stress have decreased it. The slip velocity V = V0 e^w follows from the balance of stress and friction,
 // τ₀ + τ(u) = σ μ(w, s, s2) + η V.
 #include "rate_state.h"
 
 namespace {
 
 struct Cells {
-  const double *a, *b, *dc, *normal, *initial, *b2, *dc2;
+  const double *a, *b, *dc, *normal, *initial, *b2, *dc2, *shift;
 };
 
 inline Cells cells(const Fault &f) {
-  const double *row[7];
-  for (int k = 0; k < 7; ++k) row[k] = f.cells + k * f.number;
-  return {row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
+  const double *row[8];
+  for (int k = 0; k < 8; ++k) row[k] = f.cells + k * f.number;
+  return {row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]};
 }
 
 template <class Form, class Evolution>
@@ -26,7 +26,7 @@ bool rates(const Fault &f, const double *transferred, const double *y, double *w
   for (int64_t i = 0; i < n; ++i) {
     double stress = c.initial[i] + transferred[i];
     Surface q = {c.a[i], c.b[i], c.b2[i], f.mu0, f.cut, f.cut2};
-    Logs x = {w[i], y[n + i], two ? y[2 * n + i] : 0.0};
+    Logs x = {w[i], y[n + i] - c.shift[i], two ? y[2 * n + i] - c.shift[i] : 0.0};
     x.w = log_velocity<Form>(q, x, stress, c.normal[i], f.damping * f.v0);
     if (!isfinite(x.w)) return false;
     w[i] = x.w;

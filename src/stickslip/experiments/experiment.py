@@ -54,6 +54,7 @@ class Experiment(NamedTuple):
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
     cycles: Callable | None = None  # contents of the archive -> (time, slip velocity, slip), to compare in sweeps
     paper: Paper | None = None
+    more_papers: tuple[Paper, ...] = ()  # others that it reproduces
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
     export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
     parallel: bool = True  # whether realizations can be distributed over the workers of a cluster

@@ -40,8 +40,13 @@ _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None):
 
 
 def papers() -> dict[str, Experiment]:
-    """Return the experiments that reproduce a paper, by the name for `stickslip reproduce`."""
-    return {experiment.paper.name or name: experiment for name, experiment in EXPERIMENTS.items() if experiment.paper}
+    """Return the experiments that reproduce a paper, with that paper, by the name for `stickslip reproduce`."""
+    return {
+        paper.name or name: experiment._replace(paper=paper)
+        for name, experiment in EXPERIMENTS.items()
+        for paper in (experiment.paper, *experiment.more_papers)
+        if paper
+    }
 
 
 def experiment_of(scenario: ScenarioBase) -> Experiment:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..friction.fault_cycles import FaultHistory
+from ..friction.fault_record import normal_series, points
 from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, styled
 
 YEAR = 365.25 * 86400.0
@@ -52,11 +53,13 @@ def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
     axes.axhline(threshold, color=BLACK, ls="--", lw=0.6)
-    axes.axhline(history.fault.plate_rate, color=BLACK, ls=":", lw=0.6)
     axes.text(0, threshold, " events", va="bottom", fontsize=6.5)
-    axes.text(0, history.fault.plate_rate, " plates", va="top", fontsize=6.5)
+    plates = history.fault.plate_rate
+    if plates:
+        axes.axhline(plates, color=BLACK, ls=":", lw=0.6)
+        axes.text(0, plates, " plates", va="top", fontsize=6.5)
     axes.set_xlim(0, history.time[-1] / YEAR)
-    low, high = min(history.fault.plate_rate, history.max_velocity.min()), max(threshold, history.max_velocity.max())
+    low, high = min(plates or np.inf, history.max_velocity.min()), max(threshold, history.max_velocity.max())
     axes.set_ylim(0.05 * low, 10 * high)
     label_axes(axes, x=("time", "years"), y=("maximum slip velocity", "m/s"))
     return figure
@@ -66,19 +69,56 @@ def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
 def station_series(history: FaultHistory):
     """Slip velocity and shear stress at stations against time."""
     figure, (top, bottom) = column_axes(2, 3.6, sharex=True)
-    number = len(history.station)
-    shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
-    for k, color in zip(shown, COLORS, strict=False):
-        label = f"{history.station[k] / 1e3:g} km"
+    for k, color in _shown(history):
+        label = f"{history.station[k] / 1e3:.3g} km"
         top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=label)
         bottom.plot(history.time / YEAR, history.stress[:, k] / 1e6, color=color, lw=0.6)
     label_axes(top, y=("slip velocity", "m/s"))
     label_axes(bottom, x=("time", "years"), y=("shear stress", "MPa"))
     bottom.set_xlim(0, history.time[-1] / YEAR)
+    _add_depths(figure, (top, bottom))
+    return figure
+
+
+@styled
+def normal_stress_series(history: FaultHistory):
+    """Change of the normal stress and slip at stations, and the part of the fault that creeps, against time."""
+    figure, (top, middle, bottom) = column_axes(3, 4.8, sharex=True)
+    years, fault = history.time / YEAR, history.fault
+    change = normal_series(fault, history.station, history.time) - points(fault, history.station)(fault.normal)
+    for k, color in _shown(history):
+        top.plot(years, change[:, k] / 1e6, color=color, lw=0.6, label=f"{history.station[k] / 1e3:.3g} km")
+        middle.plot(years, history.slip[:, k], color=color, lw=0.6)
+    creep = history.profile_slip - fault.plate_rate * history.profile_time[:, None]
+    crept = creep >= np.interp(history.profile_depth, fault.depth, fault.dc)
+    depth = np.where(crept, history.profile_depth / 1e3, np.nan)
+    some = crept.any(axis=1)
+    if some.any():
+        low, high = np.nanmin(depth[some], axis=1), np.nanmax(depth[some], axis=1)
+        bottom.fill_between(history.profile_time[some] / YEAR, low, high, color=BLUE, alpha=0.3, lw=0.6)
+    label_axes(top, y=("change of σ", "MPa"))
+    label_axes(middle, y=("slip", "m"))
+    label_axes(bottom, x=("time", "years"), y=("slip ≥ $D_c$ at", "km"))
+    bottom.set_xlim(0, years[-1])
+    bottom.invert_yaxis()
+    _add_depths(figure, (top, middle, bottom))
+    return figure
+
+
+def _shown(history: FaultHistory):
+    """Numbers of the stations that are drawn, with colours."""
+    number = len(history.station)
+    shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
+    return zip(shown, COLORS, strict=False)
+
+
+def _add_depths(figure, axes) -> None:
+    """Add the legend of the stations."""
+    texts = [line.get_label() for line in axes[0].get_lines()]
+    columns = min(len(texts), 6 if max(map(len, texts)) < 8 else 3)
     legend = figure.legend(
-        title="depth", loc="outside upper center", ncols=min(len(shown), 6), columnspacing=0.8, handlelength=1.0
+        title="depth", loc="outside upper center", ncols=columns, columnspacing=0.8, handlelength=1.0
     )
     for line in legend.get_lines():
         line.set_linewidth(1.0)
-    figure.align_ylabels((top, bottom))
-    return figure
+    figure.align_ylabels(axes)

@@ -27,6 +27,10 @@ from .measure import steady_mean as steady_mean
 from .measure import steady_start as steady_start
 from .model import Data as Data
 from .model_comparison import compare_laws as compare_laws
+from .normal_stress import Injection as Injection
+from .normal_stress import Oscillation as Oscillation
+from .normal_stress import StressTable as StressTable
+from .normal_stress import read_stress_table as read_stress_table
 from .ratestate import RateState as RateState
 from .ratestate import Spring as Spring
 from .ratestate import prescribed as prescribed

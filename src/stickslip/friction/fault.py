@@ -12,6 +12,7 @@ from ..core.arguments import check_types, checked, require_positive
 from ..core.readable import readable
 from ..core.text import quoted
 from .laws import EVOLUTIONS, FORMS, form_code
+from .normal_stress import INSTANTS, Injection, Oscillation, StressTable
 from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
 
 SHEARS = ("antiplane", "in-plane")
@@ -45,6 +46,8 @@ class Fault(NamedTuple):
     v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
     b2: np.ndarray | float = 0.0  # evolution effect of a second state, (N,) or a number
     dc2: np.ndarray | float = 1.0  # its characteristic slip, (N,) or a number; has no effect if b2 = 0 [m]
+    alpha: float = 0.0  # effect of changes of the normal stress on the states
+    changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
 
     check_entries = check_types
 
@@ -91,6 +94,26 @@ class Fault(NamedTuple):
         """
         direct, state = 1 + velocity / self.v1, 1 + velocity / self.v2
         return self._replace(a=self.a / direct, b=self.b / state, b2=self.b2 / state, v1=np.inf, v2=np.inf)
+
+    def at(self, time: float) -> "Fault":
+        """Fault with the normal stress of a time [s] and without changes."""
+        if not self.changes:
+            return self
+        return self._replace(normal=self.normal_at(time), changes=())
+
+    def normal_at(self, time: float) -> np.ndarray:
+        """Effective normal stress at a time [s] (N,) [Pa]."""
+        return sum((change.change(self.depth, time) for change in self.changes), self.normal)
+
+    def state_shift(self, time: float) -> np.ndarray:
+        """Decrease of ln θ due to all changes of the normal stress until a time [s] (N,).
+
+        (α/b) ln(σ/σ₀), from θ' = … − (α/b) θ σ'/σ (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+        """
+        if not self.alpha:
+            return np.zeros(len(self.depth))
+        effect = np.where(self.evolution > 0, self.evolution, np.inf)
+        return self.alpha / effect * np.log(self.normal_at(time) / self.normal)
 
     @property
     def width(self) -> float:
@@ -186,7 +209,14 @@ def check_fault(fault: Fault) -> None:
         _check_values(name, getattr(fault, name), positive=True)
     for name in ("b", "b2"):
         _check_values(name, getattr(fault, name), positive=False)
-    require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus, plate_rate=fault.plate_rate)
+    require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus)
+    for name in ("plate_rate", "alpha"):
+        if not (getattr(fault, name) >= 0 and np.isfinite(getattr(fault, name))):
+            raise ValueError(f"{name} = {getattr(fault, name)} was given: use a finite number that is not negative")
+    if fault.alpha > 0 and not (fault.evolution > 0).all():
+        raise ValueError(f"alpha = {fault.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
+    for change in fault.changes:
+        change.check()
     if not fault.wave_speed > 0:
         raise ValueError(f"wave_speed = {fault.wave_speed} was given: it must be positive")
     if not -1 < fault.poisson < 0.5:
@@ -210,6 +240,19 @@ def _check_values(name: str, values, *, positive: bool) -> None:
     if bad.any():
         allowed = "positive, finite values" if positive else "finite values that are not negative"
         raise ValueError(f"{name} = {values[bad][0]:g} was given: use {allowed}")
+
+
+def check_normal(fault: Fault, until: float) -> None:
+    """Raise ValueError if the effective normal stress up to `until` [s] is not positive, or too large for the cells."""
+    breaks = [time for change in fault.changes for time in change.breaks if time <= until]
+    for time in sorted([*np.linspace(0.0, until, INSTANTS), *breaks]) if fault.changes else ():
+        normal = fault.normal_at(time)
+        if not normal.min() > 0:
+            raise ValueError(
+                f"the effective normal stress falls to {normal.min():.4g} Pa at {fault.depth[normal.argmin()]:g} m "
+                f"after {time:.4g} s: use smaller changes, or a larger normal stress"
+            )
+        _check_cells(fault._replace(normal=normal))
 
 
 def _check_geometry(fault: Fault) -> None:

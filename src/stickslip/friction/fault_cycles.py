@@ -11,7 +11,7 @@ import numpy as np
 from ..core.arguments import checked, require_positive
 from ..core.progress import Report, silent
 from ..core.readable import readable
-from .fault import Fault, check_fault
+from .fault import Fault, check_fault, check_normal
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
 from .fault_state import FaultState, check_state, initial_state
 from .fault_step import EXPONENT, NUMBER, STAGES, Machine
@@ -34,8 +34,9 @@ class Energy(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Loading minus the other terms, over loading: the error of the integration."""
-        return (self.loading - self.frictional - self.radiated - self.elastic) / self.loading
+        """Loading minus the other terms, over loading or dissipation: the error of the integration."""
+        largest = max(abs(self.loading), self.frictional + self.radiated)
+        return (self.loading - self.frictional - self.radiated - self.elastic) / largest
 
 
 @readable(head=lambda h: f"{len(h.events.start)} events in {h.state.time / YEAR:.6g} years, {h.steps} steps")
@@ -105,6 +106,7 @@ def simulate_fault(
     require_positive(years=years, tolerance=tolerance)
     if years > MOST_YEARS:
         raise ValueError(f"years = {years:g} was given: use at most {MOST_YEARS:g}")
+    check_normal(fault, years * YEAR)
     recording = recording or Recording()
     check_recording(fault, recording)
     state = initial_state(fault) if start is None else start
@@ -139,10 +141,15 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
-    now = _moment(fault, state)
+    now, breaks = _moment(fault, state), _breaks(fault)
+    longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
         w_trial[:] = w
-        error = machine.step(y, w_trial, stages, powers, h, trial) / tolerance
+        h = min(h, longest)
+        then, stop = time + h, breaks[np.searchsorted(breaks, time, side="right")]
+        if then > stop:
+            h, then = stop - time, stop
+        error = machine.step(y, w_trial, stages, powers, h, trial, time) / tolerance
         if not error <= 1.0:
             rejected += 1
             h *= max(LEAST, SAFETY * error**-EXPONENT) if np.isfinite(error) else LEAST
@@ -150,7 +157,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
                 raise RuntimeError(f"the time step became too small at {time / YEAR:g} years: use shorter cells")
             continue
         energy += h * (STAGES[-1] @ powers[:-1])
-        time, steps = time + h, steps + 1
+        time, steps = then, steps + 1
         y, trial, w, w_trial = trial, y, w_trial, w
         stages[0], powers[0] = stages[-1], powers[-1]
         error = max(error, 1e-4)
@@ -171,6 +178,11 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,
     )  # fmt: skip
     return end, steps, rejected
+
+
+def _breaks(fault: Fault) -> np.ndarray:
+    """Times at which steps end, because the normal stress is not smooth there; the last one is infinite."""
+    return np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
 
 
 def _moment(fault: Fault, state: FaultState) -> Moment:

@@ -19,8 +19,8 @@ class Recording(NamedTuple):
 
     stations: tuple[float, ...] = ()  # depths of the time series [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
-    quiet_sampling: float = 0.1 * YEAR  # longest time between samples, outside and within events [s]
-    seismic_sampling: float = 0.1
+    quiet_sampling: float = 0.1 * YEAR  # between samples, and longest step if the normal stress changes [s]
+    seismic_sampling: float = 0.1  # within events [s]
     quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
     seismic_profiles: float = 1.0
     spacing: float = 500.0  # of the points of a profile [m]
@@ -77,13 +77,20 @@ def points(fault: Fault, depths) -> Points:
     return Points(depths, np.stack([first, first + 1], axis=1), np.stack([1 - share, share], axis=1))
 
 
+def normal_series(fault: Fault, depths: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Effective normal stress at M times and P depths (M, P) [Pa]."""
+    depths = np.asarray(depths, float)
+    constant = points(fault, depths)(fault.normal)
+    return np.array([sum((change.change(depths, t) for change in fault.changes), constant) for t in times.tolist()])
+
+
 class Moment(NamedTuple):
     """The fault after an accepted step."""
 
     time: float
     excess_slip: np.ndarray
     rate: np.ndarray  # of the excess slip
-    log_states: np.ndarray  # (S, N) of its one or two states
+    log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
     radiated: float
@@ -130,8 +137,8 @@ class Recorder:
         stress = self._strength(now)
         rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
         slip = at(now.excess_slip) + fault.plate_rate * now.time
-        slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
-        thetas = [at(dc) / fault.v0 * np.exp(at(s)) for dc, s in zip(slips, now.log_states, strict=False)]
+        slips, shift = (fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)), fault.state_shift(now.time)
+        thetas = [at(dc) / fault.v0 * np.exp(at(s - shift)) for dc, s in zip(slips, now.log_states, strict=False)]
         self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, thetas))
         self.sampled[:] = now.time, np.log10(now.fastest)
 
@@ -140,7 +147,8 @@ class Recorder:
         at = self.stations
         if not len(at.depth):
             return np.zeros(0)
-        values = frictional_stress(self.fault, now.log_velocity, now.log_states, np.unique(at.cells))
+        states = now.log_states - self.fault.state_shift(now.time)
+        values = frictional_stress(self.fault.at(now.time), now.log_velocity, states, np.unique(at.cells))
         return at(values)
 
     def _slip(self, excess: np.ndarray, time: float) -> np.ndarray:

@@ -25,7 +25,7 @@ class FaultState(NamedTuple):
 
     time: float  # [s]
     excess_slip: np.ndarray  # (N,) slip minus plate motion since the start, δ − V_p t [m]
-    log_state: np.ndarray  # (N,) ln(V0 θ/D_c)
+    log_state: np.ndarray  # (N,) ln(V0 θ/D_c), plus `Fault.state_shift` if the normal stress acts on the state
     log_velocity: np.ndarray  # (N,) ln(V/V0)
     prestress: np.ndarray  # (N,) shear stress at the start [Pa]
     rates: np.ndarray  # (1 + S, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
@@ -52,11 +52,13 @@ class FaultState(NamedTuple):
 
     def theta(self, fault: Fault) -> np.ndarray:
         """State variable θ (N,) [s]."""
-        return fault.dc / fault.v0 * np.exp(self.log_state)
+        return fault.dc / fault.v0 * np.exp(self.log_state - fault.state_shift(self.time))
 
     def theta2(self, fault: Fault) -> np.ndarray | None:
         """Second state variable (N,) [s]; None if there is none."""
-        return None if self.log_state2 is None else fault.dc2 / fault.v0 * np.exp(self.log_state2)
+        if self.log_state2 is None:
+            return None
+        return fault.dc2 / fault.v0 * np.exp(self.log_state2 - fault.state_shift(self.time))
 
     def stress(self, fault: Fault) -> np.ndarray:
         """Shear stress that friction balances, τ₀ + τ(δ − V_p t) − η V (N,) [Pa]."""
@@ -93,7 +95,7 @@ def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.
 
 
 @checked
-def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | None = None) -> FaultState:
+def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | str | None = None) -> FaultState:
     """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
 
     A second state is in the same ratio to its steady state as the first one.
@@ -101,8 +103,8 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     Parameters
     ----------
     velocity : default: the plate rate [m/s]
-    stress : a number or (N,); default: the steady stress at that velocity in the deepest cell, as in the SEAS benchmark
-        problems [Pa]
+    stress : a number or (N,), or "steady" for that of steady sliding of each cell; default: the steady stress at that
+        velocity in the deepest cell, as in the SEAS benchmark problems [Pa]
 
     Raises
     ------
@@ -118,9 +120,14 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     26.546122
     """
     check_fault(fault)
+    if velocity is None and not fault.plate_rate:
+        raise ValueError("plate_rate = 0 was given without a velocity at the start: give one, such as 1e-12 m/s")
     velocity = fault.plate_rate if velocity is None else velocity
     require_positive(velocity=velocity)
-    tau = np.asarray(steady_stress(fault, velocity)[-1] if stress is None else stress, float)
+    steady = steady_stress(fault.at(0.0), velocity)
+    if isinstance(stress, str) and stress != "steady":
+        raise ValueError(f"stress = {stress!r} was given: use values in Pa, or 'steady'")
+    tau = np.asarray(steady[-1] if stress is None else steady if isinstance(stress, str) else stress, float)
     if tau.shape not in ((), fault.depth.shape):
         raise ValueError(f"stress has shape {tau.shape}: use a number, or one for each of the {len(fault.depth)} cells")
     tau = np.array(np.broadcast_to(tau, fault.depth.shape))
@@ -128,8 +135,9 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     if not (np.isfinite(strength).all() and (strength > 0).all()):
         raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
     w, n = np.log(velocity / fault.v0), len(fault.depth)
-    s = _log_state(fault, _state_terms(fault, w, strength / fault.normal), fault.evolution, -w)
-    _check_balance(fault, s, tau, velocity)
+    s = _log_state(fault, _state_terms(fault, w, strength / fault.normal_at(0.0)), fault.evolution, -w)
+    _check_balance(fault, s, tau, velocity, default=stress is None)
+    s = s + fault.state_shift(0.0)
     state = FaultState(
         0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
         1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
@@ -156,12 +164,18 @@ def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) ->
     return np.where(acts, s, otherwise)
 
 
-def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float) -> None:
+def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float, *, default: bool = False) -> None:
     wrong = ~(np.abs(s) < LARGEST)
     if wrong.any():
         k = int(np.argmax(wrong))
-        change = "smaller" if s[k] > 0 else "larger"
         more = f", or v2 far above this velocity instead of {fault.v2:g} m/s" if fault.cuts[1] else ""
+        if default:
+            raise ValueError(
+                f"no initial stress was given, and that of steady sliding of the deepest cell, {stress[k]:.4g} Pa, "
+                f"cannot be balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use "
+                f"stress = 'steady' for the steady stress of each cell, or values that vary with depth{more}"
+            )
+        change = "smaller" if s[k] > 0 else "larger"
         raise ValueError(
             f"no state balances the initial stress of {stress[k]:.4g} Pa at {fault.depth[k]:g} m with a slip velocity "
             f"of {velocity:g} m/s: use a {change} stress{more}"
@@ -186,16 +200,17 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
     check_state(fault, state)
     w = state.log_velocity + np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
     stress = state.prestress + fault.transfer(state.excess_slip)
-    terms = _state_terms(fault, w, (stress - fault.damping * fault.v0 * np.exp(w)) / fault.normal)
+    strength = stress - fault.damping * fault.v0 * np.exp(w)
+    terms, shift = _state_terms(fault, w, strength / fault.normal_at(state.time)), fault.state_shift(state.time)
     effects = [fault.b, np.broadcast_to(fault.b2, fault.b.shape)][: fault.states]
-    cut2, states = fault.cuts[1], state.unknowns[1:]
+    cut2, states = fault.cuts[1], state.unknowns[1:] - shift
     added = [effect * (np.log(np.exp(s) + cut2) if cut2 else s) for effect, s in zip(effects, states, strict=True)]
-    first = _log_state(fault, terms - sum(added[1:]), fault.b, state.log_state)
+    first = _log_state(fault, terms - sum(added[1:]), fault.b, states[0])
     _check_balance(fault, first, stress, fault.v0 * float(np.exp(w.max())))
     second = state.log_state2
     if second is not None:
-        second = np.where(fault.b > 0, second, _log_state(fault, terms, effects[1], second))
-    return with_rates(fault, state._replace(log_state=first, log_state2=second, log_velocity=w))
+        second = np.where(fault.b > 0, second, _log_state(fault, terms, effects[1], states[1]) + shift)
+    return with_rates(fault, state._replace(log_state=first + shift, log_state2=second, log_velocity=w))
 
 
 def check_state(fault: Fault, state: FaultState) -> None:
@@ -220,6 +235,6 @@ def with_rates(fault: Fault, state: FaultState) -> FaultState:
     machine, w = Machine(fault, state.prestress), state.log_velocity.copy()
     y, power = state.unknowns, np.zeros(3)
     out = np.zeros_like(y)
-    if not machine.rates(y, w, out, power):
+    if not machine.rates(y, w, out, power, state.time):
         raise ValueError("no slip velocity balances the stress: check the initial stress and the parameters")
     return state._replace(log_velocity=w, rates=out, power=power)

@@ -12,6 +12,7 @@ from .laws import EVOLUTIONS
 
 NUMBER = DOP853.n_stages
 STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
+TIMES = np.append(DOP853.C, 1.0)  # of the stages, over the length of the step
 EXPONENT = 1 / 8  # of the error in the choice of the step
 
 
@@ -22,18 +23,23 @@ class Machine:
     """
 
     def __init__(self, fault: Fault, prestress: np.ndarray):
-        self.transfer = fault.transfer
+        self.transfer, self.fault = fault.transfer, fault
         cut, cut2 = fault.cuts
-        rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2
+        rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2, 0.0
+        self._cells = np.array(np.broadcast_arrays(*rows), float)
         values = {
             "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
             "v0": fault.v0, "damping": fault.damping, "plate_rate": fault.plate_rate, "cell": fault.cell,
-            "cells": np.array(np.broadcast_arrays(*rows), float), "number": len(fault.depth), "states": fault.states,
+            "cells": self._cells, "number": len(fault.depth), "states": fault.states,
             "weights": STAGES, "five": DOP853.E5, "three": DOP853.E3,
         }  # fmt: skip
         self._fault = core.fill("Fault", values)
 
-    def rates(self, y, w, out, power) -> bool:
+    def _set_time(self, time: float) -> None:
+        if self.fault.changes:
+            self._cells[3], self._cells[7] = self.fault.normal_at(time), self.fault.state_shift(time)
+
+    def rates(self, y, w, out, power, time: float = 0.0) -> bool:
         """Rates of the unknowns, and powers per unit length; return False if a velocity cannot be found.
 
         Parameters
@@ -42,11 +48,13 @@ class Machine:
         w : (N,) ln(V/V0), a guess that is replaced by the solution
         out : (1 + S, N) rates of the unknowns, overwritten
         power : (3,) of loading τ V_p, friction σ μ V and radiation η V², overwritten
+        time : [s], for changes of the normal stress
         """
+        self._set_time(time)
         return core.fault_rates(self._fault, self.transfer(y[0]), y, w, out, power)
 
-    def step(self, y, w, stages, powers, length: float, trial) -> float:
-        """Take a step from y to `trial`; return its estimated error, infinite if a stage fails.
+    def step(self, y, w, stages, powers, length: float, trial, time: float = 0.0) -> float:
+        """Take a step from y at a time to `trial`; return its estimated error, infinite if a stage fails.
 
         Parameters
         ----------
@@ -57,6 +65,7 @@ class Machine:
         step = core.fill("FaultStep", values)
         core.fault_trial(self._fault, step, 1)
         for stage in range(1, NUMBER + 1):
+            self._set_time(time + TIMES[stage] * length)
             if not core.fault_stage(self._fault, step, stage, self.transfer(trial[0])):
                 return np.inf
         return core.fault_error(self._fault, step)

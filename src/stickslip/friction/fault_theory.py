@@ -105,7 +105,7 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
 
     Parameters
     ----------
-    velocity : V, relevant only with cut-off velocities; default: the plate rate [m/s]
+    velocity : V, relevant only with cut-off velocities; default: the plate rate, or v0 without plate motion [m/s]
 
     Examples
     --------
@@ -115,7 +115,7 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
     no earthquake can nucleate: the fault is velocity-strengthening (a ≥ b) everywhere
     """
     check_fault(fault)
-    velocity = fault.plate_rate if velocity is None else velocity
+    velocity = fault.plate_rate or fault.v0 if velocity is None else velocity
     require_positive(velocity=velocity)
     slow, effects = _lengths(fault.sliding_at(velocity)), "b" if fault.states == 1 else "b + b2"
     if any(fault.cuts):

@@ -5,16 +5,18 @@ import xarray as xr
 
 from ..core.arguments import checked
 from ..core.units import units_of
+from .fault import Fault
 from .fault_cycles import FaultHistory
-from .fault_record import FaultEvents
+from .fault_record import FaultEvents, normal_series
 
 
 @checked
 def fault_dataset(history: FaultHistory) -> xr.Dataset:
     """Convert a history to a dataset with units.
 
-    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), and theta2 with
-    two states; profile_slip (profile_time, profile_depth); columns of the events, with the prefix `event_` (event).
+    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), theta2 with two
+    states, and normal if the normal stress changes; profile_slip (profile_time, profile_depth); columns of the events,
+    with the prefix `event_` (event).
 
     Examples
     --------
@@ -27,7 +29,7 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     2
     """
 
-    known = units_of(FaultEvents) | units_of(FaultHistory)
+    known = units_of(FaultEvents) | units_of(FaultHistory) | {"normal": units_of(Fault)["normal"]}
 
     def units(name: str) -> dict[str, str]:
         return {"units": known[name]} if name in known else {}
@@ -36,6 +38,9 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     tables += ["theta2"] if history.theta2 is not None else []
     variables = {name: ("time", getattr(history, name), units(name)) for name in series}
     variables |= {name: (("time", "station"), getattr(history, name), units(name)) for name in tables}
+    if history.fault.changes:
+        normal = normal_series(history.fault, history.station, history.time)
+        variables["normal"] = (("time", "station"), normal, units("normal"))
     variables["profile_slip"] = (("profile_time", "profile_depth"), history.profile_slip, units("profile_slip"))
     for name in ("profile_seismic", "profile_max_velocity"):
         variables[name] = ("profile_time", getattr(history, name), units(name))

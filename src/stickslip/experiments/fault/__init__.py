@@ -1,4 +1,4 @@
-"""Earthquake cycles on a straight fault; `reproduce` runs the SEAS benchmark problem BP1-QD."""
+"""Earthquake cycles on a straight fault; `reproduce` runs the SEAS benchmark problems BP1-QD and BP6-QD."""
 
 from functools import partial
 
@@ -19,6 +19,8 @@ def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
         "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
         "rate-and-state friction": STATE[scenario.friction.law] + form,
         "time stepping": ("Hairer1993",),
+        **({"normal stress that acts on the state": ("Linker1992",)} if scenario.friction.alpha else {}),
+        **({"injected fluid": ("Lambert2025",)} if scenario.injection.flux else {}),
     }
 
 
@@ -48,6 +50,16 @@ EXPERIMENT = Experiment(
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),
         shows=_here("claims.shows"),
+    ),
+    more_papers=(
+        Paper(
+            name="seas-bp6",
+            title="SEAS benchmark problem BP6-QD: aseismic slip due to injected fluid",
+            cuts="the slip law with cells of 19.5 m instead of 6.5 m, and samples every 20,000 s instead of 10,000 s",
+            scenario=_here("injection.paper_scenario"),
+            reproduce=_here("injection.reproduce"),
+            shows=_here("injection.shows"),
+        ),
     ),
 )
 

@@ -8,7 +8,7 @@ from ...core.units import Fields, in_readable_units
 from ...figures import fault as figures_of
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
-from ...friction.fault_record import YEAR
+from ...friction.fault_record import YEAR, normal_series
 from ...reports.terminal import console, new_table, show_table
 from . import seas_files
 from .simulate import FaultResult
@@ -23,6 +23,8 @@ def figures(result: FaultResult):
     yield "fig2_velocity.png", figures_of.max_slip_velocity(history, result.scenario.run.threshold)
     if len(history.station):
         yield "fig3_stations.png", figures_of.station_series(history)
+        if history.fault.changes:
+            yield "fig4_normal_stress.png", figures_of.normal_stress_series(history)
 
 
 def files(result: FaultResult):
@@ -41,6 +43,8 @@ def numbers(result: FaultResult) -> dict:
         for name in ("time", "max_velocity", "moment_rate", "station", "slip", "velocity", "stress", "theta")
     }
     state = {"stress": h.state.stress(h.fault), "theta": h.state.theta(h.fault)}
+    if h.fault.changes:
+        series["normal"] = normal_series(h.fault, h.station, h.time)
     if h.fault.states > 1:
         series["theta2"], state["theta2"] = h.theta2, h.state.theta2(h.fault)
     profiles = {
@@ -49,8 +53,9 @@ def numbers(result: FaultResult) -> dict:
     }  # fmt: skip
     fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal", "b2", "dc2")}
     return {
-        "series": Fields(series, FaultHistory), "profiles": Fields(profiles, FaultHistory, Fault), "events": h.events,
-        "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory), "units": "SI",
+        "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
+        "events": h.events, "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
+        "units": "SI",
     }  # fmt: skip
 
 
@@ -75,7 +80,10 @@ def show(result: FaultResult) -> None:
     console.print(f"  {result.nucleation.sentence}", style=None if result.nucleation.possible else "yellow")
     if np.isfinite(result.recurrence):
         console.print(f"  recurrence {result.recurrence / YEAR:.4g} years")
-    console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of loading")
+    if np.isfinite(result.crept_length):
+        console.print(f"  {result.crept_length / 1e3:.4g} km of the fault slipped by D_c or more beyond plate motion")
+    work = "loading" if result.history.energy.loading else "friction"
+    console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of {work}")
 
 
 def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -105,6 +113,7 @@ def measures(result: FaultResult) -> dict[str, tuple[float, str]]:
         "nucleation_length": (mean(events.nucleation_length), "m"),
         "rupture_bottom": (mean(events.bottom), "m"),
         "moment": (mean(events.moment), "N"),
-        "radiated_fraction": (energy.radiated / energy.loading, "1"),
+        "radiated_fraction": (energy.radiated / energy.loading if energy.loading else np.nan, "1"),
         "energy_residual": (energy.residual, "1"),
+        "crept_length": (result.crept_length, "m"),
     }

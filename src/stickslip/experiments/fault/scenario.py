@@ -1,17 +1,21 @@
 """Scenario of earthquake cycles on a straight fault. The defaults are the SEAS benchmark problem BP1-QD."""
 
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from ...core.sizes import Size
-from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
-from ...friction.fault import Fault, line_fault
+from ...core.units import YEAR
+from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ...friction.fault import Fault, check_normal, line_fault
+from ...friction.normal_stress import Injection, Oscillation, StressTable, read_stress_table
 
 STATIONS = (0.0, 2500.0, 5000.0, 7500.0, 10e3, 12.5e3, 15e3, 17.5e3, 20e3, 25e3, 30e3, 35e3)
 Point = Annotated[tuple[NotNegative, NotNegative], Listed]
 Profile = Annotated[NotNegative | tuple[Point, ...], Listed]
+Numbers = Annotated[tuple[Finite, ...], Listed]
 
 
 class Line(ScenarioTable):
@@ -58,15 +62,63 @@ class FaultFriction(ScenarioTable):
     v2: Positive | None = Field(
         None, description="cut-off velocity of the evolution effect, for the logarithmic form; default: none [m/s]"
     )
+    alpha: NotNegative = Field(
+        0.0, description="effect of changes of the normal stress on the states (Linker and Dieterich)"
+    )
+
+
+class FluidInjection(ScenarioTable):
+    """Fluid that is injected into the fault at one depth and spreads along it, which lowers the normal stress."""
+
+    flux: NotNegative = Field(
+        0.0, description="volume per time and cross-section of the fault, half of it to each side; 0: none [m/s]"
+    )
+    storage: Positive = Field(1e-9, description="porosity × compressibility of pores and fluid [1/Pa]")
+    diffusivity: Positive = Field(0.1, description="hydraulic, along the fault [m²/s]")
+    start: NotNegative = Field(0.0, description="[s]")
+    stop: Positive | None = Field(None, description="end of the injection; default: none [s]")
+    at: NotNegative = Field(0.0, description="depth of the source [m]")
+
+
+class NormalStress(ScenarioTable):
+    """Changes that are added to the effective normal stress: an oscillation, a table, or both."""
+
+    amplitude: NotNegative = Field(0.0, description="of an oscillation with the sine of time; 0: none [Pa]")
+    period: Positive = Field(44714.0, description="of the oscillation; default: that of the main lunar tide [s]")
+    times: Numbers = Field((), description="of a table, in order [s]")
+    depths: Numbers = Field((0.0,), description="of a table, in order [m]")
+    changes: Annotated[tuple[Numbers, ...], Listed] = Field(
+        (), description="for each time of a table a list for all depths, linear between both; minus a pressure [Pa]"
+    )
+    file: str | None = Field(
+        None, description="instead of times, depths and changes: CSV file, see `ss.friction.read_stress_table`"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, given: Any):
+        if isinstance(given, dict) and isinstance(given.get("file"), str):
+            if given.keys() & {"times", "depths", "changes"}:
+                raise ValueError("normal_stress.file was given with a table: give one of them")
+            table = read_stress_table(given["file"])
+            names = {"times": table.time, "depths": table.depth, "changes": table.values}
+            return {key: value for key, value in given.items() if key != "file"} | {
+                name: values.tolist() for name, values in names.items()
+            }
+        return given
 
 
 class Loading(ScenarioTable):
     """Plate motion and the start."""
 
-    plate_rate: Positive = Field(1e-9, description="slip velocity of the rest of the plane, or of the plates [m/s]")
+    plate_rate: NotNegative = Field(
+        1e-9, description="slip velocity of the rest of the plane, or of the plates; 0: none [m/s]"
+    )
     velocity: Positive | None = Field(None, description="slip velocity at the start; default: plate_rate [m/s]")
-    stress: Positive | None = Field(
-        None, description="shear stress at the start; default: steady stress of the deepest cell [Pa]"
+    stress: Literal["steady"] | Profile | None = Field(
+        None,
+        description="shear stress at the start, a number, pairs [depth, value], or steady: that of steady sliding of "
+        "each cell; default: the steady stress of the deepest cell everywhere [Pa]",
     )
 
 
@@ -81,6 +133,9 @@ class FaultRun(ScenarioTable):
     )
     stations: Annotated[tuple[NotNegative, ...], Listed] = Field(STATIONS, description="depths of time series [m]")
     threshold: Positive = Field(1e-3, description="an event lasts while any cell slips at least this fast [m/s]")
+    sampling: Positive = Field(
+        0.1 * YEAR, description="time between samples outside events, and longest step if normal stress changes [s]"
+    )
     interval: Positive = Field(5.0, description="years between profiles of slip outside events")
     seismic_interval: Positive = Field(1.0, description="time between profiles of slip within events [s]")
     spacing: Positive = Field(500.0, description="distance between the points of a profile [m]")
@@ -95,6 +150,8 @@ class FaultScenario(ScenarioBase):
     line: Line = Line()
     medium: Medium = Medium()
     friction: FaultFriction = FaultFriction()
+    injection: FluidInjection = FluidInjection()
+    normal_stress: NormalStress = NormalStress()
     loading: Loading = Loading()
     run: FaultRun = FaultRun()
 
@@ -111,12 +168,26 @@ class FaultScenario(ScenarioBase):
 
     @model_validator(mode="after")
     def _check_fault(self):
-        self.fault  # noqa: B018
+        check_normal(self.fault, self.run.years * YEAR)
         if wrong := [depth for depth in self.run.stations if depth > self.line.width]:
             raise ValueError(f"run.stations contains {wrong[0]:g} m: use depths from 0 to line.width")
         if self.run.threshold <= self.loading.plate_rate:
             raise ValueError(f"run.threshold = {self.run.threshold:g} m/s was given: it must exceed loading.plate_rate")
         return self
+
+    @property
+    def changes(self) -> tuple[Injection | Oscillation | StressTable, ...]:
+        """Changes of the normal stress in time."""
+        fluid, stress = self.injection.model_dump(), self.normal_stress
+        stop = fluid.pop("stop") or float("inf")
+        source = (Injection(**fluid, stop=stop),) if fluid["flux"] else ()
+        wave = (Oscillation(stress.amplitude, stress.period),) if stress.amplitude else ()
+        if not (stress.times or stress.changes):
+            return source + wave
+        if len({len(row) for row in stress.changes}) > 1:
+            raise ValueError("the rows of normal_stress.changes differ in length: use a value for each depth")
+        table = StressTable(*(np.array(values, float) for values in (stress.times, stress.depths, stress.changes)))
+        return (*source, *wave, table)
 
     @property
     def fault(self) -> Fault:
@@ -127,5 +198,5 @@ class FaultScenario(ScenarioBase):
             self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear,
             boundary=self.line.boundary, thickness=self.line.thickness or float("inf"),
             shear_modulus=self.medium.density * self.medium.wave_speed**2, wave_speed=self.medium.wave_speed,
-            poisson=self.medium.poisson, plate_rate=self.loading.plate_rate,
+            poisson=self.medium.poisson, plate_rate=self.loading.plate_rate, changes=self.changes,
         )  # fmt: skip

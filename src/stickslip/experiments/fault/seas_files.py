@@ -15,12 +15,13 @@ SERIES_COLUMNS = ("Time (s)", "Slip (m)", "Slip rate (log10 m/s)", "Shear stress
 
 def station_file(depth: float) -> str:
     """Return the name of the time series at a depth: its number is in units of 100 m."""
-    return f"fltst_dp{round(depth / 100):03d}.txt"
+    whole, _, part = f"{depth / 100:.4f}".partition(".")
+    return f"fltst_dp{whole.zfill(3)}.{part.rstrip('0')}".rstrip(".") + ".txt"
 
 
 def _header(history: FaultHistory, lines) -> str:
     start = (
-        "This is the file header:", "problem=SEAS Benchmark BP1-QD or similar", "code=stickslip",
+        "This is the file header:", "problem=SEAS Benchmark BP1-QD, BP6-QD or similar", "code=stickslip",
         f"code_version={__version__}", f"element_size={history.fault.cell:g} m",
     )  # fmt: skip
     return "".join(f"# {line}\n" for line in (*start, *lines))

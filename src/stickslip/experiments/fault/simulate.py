@@ -8,11 +8,12 @@ import numpy as np
 from ...core.progress import Report, silent, within
 from ...data.checkpoint import checkpoint_in
 from ...data.schema import ScenarioError
-from ...friction.fault import Fault
+from ...friction.fault import Fault, profile
 from ...friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ...friction.fault_record import YEAR, FaultEvents, Recording
 from ...friction.fault_state import FaultState, initial_state
 from ...friction.fault_theory import Nucleation, nucleation
+from ...friction.normal_stress import Injection, Oscillation, StressTable
 from ..experiment import result_of
 from . import EXPERIMENT
 from .scenario import FaultScenario
@@ -42,6 +43,12 @@ class FaultResult(NamedTuple):
         times = self.late_events.start
         return float((times[-1] - times[0]) / (len(times) - 1)) if len(times) > 1 else np.nan
 
+    @property
+    def crept_length(self) -> float:
+        """Length of cells that slipped by D_c or more beyond plate motion; NaN if normal stress is constant [m]."""
+        fault, state = self.history.fault, self.history.state
+        return fault.cell * int((state.excess_slip >= fault.dc).sum()) if fault.changes else np.nan
+
 
 def simulate_cycles(
     scenario: FaultScenario, *, folder: Path | None = None, workers: int | None = None, report: Report = silent
@@ -65,14 +72,19 @@ def simulate_cycles(
     """
     fault, loading = scenario.fault, scenario.loading
     try:
-        state = initial_state(fault, velocity=loading.velocity, stress=loading.stress)
+        stress = loading.stress
+        if not (stress is None or isinstance(stress, str)):
+            stress = profile("stress", stress, fault.depth)
+        state = initial_state(fault, velocity=loading.velocity, stress=stress)
     except ValueError as problem:
         raise ScenarioError(f"loading: {problem}") from problem
     estimate = nucleation(fault)
     report("fault", 0.0, estimate.sentence)
-    kept = checkpoint_in(folder, scenario, FaultHistory, FaultEvents, Energy, FaultState, Fault)
+    nouns = FaultHistory, FaultEvents, Energy, FaultState, Fault, Injection, Oscillation, StressTable
+    kept = checkpoint_in(folder, scenario, *nouns)
     if kept:
-        kept = kept.of(f"cells-of-{fault.cell:g}-m")  # a reproduction runs several lengths in one folder
+        # a reproduction runs several lengths and laws in one folder
+        kept = kept.of(f"cells-of-{fault.cell:g}-m" + ("" if fault.law == "aging" else f"-{fault.law}"))
         kept.check()
         kept.announce()
     parts: list[FaultHistory] = []
@@ -98,5 +110,5 @@ def _recording(scenario: FaultScenario) -> Recording:
     run = scenario.run
     return Recording(
         stations=run.stations, threshold=run.threshold, quiet_profiles=run.interval * YEAR,
-        seismic_profiles=run.seismic_interval, spacing=run.spacing,
+        seismic_profiles=run.seismic_interval, spacing=run.spacing, quiet_sampling=run.sampling,
     )  # fmt: skip
