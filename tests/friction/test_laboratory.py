@@ -278,6 +278,69 @@ def test_files_of_arrays_that_cannot_be_used_are_refused_in_a_sentence(tmp_path,
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("mark", "row"), [("\t", "{k}.5\t{um:,}\t0.6"), (";", "{k},5;1.000;0,6"), ("\t", '"{k}.5"\t"1,000"\t"0.6"')]
+)
+def test_commas_or_points_that_may_separate_thousands_are_refused(tmp_path, mark, row):
+    rows = [row.format(k=k, um=100 * k) for k in range(12)]
+    with pytest.raises(ValueError, match="of which one may separate thousands"):
+        read_record(written(tmp_path / "a.txt", HEAD.replace(", ", mark), rows))
+
+
+def test_numbers_in_quotation_marks_and_separators_at_the_end_of_rows(tmp_path):
+    quoted = [",".join(f'"{cell.strip()}"' for cell in row.split(",")) for row in ROWS]
+    for rows in (quoted, [f"{row}," for row in ROWS], [f"{row}," for row in quoted]):
+        record = read_record(written(tmp_path / "a.csv", HEAD, rows))
+        assert np.allclose(record.load_point, 1e-5 * np.arange(12)) and np.allclose(record.time, np.arange(12))
+
+
+def test_plural_names_of_units(tmp_path):
+    head = "time (seconds), displacement (microns), friction"
+    assert np.allclose(read_record(written(tmp_path / "a.csv", head)).load_point, 1e-5 * np.arange(12))
+
+
+def test_two_units_of_one_column_are_not_guessed(tmp_path):
+    path = written(tmp_path / "a.csv", "time_s, load_point_mm, friction", ["s, um, -", *ROWS])
+    with pytest.raises(ValueError, match="load_point has the unit 'mm' in its heading and 'um' below it: keep one"):
+        read_record(path)
+    named = {"time [s]": 0, "load_point [um]": 1, "friction": 2}
+    assert np.allclose(read_record(path, columns=named).load_point, 1e-5 * np.arange(12))
+
+
+@pytest.mark.parametrize("kind", ["structures", "tables"])
+def test_two_records_in_one_file_are_not_mixed(tmp_path, kind):
+    columns = {"time_s": np.arange(20.0), "vdcdt_um": np.arange(20.0), "mu": np.full(20, 0.6)}
+    longer = columns | {"vdcdt_um": 3 * columns["vdcdt_um"]}
+    if kind == "structures":
+        savemat(tmp_path / "a", {"first": columns, "second": longer}, appendmat=False)
+    else:
+        with h5py.File(tmp_path / "a", "w") as file:
+            for name, record in (("first", columns), ("second", longer)):
+                rows = list(zip(*record.values(), strict=True))
+                file[name] = np.array(rows, [(field, float) for field in record])
+    with pytest.raises(ValueError, match=r"in 2 groups \(first, second\): keep one"):
+        read_record(tmp_path / "a")
+
+
+def test_units_in_an_attribute_that_is_an_array(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for k, (name, unit) in enumerate((("time", b"s"), ("load_point", b"um"), ("friction", b"-"))):
+            file[name] = np.array([[n, 10 * n, 0.6] for n in range(15)])[:, k]
+            file[name].attrs["units"] = np.array([unit])
+    assert np.allclose(read_record(tmp_path / "a.h5").load_point, 1e-5 * np.arange(15))
+
+
+def test_files_without_names_of_columns_say_so(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["data"] = np.arange(60.0).reshape(20, 3)
+    with pytest.raises(ValueError, match="its 3 columns have no headings; give their numbers"):
+        read_record(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["label"] = [b"x"]
+    with pytest.raises(ValueError, match="it has no columns of numbers"):
+        read_record(tmp_path / "b.h5")
+
+
 @pytest.mark.parametrize("kind", ["hdf5", "matlab"])
 def test_damaged_files_are_refused_in_a_sentence(tmp_path, kind):
     rng = np.random.default_rng(1)

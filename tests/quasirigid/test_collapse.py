@@ -204,6 +204,15 @@ def test_a_machine_replaces_a_force():
         ss.quasirigid.with_machine(state, 1, 0.0)
 
 
+@pytest.mark.parametrize("travel", [-0.1, [-0.1], [[0, -0.1]]])
+def test_a_travel_is_a_vector(travel):
+    state, _ = ss.packings.biaxial_box(10, pressure=1e-3, seed=1)
+    lid = 10 + ss.packings.TOP
+    held = ss.quasirigid.with_machine(state, lid, 10.0)
+    with pytest.raises(ValueError, match=r"travel has the shape \(.*\): it must be \(3,\) or \(2,\)"):
+        ss.quasirigid.with_travel(held.control, lid, travel)
+
+
 def test_scenarios_go_through_collapses(tmp_path):
     table = {"experiment": "quasi-rigid", "seed": 2, "disks": {"number": 30}, "dynamics": {"times": ()}}
     loading = {"factor": 1.5, "increment": 0.02, "collapses": True}

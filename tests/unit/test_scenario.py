@@ -41,6 +41,11 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"array": {"float_radius": 3}}, r"the table \[array\] has no key 'float_radius'"),
         ({"relaxation": {"spin_drag": 0.0}}, "relaxation.spin_drag = 0.0"),
         ({"seed": True}, "seed = True was given"),
+        (
+            {"experiment": "cyclic-shear", "cycles": {"amplitudes": []}},
+            r"cycles.amplitudes = \[\] was given, but it should have at least 1 entry",
+        ),
+        ({"load": {"push": 0.01}}, "load.push = 0.01 was given, but it should be a list"),
         ({"experiment": "disks"}, "experiment = 'disks' was given"),
         ({"experiment": "flows"}, "did you mean 'flow'?"),
         ({"experiment": "Sphere_Shear"}, "did you mean 'sphere-shear'?"),

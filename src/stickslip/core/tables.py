@@ -9,6 +9,8 @@ from pathlib import Path
 from .text import read_text
 
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
+_DECIMAL_POINT = re.compile(r"^[+-]?\d*\.\d+(?:[eE][+-]?\d+)?$")
+_THOUSANDS = re.compile(r"^[+-]?[1-9]\d{0,2}[.,]\d{3}$")
 
 
 def heading_of(name: str, unit: str) -> str:
@@ -77,7 +79,8 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
 def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
     """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
 
-    Decimal commas become points unless commas separate.
+    Decimal commas become points unless commas separate. Files with both are refused if one of them may separate
+    thousands throughout.
     """
     if mark is None:
         split = [line.split() for _, line in lines]
@@ -90,5 +93,17 @@ def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None)
         if len(split) != len(lines):
             raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
     if mark != ",":
+        _check_decimals(path, [(number, field) for (number, _), row in zip(lines, split, strict=True) for field in row])
         split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
     return [(number, row) for (number, _), row in zip(lines, split, strict=True)]
+
+
+def _check_decimals(path: str | Path, fields: list[tuple[int, str]]) -> None:
+    """Raise ValueError if numbers have commas and points, one of which may separate thousands throughout."""
+    commas = [field for field in fields if _DECIMAL_COMMA.match(field[1])]
+    points = [field for field in fields if commas and _DECIMAL_POINT.match(field[1])]
+    if points and any(all(_THOUSANDS.match(number) for _, number in marked) for marked in (commas, points)):
+        raise ValueError(
+            f"{path} has numbers with points and with commas ({points[0][1]!r} in line {points[0][0]}, "
+            f"{commas[0][1]!r} in line {commas[0][0]}), of which one may separate thousands: write all with points"
+        )

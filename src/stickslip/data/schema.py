@@ -207,7 +207,12 @@ def error_message(problem: ValidationError, kind: type[BaseModel], place: str = 
         return f"{name}{entry} {given}: use {', '.join(map(repr, kinds))}"
     if first["type"] == "missing":
         return f"{name}{entry} is missing: give it"
-    got = repr(first["input"])
+    got = repr(list(first["input"]) if isinstance(first["input"], tuple) else first["input"])
+    if first["type"] == "too_short":
+        least = first["ctx"]["min_length"]
+        message = f"it should have at least {least} {'entry' if least == 1 else 'entries'}"
+    elif first["type"] == "tuple_type":
+        message = "it should be a list"
     got = got if len(got) <= 100 else f"{got[:97]}…"
     return f"{name or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
 

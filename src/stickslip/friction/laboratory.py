@@ -81,7 +81,8 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     path = Path(path)
     sheet = read_sheet(path, lambda heading: _is_known(heading, columns), named=columns is not None)
     headings, bare = (sheet.headings, False) if columns is None else _named_headings(path, sheet, columns)
-    places = _match_columns(path, headings, sheet.units, si=bare)
+    below = sheet.units if columns is None else [None] * len(headings)
+    places = _match_columns(path, headings, below, si=bare)
     _check_columns(path, headings, places, motion)
     values = _numbers(path, sheet, {name: k for name, (k, _) in places.items()})
     if len(values["time"]) < LEAST:
@@ -237,7 +238,10 @@ def _match_columns(path: Path, header: list[str], below: list[str | None], *, si
         others = [header[k] for k, (word, _) in enumerate(labels) if word in aliases and k != chosen[0]]
         if others:
             warnings.warn(f"{path}: {column} is {header[chosen[0]]!r}, not {others[0]!r}", stacklevel=2)
-        places[column] = (chosen[0], _factor(path, alias, labels[chosen[0]][1] or below[chosen[0]], units, si))
+        own, row = labels[chosen[0]][1], below[chosen[0]]
+        places[column] = (chosen[0], _factor(path, alias, own or row, units, si))
+        if own and row in units and units[row] != places[column][1]:
+            raise ValueError(f"{path}: {alias} has the unit {own!r} in its heading and {row!r} below it: keep one")
     return places
 
 
@@ -272,6 +276,12 @@ def _check_columns(path: Path, header: list[str], known: dict, motion: bool) -> 
     else:
         return
     seen = [repr(shortened(field)) for field in header if field]
+    if not seen:
+        nameless = (
+            f"its {len(header)} columns have no headings; give their numbers (--columns 'time=0,load_point [um]=1,"
+            f"friction=2')"
+        )
+        raise ValueError(f"{path} has no column for {lacks}: {nameless if header else 'it has no columns of numbers'}")
     more = f" and {len(seen) - SHOWN} more" if len(seen) > SHOWN else ""
     raise ValueError(
         f"{path} has no column for {lacks}: its columns are {', '.join(seen[:SHOWN])}{more}, and {lacks} is sought "

@@ -22,8 +22,9 @@ LEAST = 3  # rows that a first column must number
 
 DAY = 86400.0
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
+LENGTH |= {"microns": 1e-6}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
-TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
+TIME |= {"seconds": 1.0, "d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
 STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
 NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
@@ -100,8 +101,8 @@ def _find_numbers(body: list[tuple[int, str]]) -> tuple[int | None, str | None]:
     """Place of the first line that consists mostly of numbers, and what separates them."""
     for k, (_, line) in enumerate(body):
         for mark in MARKS:
-            fields = [field.strip() for field in line.split(mark)]
-            count = sum(_is_number(field) for field in fields)
+            fields = line.rstrip(mark).split(mark)
+            count = sum(_is_number(field.strip().strip('"')) for field in fields)
             if len(fields) > 1 and 2 * count > len(fields):
                 return k, mark
     return None, None
@@ -127,7 +128,9 @@ def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
 
 
 def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str]:
-    """Headings of all columns: a first column that numbers the rows may have none."""
+    """Headings of all columns: a first column that numbers the rows, or an empty last one, may have none."""
+    if len(titles) == len(rows[0][1]) - 1 and not any(row[-1] for _, row in rows):
+        return [*titles, ""]
     numbers = [row[0] for _, row in rows[:LEAST]]
     if len(titles) != len(rows[0][1]) - 1 or len(rows) < LEAST or not all(map(str.isdecimal, numbers)):
         return titles
@@ -153,9 +156,10 @@ def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str 
         if not isinstance(item, h5py.Dataset) or not item.shape or name.startswith("#"):
             return
         unit = next((item.attrs[key] for key in ("units", "unit") if key in item.attrs), None)
+        unit = unit.flat[0] if isinstance(unit, np.ndarray) and unit.size == 1 else unit
         unit = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
         if item.dtype.names:
-            arrays.update({field: (item[field], None) for field in item.dtype.names})
+            arrays.update({f"{name}/{field}": (item[field], None) for field in item.dtype.names})
         elif item.dtype.kind in "iuf":
             arrays[name] = (item[()], unit)
 
@@ -181,7 +185,8 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
     arrays: dict[str, tuple[np.ndarray, str | None]] = {}
     for name, value in variables.items():
         parts = getattr(getattr(value, "dtype", None), "names", None)
-        fields = {part: value[part].item() for part in parts} if parts and value.size == 1 else {name: value}
+        single = parts and value.size == 1
+        fields = {f"{name}/{part}": value[part].item() for part in parts} if single else {name: value}
         arrays.update({key: (np.asarray(array), None) for key, array in fields.items()})
     return {name: (array, unit) for name, (array, unit) in arrays.items() if array.dtype.kind in "iuf"}
 

@@ -215,6 +215,8 @@ def with_travel(control: Control, wall: int, travel: Numbers) -> Control:
     """Control with the load point of the spring that pulls a wall moved by `travel`, (3,) or (2,) [length]."""
     if not control.spring[wall].any():
         raise ValueError(f"body {wall} is not pulled by a spring: use `with_machine` first")
+    if np.shape(travel) not in ((2,), (3,)):
+        raise ValueError(f"travel has the shape {np.shape(travel)}: it must be (3,) or (2,)")
     anchor = control.anchor.copy()
     anchor[wall] += as_rows(travel, 1, 3)[0]
     return control._replace(anchor=anchor)
