@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 BIB = (ROOT / "src/stickslip/runs/references.bib").read_text(encoding="utf-8")
 REQUIRED = {
     "article": {"author", "title", "journal", "year"},
+    "phdthesis": {"author", "title", "school", "year"},
     "inproceedings": {"author", "title", "booktitle", "year"},
     "book": {"author", "title", "publisher", "year"},
     "misc": {"author", "title", "year"},
