@@ -78,6 +78,7 @@ def test_a_block_that_nothing_stops_flows(limit):
     assert path.loses_stability
     assert not path.complete
     assert "it flows under this load" in path.summary
+    assert "or creeps, if the drag is large" in path.summary and "a longer duration" in path.summary
     assert path.points[-1].load == pytest.approx(0.8, abs=1e-3)
     (event,) = path.collapses
     assert not event.rests

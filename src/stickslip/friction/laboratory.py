@@ -63,8 +63,9 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     columns are slip and theta; others are ignored. Units stand in brackets (`time [s]`), after the name (`time_s`), in
     a row below the names, or in the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are
     commas, semicolons, tabs or white space; except with commas, numbers may have decimal commas. Lines that start with
-    # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows without a number in a column that is
-    used are left out, and a displacement that is counted backwards is turned round, each with a warning.
+    # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows with an empty cell in a column that is
+    used (NaN in files of arrays) are left out, and a displacement that is counted backwards is turned round, each with
+    a warning.
 
     Parameters
     ----------

@@ -68,8 +68,8 @@ class Verdict(Enum):
         "load, or follow it using dynamics"
     )
     FLOWS = (
-        "the packing did not come to rest within the stated time and displacement: it flows under this load; use a "
-        "smaller load, or a stiffer machine"
+        "the packing did not come to rest within the stated time and displacement: it flows under this load, "
+        "or creeps, if the drag is large; use a smaller load, a stiffer machine, less drag, or a longer duration"
     )
     NOT_FOUND = "no consistent status was found, but one may exist: try another `start` or fewer critical contacts"
 
