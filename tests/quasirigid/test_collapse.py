@@ -230,3 +230,5 @@ def test_scenarios_go_through_collapses(tmp_path):
         ss.scenario(**table | {"dynamics": {"times": (), "drag": 0}}, loading=loading)
     with pytest.raises(ValueError, match=r"machine was given with test = \"shear\""):
         ss.scenario(**table, loading={"test": "shear", "machine": 10.0})
+    with pytest.raises(ValueError, match=r"loading.strain = 0.02 was given without loading.machine"):
+        ss.scenario(**table, loading={"strain": 0.02})

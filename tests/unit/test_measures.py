@@ -44,7 +44,7 @@ MEANT = {
         STRESS: "packing_pressure shear_stress_at_last_strain", RATE: "largest_growth_rate",
     },
     "quasi-rigid": {
-        NUMBER: "last_load stress_ratio strain events sliding_share error_of_slowest_dynamics collapse_load",
+        NUMBER: "last_load stress_ratio strain events collapses sliding_share error_of_slowest_dynamics collapse_load",
     },
     "flow": {
         TIME: "end", ENERGY: "kinetic_energy", STRESS: "plane_pressure", RATE: "plane_shear_rate",
@@ -68,8 +68,8 @@ MEANT = {
     },
     "fault": {
         NUMBER: "events radiated_fraction energy_residual", TIME: "first_event recurrence duration",
-        LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom", VELOCITY: "max_velocity",
-        FORCE: "moment",
+        LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom crept_length",
+        VELOCITY: "max_velocity", FORCE: "moment",
     },
     "element-test": {
         NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation "
@@ -140,13 +140,14 @@ def rigid():
 
     def sample(k):
         points = [Made(sliding=0, contacts=1), Made(sliding=k, contacts=10)]
-        path = Made(load=np.array([0.0, 0.1 * k]), events=[None] * k, points=points)
+        collapses = [Made(quiet=True), *[Made(quiet=False)] * (k - 1)]
+        path = Made(load=np.array([0.0, 0.1 * k]), events=[None] * k, points=points, collapses=collapses)
         slow = [Made(time=1.0, error=9.0), Made(time=1e4, error=0.01 * k), Made(time=1e3, error=9.0)] if k < 3 else []
         curve = Made(ratio=np.array([0.0, 0.2 * k]), strain=np.array([0.0, 1e-3 * k]))
         return Made(path=path, curve=curve, slow=slow, collapse=0.9 if k == 1 else None)
 
     return Made(tested=[sample(k) for k in (1, 2, 3)]), {
-        "last_load": 0.2, "stress_ratio": 0.4, "strain": 2e-3, "events": 2, "sliding_share": 0.2,
+        "last_load": 0.2, "stress_ratio": 0.4, "strain": 2e-3, "events": 2, "sliding_share": 0.2, "collapses": 1,
         "error_of_slowest_dynamics": 0.015, "collapse_load": 0.9,
     }  # fmt: skip
 
@@ -221,10 +222,11 @@ def cycled():
         "start": start,
         "end": start + np.array([0, 0, 0, 1, 3]),
     }
-    history = Made(events=FaultEvents(**steady), energy=Energy(10.0, 7.0, 1.0, 1.0))
+    fault, state = Made(cell=50.0, dc=0.1, changes=("injection",)), Made(excess_slip=np.array([0.05, 0.1, 0.3]))
+    history = Made(events=FaultEvents(**steady), energy=Energy(10.0, 7.0, 1.0, 1.0), fault=fault, state=state)
     return FaultResult(None, history, None), {
         "events": 5, "first_event": 0.0, "recurrence": 10.0, "duration": 2.0, "radiated_fraction": 0.1,
-        "energy_residual": 0.1, "moment": 1.0,
+        "energy_residual": 0.1, "moment": 1.0, "crept_length": 100.0,
     }  # fmt: skip
 
 

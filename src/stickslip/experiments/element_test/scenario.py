@@ -262,7 +262,8 @@ class Probing(ScenarioTable):
     strains: Annotated[tuple[Finite, ...], Listed] | None = Field(
         None,
         min_length=1,
-        description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed",
+        description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed, at the "
+        "nearest step",
     )
     states: Annotated[int, Field(ge=1, le=200)] | None = Field(
         None,

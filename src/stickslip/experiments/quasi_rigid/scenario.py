@@ -47,8 +47,8 @@ class Loading(ScenarioTable):
         description="stiffness of a machine that moves the wall and is stopped by it; default: the force on the wall "
         "grows (biaxial) [force/length]",
     )
-    strain: Annotated[float, Field(gt=0, le=0.3)] = Field(
-        0.01, description="final travel of the machine over the initial distance of the walls, see `machine`"
+    strain: Annotated[float, Field(gt=0, le=0.3)] | None = Field(
+        None, description="final travel of the machine over the initial distance of the walls; default: 0.01"
     )
     collapses: bool = Field(
         False,
@@ -110,6 +110,11 @@ class QuasiScenario(ScenarioBase):
             raise ValueError(
                 "loading.collapses = true was given with dynamics.drag = 0: a collapse comes to rest by drag; use a "
                 "positive drag"
+            )
+        if self.loading.strain and not self.loading.machine:
+            raise ValueError(
+                f"loading.strain = {self.loading.strain:g} was given without loading.machine, which imposes it: "
+                "give its stiffness, or leave the strain out"
             )
         if self.loading.machine and self.loading.test == "shear":
             raise ValueError(

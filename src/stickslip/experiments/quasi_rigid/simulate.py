@@ -52,6 +52,7 @@ PAIR = 1e-9  # imaginary part, relative to the largest eigenvalue, above which e
 # size of the random motion of `table_one`: at most CLOSED smallest overlaps, but at least LEAST, 1e-6 of which is
 # round-off
 CLOSED, LEAST = 0.1, 1e-10
+STRAIN = 0.01  # travel of a machine, see `Loading.strain`
 COMPARED = 0.95  # share of the path's load up to which path and dynamics are compared
 BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
@@ -165,7 +166,7 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
             state = with_machine(state, wall, load.machine)
             axis = 1 if load.wall == "top" else 0
             apart = state.walls.point[wall - disks.number, axis] - state.walls.point[(LEFT, BOTTOM)[axis], axis]
-            return state, law, with_travel(state.control, wall, -load.strain * apart * np.eye(3)[axis])
+            return state, law, with_travel(state.control, wall, -(load.strain or STRAIN) * apart * np.eye(3)[axis])
         return state, law, with_load(state.control, wall, load.factor)
     shear = float(state.control.stress[0, 1]) - load.ratio * disks.pressure
     return state, law, stress_controlled(state.control, {"xy": shear})
