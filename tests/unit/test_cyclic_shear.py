@@ -54,7 +54,10 @@ def lattice():
     return cyclic.Rig(chosen, law, state, 400)
 
 
-@pytest.mark.parametrize("amplitude", [1e-5, 3e-5, 8e-5])
+SLOW = [pytest.param(amplitude, marks=pytest.mark.slow) for amplitude in (1e-5, 8e-5)]
+
+
+@pytest.mark.parametrize("amplitude", [3e-5, *SLOW])
 def test_the_loops_of_a_triangular_lattice_have_a_closed_form(lattice, amplitude):
     """All disks move with the cell, and rotate by −γ/2 until the contacts along x slide.
 
@@ -135,6 +138,7 @@ def test_rolling_friction_has_its_share():
     assert shares["rolling"] > 0.5 and abs(shares["residual"]) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_cycle_of_many_steps_dissipates_what_slow_dynamics_does(spheres):
     """The same loop by dynamics at a rate so slow that its dashpots take 1 % of the work of friction."""
     _, law, state = spheres
