@@ -1,7 +1,7 @@
 """Units of the fields of NamedTuples, read from the comments beside their definitions.
 
 A comment such as `(T, 3) [length/time]` states a unit once: readers of the code, archives, datasets and tables all take
-it from there. The sources are at hand wherever kernels are compiled, since `kernel_cache` reads them too.
+it from there.
 """
 
 import inspect

@@ -99,7 +99,7 @@ def period(response: Response) -> int:
 
 
 def kind_of(response: Response) -> str:
-    """Which kind of cycles an amplitude ends in.
+    """Kind of cycles that an amplitude ends in.
 
     elastic: grains return after a cycle, and the damping ratio is below `ELASTIC`; reversible: they return, and the
     loop has an area, so that what slides, slides back; periodic: they return after several cycles; irreversible: they
@@ -214,7 +214,7 @@ def measures(result: CyclicShearResult) -> dict[str, tuple[float, str]]:
 
 
 def sentences(result: CyclicShearResult) -> list[str]:
-    """What a reader must know beside the numbers: kinds of cycles, residual, band of sands, and finer steps."""
+    """Remarks for readers of the numbers: kinds of cycles, residual, band of sands, and finer steps."""
     return [*_kinds(result), *_missing(result), *_band(result), *_finer(result)]
 
 

@@ -76,7 +76,7 @@ class CyclicRun(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """What shears a sample."""
+    """Sample with its law and the control that shears it."""
 
     scenario: CyclicShearScenario
     law: Law

@@ -266,12 +266,12 @@ def measures(result: ElementTestResult) -> dict[str, tuple[float, str]]:
 
 
 def sentences(result: ElementTestResult) -> list[str]:
-    """What a reader must know beside the numbers: scatter, what the path did not reach, rate, and halved steps."""
-    return [*_probed(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_halved(result)]
+    """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
+    return [*_first_failure(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_finer(result)]
 
 
-def _probed(result: ElementTestResult) -> list[str]:
-    """In which direction the first sample could fail first, and where its peak is."""
+def _first_failure(result: ElementTestResult) -> list[str]:
+    """Direction in which the first sample could fail first, and its peak."""
     run, scenario = result.runs[0], result.scenario
     if not run.probes:
         return []
@@ -341,7 +341,7 @@ def _quasi_static(result: ElementTestResult) -> list[str]:
     return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
 
 
-def _halved(result: ElementTestResult) -> list[str]:
+def _finer(result: ElementTestResult) -> list[str]:
     what = "step" if result.scenario.path.integrator == "quasi-static" else "rate"
     if result.checked is None:
         return [f"It was not checked whether half the {what} gives the same: use check = true."]

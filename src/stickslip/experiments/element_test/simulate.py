@@ -106,7 +106,7 @@ SAVED = (ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Loc
 
 
 class Rig(NamedTuple):
-    """What loads a sample."""
+    """Sample with its law and the control that loads it."""
 
     scenario: ElementTestScenario
     law: Law
@@ -305,15 +305,17 @@ def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState
     """
     path, scales = rig.scenario.path, rig.scales(rig.scenario.sample.pressure)
     try:
-        rest, outcome = settle(stopped(_held(state)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation())
+        rest, outcome = settle(
+            stopped(_hold_cell(state)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation()
+        )
         if rearranged or outcome.fallback or path.integrator == "dynamic":
-            rest = _held(_load_further(rig, rest, scales))
+            rest = _hold_cell(_load_further(rig, rest, scales))
     except NotInEquilibriumError as problem:
         return without_answer(load, stress(state, rig.law), str(problem))
     return probe(rest, rig.law, load, plane_of(path, rig.dim)[0], rig.scenario.probes.directions)
 
 
-def _held(state: State) -> State:
+def _hold_cell(state: State) -> State:
     """State whose cell does not follow the stress."""
     nothing = np.zeros((3, 3))
     return state._replace(
