@@ -86,6 +86,27 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
     }  # fmt: skip
 
 
+def paper_size_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
+    """Return the scenarios of the paper's own size, for each damping by Eq 8: 4341 mobile grains of 1 to 5 mm.
+
+    The time step is ten times that of the paper, a third of the longest stable one. Branches start from one state of
+    each of eight samples. With the lower restitution, holds are shorter, and nothing follows.
+    """
+    hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
+    long = {"holds": (1e-2, 1e-1, 1.0, 1.43), "after": (PAPER, 0.05, 0.1, 0.3)}
+    steps = {"kind": "velocity-steps", "velocities": (PAPER, 0.2, PAPER, 0.002, PAPER), "slip": 1.0}
+    protocols = {MAIN: [hold | long, steps], LOW: [hold | {"holds": (1e-2, 1e-1), "after": ()}]}
+    return {
+        name: validate_scenario(
+            GougeScenario, seed=seed, realizations=8, dt=2e-7, sample_every=1000, most_steps=1e8,
+            grains={"number": 4341, "diameter": (1e-3, 5e-3)}, cell={"length": 0.06, "width": 0.04},
+            load={"stiffness": STIFF, "definition": "rate_state"}, law=DAMPINGS[name] | {"size": 3e-3, "speed": 25.0},
+            preparation={"slip": 8.0, "most": 2e6}, ledger_steps=2000 if name == MAIN else 0, protocol=protocol,
+        )
+        for name, protocol in protocols.items()
+    }  # fmt: skip
+
+
 def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
     return validate_scenario(
         GougeScenario, seed=seed, realizations=runs, dt=4e-7, sample_every=250,
@@ -99,9 +120,12 @@ def reproduce(
     *,
     quick: bool = False,
     full: bool = False,
+    paper_size: bool = False,
+    realizations: int | None = None,
     seed: int = 0,
     folder: Path | None = None,
     workers: Workers = None,
+    device: str | None = None,
     report: Report = silent,
 ) -> Reproduction:
     """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
@@ -110,16 +134,24 @@ def reproduce(
     ----------
     quick : run holds of 0.1 s with only two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
+    paper_size : run the scenarios of the paper's own size instead
+    realizations : number of samples of each of these, 8 if not given
     """
     names = [MAIN, CALIBRATED] if quick else list(DAMPINGS)
     chosen = {name: paper_scenario(quick=quick, seed=seed, damping=name) for name in names}
+    if paper_size:
+        many = {"realizations": realizations} if realizations else {}
+        chosen = {name: one.model_copy(update=many) for name, one in paper_size_scenarios(seed).items()}
     more = full_scenarios(seed) if full else {}
     announce(*chosen.values(), *more.values())
 
     def run(name, one):
-        return simulate_gouge(one, folder=folder, workers=workers, report=within(report, prefix=f"{name}: "))
+        where = {"folder": folder, "workers": workers, "device": device}
+        return simulate_gouge(one, **where, report=within(report, prefix=f"{name}: "))
 
     holds = {name: run(name, scenario) for name, scenario in chosen.items()}
     rest = {name: run(name, scenario) for name, scenario in more.items()}
+    if paper_size:
+        rest = {"reslides": holds[MAIN], "steps": holds[MAIN]}
     claims = evaluate_claims(holds, rest)
     return Reproduction(holds, rest, note_quick_run(claims) if quick else claims)
