@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 import stickslip as ss
 from stickslip._core import build
 from stickslip.core.dynamics import batch, device
 from stickslip.core.dynamics.batch import Processor, run_legs
 from stickslip.core.dynamics.engine import Leg
-from stickslip.core.library import core
 
 
 class Emulated(Processor):

@@ -68,6 +68,17 @@ def reproduce(
             "--full", help="Gouge only: also velocity steps and other slides; reports how many hours it takes."
         ),
     ] = False,
+    paper_size: Annotated[
+        bool,
+        typer.Option(
+            "--paper-size",
+            help="Gouge only: 4800 grains as in the paper instead, days on one core or minutes with --device cuda.",
+        ),
+    ] = False,
+    realizations: Annotated[
+        int | None,
+        typer.Option("--realizations", min=1, metavar="N", help="With --paper-size: number of samples; default: 8."),
+    ] = None,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     processes: ProcessOptions,
@@ -76,22 +87,25 @@ def reproduce(
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
     check_choice("experiment", experiment, _papers())
-    if full and (quick or experiment != "gouge"):
-        raise ValueError(
-            "--full was given with --quick: give only one of them"
-            if quick
-            else f"{experiment} has no --full: leave it out"
-        )
+    size = {"quick": quick, "full": full, "paper-size": paper_size}
+    given = [f"--{name}" for name, value in size.items() if value]
+    if len(given) > 1:
+        raise ValueError(f"{given[1]} was given with {given[0]}: give only one of them")
+    if experiment != "gouge" and (full or paper_size):
+        raise ValueError(f"{experiment} has no {given[0]}: leave it out")
+    if realizations and not paper_size:
+        raise ValueError("--realizations was given, but only --paper-size has a number of them: leave it out")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
     from ..runs.resume import mark_reproduction
 
-    chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed)
+    more = {"paper_size": True, "realizations": realizations} if paper_size else {}
+    chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed, **more)
     spread = _choose_processes(processes, chosen)
-    folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
+    folder = out or Path("results") / (experiment + ("-quick" if quick else "-paper-size" if paper_size else ""))
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
+        asked = {"experiment": experiment, "quick": quick, "seed": seed} | more | ({"full": True} if full else {})
         mark_reproduction(folder, chosen, **asked)
         _reproduce_in("reproduce", folder, spread, output, **asked)
 
@@ -319,7 +333,7 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
     if device is not None:
         check_choice("device", device, DEVICES)
         if getattr(chosen, "experiment", "") != "gouge":
-            raise ValueError("--device was given: it applies to single runs with experiment = 'gouge' only, leave it out")
+            raise ValueError("--device was given, but only single runs of 'gouge' have one: leave it out")
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
     from ..ensemble import reach

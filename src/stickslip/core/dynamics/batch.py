@@ -22,13 +22,13 @@ from ..laws.kinds import Kind
 from ..laws.properties import angular_columns, needs_rows
 from ..library import core
 from ..measure import supports
-from ..state import OPEN, Cell, Contacts, Instant, State, empty_contacts, groups
+from ..state import OPEN, Contacts, Instant, State, empty_contacts
 from .cell_motion import needs_frame
 from .coefficients import find_members, make_plan, movable, state_after
 from .driver import run_steps
 from .engine import Engine, Leg
 from .last_forces import bodies_at_start, matching_instant, state_checksum
-from .record import OBSERVABLES, Record, RecordBuffers, allocate_buffers, make_record
+from .record import Record, allocate_buffers, make_record
 from .timestep import check_time_step
 
 SKIN = 0.02  # of the lists, in mean diameters
@@ -37,8 +37,8 @@ _HALF = 1 << core.ENTRY_IMAGE - 1
 _SHIFTS = [core.ENTRY_FLAGS + core.ENTRY_IMAGE * k for k in (2, 1, 0)]
 STAY = "run without a device"
 _WIDTHS = {  # columns of the arrays of bodies
-    "point": core.POINT_WIDTH, "motion": core.MOTION_WIDTH, "angle": 3, "origin": 3, "force": 6, "external": 6, "kick": 2,
-    "heavy": 3, "normal": 3, "reference": 3, "free": 6, "material": 0, "unit": 0, "supports": 0, "loose": 0,
+    "point": core.POINT_WIDTH, "motion": core.MOTION_WIDTH, "angle": 3, "origin": 3, "force": 6, "external": 6,
+    "kick": 2, "heavy": 3, "normal": 3, "reference": 3, "free": 6, "material": 0, "unit": 0, "supports": 0, "loose": 0,
     "touching": 0, "spring": 6, "leads": 3, "bin": 0, "binned": 0,
 }  # fmt: skip
 _TYPES = {"free": np.bool_, "leads": np.int64} | dict.fromkeys(
@@ -152,8 +152,8 @@ def check_law(law: Law) -> None:
     if own or needs_rows(law) or angular_columns(law):
         name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
         raise ValueError(
-            f"a device was given {name}, but evaluates linear and Hertz's springs with friction and dashpots only, with "
-            f"lever arms R and without rolling resistance: use one of these, or {STAY}"
+            f"a device was given {name}, but evaluates linear and Hertz's springs with friction and dashpots only, "
+            f"with lever arms R and without rolling resistance: use one of these, or {STAY}"
         )
 
 
@@ -167,14 +167,16 @@ def check_leg(leg: Leg) -> None:
     if needs_frame(state):
         raise ValueError(f"a device was given a cell that deforms, or rates with a time profile: {STAY}")
     if state.control.free[len(state.grains.radius) :, :3].any():
-        raise ValueError(f"a device was given a wall that follows its load, but moves walls at given rates only: {STAY}")
+        raise ValueError(
+            f"a device was given a wall that follows its load, but moves walls at given rates only: {STAY}"
+        )
     if leg.samples > 1 and not leg.every:
         raise ValueError(f"a device was asked for {leg.samples} states, but returns the last one only: {STAY}")
     height, reach = grid_of(state.cell).height, 2 * float(state.grains.radius.max(initial=0.0)) + _skin(state)
     if (narrow := height[state.cell.periodic & (np.arange(3) < state.cell.dim)]).size and narrow.min() < 2 * reach:
         raise ValueError(
-            f"a device was given a periodic cell that is {narrow.min():.4g} across, but needs twice the largest diameter "
-            f"and the skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
+            f"a device was given a periodic cell that is {narrow.min():.4g} across, but needs twice the largest "
+            f"diameter and the skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
         )
 
 
@@ -217,12 +219,15 @@ def _sizes(systems: list[_System], most: int) -> Sizes:
     states, legs = [system.state for system in systems], [system.leg for system in systems]
     law, dim = legs[0].law, states[0].cell.dim
     if any(s.cell.dim != dim for s in states) or any(_same(law) != _same(leg.law) for leg in legs):
-        raise ValueError("systems of different dimensions or laws were given to one batch: run them in batches of their own")
+        raise ValueError(
+            "systems of different dimensions or laws were given to one batch: run them in batches of their own"
+        )
     room = max(state.n_bodies for state in states)
     return Sizes(
         len(systems), -(-room // WARP) * WARP, most, dim,
         max(int(state.control.group.max(initial=-1)) + 1 for state in states),
-        max(1, *(len(state.control.knots) for state in states)), max(1, *(state.control.course.shape[1] for state in states)),
+        max(1, *(len(state.control.knots) for state in states)),
+        max(1, *(state.control.course.shape[1] for state in states)),
         max(leg.steps // leg.every + 1 if leg.every else 0 for leg in legs),
         2 if any((leg.law.table[..., MU] > 0).any() for leg in legs) else dim + 1, law.table.shape,
     )  # fmt: skip
@@ -249,7 +254,8 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
         "number": (s, core.SLOT_NUMBERS), "value": (s, core.PACE_VALUES), "vectors": (s, 3, 3), "inverse": (s, 3, 3),
         "periodic": (s, 3), "table": (s, *sizes.table), "members": (s, g + 1), "knot": (s, sizes.knots),
         "course": (s, sizes.knots, sizes.courses), "entry": (2, s, r, sizes.most), "slip": (2, 3, s, r, sizes.most),
-        "entries": (2, s, r), "bound": (s, r + 1), "arrived": (s,), "partial": (s, core.TEAM, core.SUMS), "series": (s, t, core.COLUMNS),
+        "entries": (2, s, r), "bound": (s, r + 1), "arrived": (s,),
+        "partial": (s, core.TEAM, core.SUMS), "series": (s, t, core.COLUMNS),
         "group": (s, t, g, 4, 3),
     }  # fmt: skip
     return {

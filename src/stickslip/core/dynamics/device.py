@@ -1,7 +1,7 @@
 """A graphics processor on which batches run: kernels from the headers of the core, compiled by NVRTC through CuPy."""
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -9,8 +9,13 @@ import numpy as np
 
 from ..._core import build
 from ...extras import require
+from ..arguments import checked, require_not_negative
+from ..laws.builtin import Law
 from ..library import core
-from .batch import Sizes
+from ..state import State
+from .batch import Device, Sizes, run_legs
+from .engine import Leg
+from .record import Record
 
 STEPS = 32  # between looks at what the systems wait for
 LONGEST = 1000  # launches between two looks from here
@@ -78,7 +83,7 @@ def launches(sizes: Sizes, steps: int) -> Iterator[tuple[str, int, int]]:
     yield "resume", -(-sizes.slots // THREADS), THREADS
 
 
-def open_device(name: str) -> Cuda:
+def open_device(name: str) -> Device:
     """Return a device by its name, "cuda".
 
     Raises
@@ -88,11 +93,67 @@ def open_device(name: str) -> Cuda:
     MissingExtraError
         if CuPy is missing.
     RuntimeError
-        if no graphics processor of NVIDIA answers.
+        if no graphics processor answers.
     """
     if name != "cuda":
         raise ValueError(f"device = {name!r} was given: 'cuda' is allowed, or none for ordinary processors")
     return Cuda()
+
+
+@checked
+def run_batch(
+    states: Sequence[State], law: Law, steps: int, dt: float, *, drag: float = 0.0, every: int = 0, device: str = "cuda"
+) -> list[tuple[State, Record]]:
+    """Run many systems side by side on a graphics processor, as `run` would run one after another.
+
+    Sums have a fixed order, so that every run gives the same bits. They agree with those of `run` to round-off. A state
+    that comes back may be continued here or by `run`.
+
+    Parameters
+    ----------
+    states : systems of the same dimension, in fixed cells, with walls that do not follow loads
+    law : Law; linear or Hertz's springs with friction and dashpots
+    steps : int; dt : float [time]
+    drag : float [1/time]
+    every : int, number of steps between samples (0: no samples)
+    device : "cuda", with the extra gpu
+
+    Returns
+    -------
+    list of (State, Record)
+        one for each system, in the order given
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, if a device cannot run a system, or if dt is longer than `stable_time_step`
+    MissingExtraError
+        if CuPy is missing
+    RuntimeError
+        if no graphics processor answers, or if a system becomes unstable
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol in its supplement.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> kicked = [ss.packings.perturbed(state, velocity=1e-3, seed=k) for k in range(4)]
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> ends = ss.protocols.run_batch(kicked, law, 1000, 0.02)  # doctest: +SKIP
+    """
+    if not states:
+        raise ValueError("no states were given: a batch needs at least one")
+    if steps < 0 or every < 0:
+        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    require_not_negative(drag=drag)
+    outcomes = run_legs([Leg(state, law, dt, steps, drag=drag, every=every) for state in states], open_device(device))
+    for outcome in outcomes:
+        if isinstance(outcome, Exception):
+            raise outcome
+    return outcomes
 
 
 @cache

@@ -45,11 +45,20 @@ class Reproduction(NamedTuple):
         return self.holds | self.more
 
 
-def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -> GougeScenario:
-    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides.
+def paper_scenario(
+    *,
+    quick: bool = False,
+    paper_size: bool = False,
+    realizations: int | None = None,
+    seed: int = 0,
+    damping: str = MAIN,
+) -> GougeScenario:
+    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or that of the paper's own size.
 
     Holds with other damping values are shorter.
     """
+    if paper_size:
+        return paper_size_scenario(seed, damping, realizations)
     long = damping == MAIN and not quick
     hold = {
         "kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1, 1.0) if long else (1e-2, 1e-1),
@@ -86,25 +95,23 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
     }  # fmt: skip
 
 
-def paper_size_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
-    """Return the scenarios of the paper's own size, for each damping by Eq 8: 4341 mobile grains of 1 to 5 mm.
+def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | None = None) -> GougeScenario:
+    """Return the scenario of the paper's own size: 4341 mobile grains of 1 to 5 mm, and eight samples if not said.
 
     The time step is ten times that of the paper, a third of the longest stable one. Branches start from one state of
-    each of eight samples. With the lower restitution, holds are shorter, and nothing follows.
+    each sample. With another damping than that of the paper, holds are shorter, and nothing follows.
     """
     hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
     long = {"holds": (1e-2, 1e-1, 1.0, 1.43), "after": (PAPER, 0.05, 0.1, 0.3)}
     steps = {"kind": "velocity-steps", "velocities": (PAPER, 0.2, PAPER, 0.002, PAPER), "slip": 1.0}
-    protocols = {MAIN: [hold | long, steps], LOW: [hold | {"holds": (1e-2, 1e-1), "after": ()}]}
-    return {
-        name: validate_scenario(
-            GougeScenario, seed=seed, realizations=8, dt=2e-7, sample_every=1000, most_steps=1e8,
-            grains={"number": 4341, "diameter": (1e-3, 5e-3)}, cell={"length": 0.06, "width": 0.04},
-            load={"stiffness": STIFF, "definition": "rate_state"}, law=DAMPINGS[name] | {"size": 3e-3, "speed": 25.0},
-            preparation={"slip": 8.0, "most": 2e6}, ledger_steps=2000 if name == MAIN else 0, protocol=protocol,
-        )
-        for name, protocol in protocols.items()
-    }  # fmt: skip
+    main = damping == MAIN
+    return validate_scenario(
+        GougeScenario, seed=seed, realizations=realizations or 8, dt=2e-7, sample_every=1000, most_steps=1e8,
+        grains={"number": 4341, "diameter": (1e-3, 5e-3)}, cell={"length": 0.06, "width": 0.04},
+        load={"stiffness": STIFF, "definition": "rate_state"}, law=DAMPINGS[damping] | {"size": 3e-3, "speed": 25.0},
+        preparation={"slip": 8.0, "most": 2e6}, ledger_steps=2000 if main else 0,
+        protocol=[hold | long, steps] if main else [hold | {"holds": (1e-2, 1e-1), "after": ()}],
+    )  # fmt: skip
 
 
 def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
@@ -137,11 +144,9 @@ def reproduce(
     paper_size : run the scenarios of the paper's own size instead
     realizations : number of samples of each of these, 8 if not given
     """
-    names = [MAIN, CALIBRATED] if quick else list(DAMPINGS)
-    chosen = {name: paper_scenario(quick=quick, seed=seed, damping=name) for name in names}
-    if paper_size:
-        many = {"realizations": realizations} if realizations else {}
-        chosen = {name: one.model_copy(update=many) for name, one in paper_size_scenarios(seed).items()}
+    names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
+    size = {"quick": quick, "paper_size": paper_size, "realizations": realizations}
+    chosen = {name: paper_scenario(**size, seed=seed, damping=name) for name in names}
     more = full_scenarios(seed) if full else {}
     announce(*chosen.values(), *more.values())
 

@@ -193,7 +193,9 @@ def open_device(name: str, scenario: GougeScenario) -> Device:
     from ...core.dynamics.device import open_device
 
     if scenario.engine != "stickslip":
-        raise ValueError(f'device = "{name}" was given with engine = "{scenario.engine}", which runs elsewhere: give one')
+        raise ValueError(
+            f'device = "{name}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
+        )
     check_law(gouge_law(scenario, scenario.law.mu))
     return open_device(name)
 
