@@ -9,7 +9,7 @@ import pytest
 
 import stickslip as ss
 from stickslip._core import build
-from stickslip.core.dynamics import batch, device
+from stickslip.core.dynamics import device
 from stickslip.core.dynamics.batch import Processor, run_legs
 from stickslip.core.dynamics.engine import Leg
 
@@ -97,7 +97,7 @@ def test_a_batch_does_what_a_run_does(leg):
     for name in ("position", "velocity", "spin", "angle"):
         scale = np.abs(getattr(end.grains, name)).max()
         np.testing.assert_allclose(getattr(mine.grains, name), getattr(end.grains, name), rtol=0, atol=1e-10 * scale)
-    for name in (*batch.OBSERVABLES, "group_position", "group_velocity", "group_force", "group_pull"):
+    for name in (*OBSERVABLES, "group_position", "group_velocity", "group_force", "group_pull"):
         values = getattr(record, name)
         scale = np.abs(values).max(initial=1e-300)
         np.testing.assert_allclose(getattr(samples, name), values, rtol=0, atol=1e-9 * scale, err_msg=name)
