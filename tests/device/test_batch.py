@@ -12,6 +12,7 @@ from stickslip._core import build
 from stickslip.core.dynamics import device
 from stickslip.core.dynamics.batch import Processor, run_legs
 from stickslip.core.dynamics.engine import Leg
+from stickslip.core.dynamics.record import OBSERVABLES
 
 
 class Emulated(Processor):
