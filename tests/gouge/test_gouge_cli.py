@@ -139,9 +139,14 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
     [
         (["reproduce", "gouge", "--quick", "--full"], "--full was given with --quick: give only one of them"),
         (["reproduce", "disk-array", "--full"], "disk-array has no --full: leave it out"),
+        (["reproduce", "disk-array", "--paper-size"], "disk-array has no --paper-size: leave it out"),
+        (["reproduce", "gouge", "--full", "--paper-size"], "--paper-size was given with --full: give only one of them"),
+        (["reproduce", "gouge", "--realizations", "2"], "only --paper-size has a number of them: leave it out"),
+        (["reproduce", "disk-array", "--device", "cuda"], "only single runs of 'gouge' have one: leave it out"),
+        (["reproduce", "gouge", "--device", "rocm"], "rocm"),
     ],
 )
-def test_a_full_run_of_what_has_none_is_refused(words, sentence, tmp_path):
+def test_options_of_what_has_none_are_refused(words, sentence, tmp_path):
     done = stickslip(*words, "--out", tmp_path / "out")
     assert done.returncode == 2
     assert sentence in done.stderr

@@ -2,16 +2,7 @@
 //
 // Compiled without fast math: courses and cells of a continued run are bitwise identical.
 #pragma once
-#include "core.h"
-
-struct CoursePoint {
-  int64_t knot;  // last knot before the time, −1 if there is none
-  double value;
-};
-
-// Value of column c of a time profile (len_knots, courses) at a time.
-CoursePoint course_at(const double *knots, int64_t len_knots, const double *course, int64_t courses, int64_t c,
-                      double time);
+#include "course.h"
 
 // End a step: sum the stress in order of grain number, and accelerate the cell.
 void end_cell_step(int64_t dim, Frame &frame, Flow &flow, double dt, double slow, const Moving &moving, bool fresh);

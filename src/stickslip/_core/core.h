@@ -2,9 +2,18 @@
 // per declaration; `len_x` is filled with len(x), and `width_x` with the number of its columns. Pointers may be null
 // where a comment says so. See `core.fields` for shapes and ranges of the fields of a state.
 #pragma once
+#ifdef __CUDACC_RTC__  // compiles at run time, without the headers of the system
+typedef signed char int8_t;
+typedef unsigned char uint8_t;
+typedef short int16_t;
+typedef int int32_t;
+typedef unsigned int uint32_t;
+typedef long long int64_t;
+#define API extern "C"
+#else
 #include <stdint.h>
-
 #define API extern "C" __attribute__((visibility("default")))
+#endif
 
 // ---- state
 
@@ -304,6 +313,78 @@ struct LedgerStep {  // see `core/dynamics/ledger.py`
 
 // add one step to a row
 API void add_ledger_step(const LedgerStep *step);
+
+// ---- many systems side by side, see `batch.h`
+
+constexpr int64_t TEAM = 256;  // threads of a system, where a block has it alone
+constexpr int64_t MOST_ENTRIES = 256;  // of a body in its list
+constexpr int64_t POINT_WIDTH = 4, MOTION_WIDTH = 12;  // columns: position and radius; velocity, spin, and both predicted
+// columns of `Batch.number`: what the system waits for; buffers of the motion and of the list that hold; step, and those
+// at which it is sampled next and ends; samples that have been written; bodies; grains; grains that neither belong to a
+// group nor hang on a spring, which come first; whether a body has moved too far for the list; the first that went wrong
+constexpr int64_t SLOT_PHASE = 0, SLOT_NOW = 1, SLOT_LISTED = 2, SLOT_STEP = 3, SLOT_NEXT = 4, SLOT_STOP = 5;
+constexpr int64_t SLOT_EVERY = 6, SLOT_ROWS = 7, SLOT_BODIES = 8, SLOT_GRAINS = 9, SLOT_SINGLE = 10, SLOT_MOVED_FAR = 11;
+constexpr int64_t SLOT_BROKEN = 12, SLOT_CHANGED = 13, SLOT_BINS = 14, SLOT_NUMBERS = 17;
+constexpr int64_t RUNNING = 0, SAMPLING = 1, BEGINNING = 2, LISTING = 3, FINISHED = 4, BROKE = 5, CROWDED = 6, VACANT = 7;
+// columns of `Batch.value`: members of `Pace`; skin; time of the start, and that of the positions; lower bounds and
+// spacings of bins, in parts of the cell
+constexpr int64_t PACE_DT = 0, PACE_KEEP = 1, PACE_SLOW = 2, PACE_KEEP_T = 3, PACE_SLOW_T = 4, PACE_SKIN = 5;
+constexpr int64_t PACE_START = 6, PACE_CLOCK = 7, PACE_LOWEST = 8, PACE_DENSITY = 11, PACE_VALUES = 14;
+// bits of a word in a list: flags, image along each vector, and the first bit of the partner
+constexpr int64_t ENTRY_FLAGS = 3, ENTRY_IMAGE = 10, ENTRY_PARTNER = 33;
+constexpr int64_t COLUMNS = 48, SUMS = 40;  // of all observables; sums over bodies for a sample
+
+struct Batch {  // S slots with room for R bodies, in each of which is a system or none
+  int64_t slots;
+  int64_t room;      // R, a multiple of 32
+  int64_t most;      // M, the largest number of entries of a body
+  int64_t dim;
+  int64_t groups;    // G, the largest number of rigid groups
+  int64_t knots;     // K
+  int64_t courses;   // C
+  int64_t samples;   // T, rows of `series`
+  int64_t least;     // contacts that a grain needs not to be a rattler
+  int64_t *number;   // (S, SLOT_NUMBERS)
+  double *value;     // (S, PACE_VALUES)
+  double *vectors;   // (S, 3, 3)
+  double *inverse;   // (S, 3, 3)
+  int64_t *periodic;  // (S, 3)
+  double *table;     // (S, materials, materials, width)
+  double *point;     // (2, S, R, POINT_WIDTH)
+  double *motion;    // (2, S, R, MOTION_WIDTH)
+  double *angle;     // (S, R, 3)
+  double *origin;    // (S, R, 3) positions when the list was built
+  double *force;     // (S, R, 6) of the last step, where it ended without beginning the next
+  double *external;  // (S, R, 6)
+  double *kick;      // (S, R, 2)
+  double *heavy;     // (S, R, 3) inverse mass, mass and inertia
+  double *normal;    // (S, R, 3) of walls
+  double *reference;  // (S, R, 3)
+  uint8_t *free;     // (S, R, 6)
+  int32_t *material;  // (S, R)
+  int32_t *unit;     // (S, R)
+  int32_t *supports;  // (S, R)
+  int32_t *loose;    // (S, R)
+  int32_t *touching;  // (S, R)
+  int64_t *members;  // (S, G + 1) bounds of the groups
+  double *spring;    // (S, R, 6) stiffness and anchor
+  int64_t *leads;    // (S, R, 3)
+  double *knot;      // (S, K)
+  double *course;    // (S, K, C)
+  int64_t *entry;    // (2, S, R, M) see `batch.h`
+  double *slip;      // (2, 3, S, R, M)
+  int32_t *entries;  // (2, S, R) number of entries of each body
+  int32_t *bin;      // (S, R) of each body
+  int32_t *bound;    // (S, R + 1) of each bin in `binned`
+  int32_t *binned;   // (S, R) bodies by bin
+  int32_t *arrived;  // (S,) blocks that have taken the step
+  double *partial;   // (S, TEAM, SUMS)
+  double *series;    // (S, T, COLUMNS)
+  double *group;     // (S, T, G, 4, 3) see `RecordBuffers.groups`
+};
+
+// Takes `steps` steps in all systems that are RUNNING, then samples, begins steps and builds lists where these are due
+API void run_batch(const Law *law, const Batch *batch, int64_t steps);
 
 // ---- evaluation
 

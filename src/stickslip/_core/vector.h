@@ -1,6 +1,9 @@
 // Vectors of numbers as wide as the processor's registers, and functions that take a number or such a vector.
 #pragma once
-#include <stdint.h>
+#include "core.h"
+#ifdef __CUDACC__
+inline double root(double x) { return sqrt(x); }
+#else
 #if defined(__x86_64__)
 #include <immintrin.h>
 #elif defined(__aarch64__)
@@ -49,13 +52,9 @@ inline Real root(Real x) {
 #endif
 }
 
-inline double select(bool which, double a, double b) { return which ? a : b; }
 inline Real select(Mask which, Real a, Real b) { return which ? a : b; }
 inline Mask select(Mask which, Mask a, Mask b) { return which ? a : b; }
-inline bool negate(bool which) { return !which; }
 inline Mask negate(Mask which) { return ~which; }
-
-inline bool any(bool which) { return which; }
 
 inline bool any(Mask which) {
 #if defined(__AVX512F__)
@@ -66,6 +65,11 @@ inline bool any(Mask which) {
   return (which[0] | which[1]) != 0;
 #endif
 }
+#endif
+
+inline double select(bool which, double a, double b) { return which ? a : b; }
+inline bool negate(bool which) { return !which; }
+inline bool any(bool which) { return which; }
 
 template <class T>
 inline T larger(T a, T b) {

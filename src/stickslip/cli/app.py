@@ -11,6 +11,7 @@ import typer
 
 from .. import __version__
 
+DEVICES = {"cuda": "a graphics processor of NVIDIA, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
 
 
@@ -92,6 +93,14 @@ Scheduler = Annotated[
         "--scheduler", help="Address or JSON file of a Dask scheduler that executes independent runs instead."
     ),
 ]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        help="cuda: run all realizations of fault gouge side by side on a graphics processor.",
+        autocompletion=complete_from(DEVICES),
+    ),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")]
@@ -135,6 +144,7 @@ class ProcessOptions(NamedTuple):
 
     workers: Workers = None
     scheduler: Scheduler = None
+    device: Device = None
 
 
 def command(**how):

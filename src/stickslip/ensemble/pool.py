@@ -4,9 +4,11 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from importlib import import_module
 from operator import attrgetter
+from threading import Lock
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ..core.arguments import checked
@@ -88,6 +90,7 @@ def run_members(
     describe: Callable[[Member], str] = _describe,
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
+    together: bool = False,
 ) -> list[Member]:
     """Call `function(*task)` for every task and return the outcomes in order; results do not depend on `workers`.
 
@@ -105,6 +108,7 @@ def run_members(
     describe : outcome of a member in a few words, for `report`
     load : load(k) returns the result of task k if it has already finished, else None; finished tasks are not run again
     save : called as save(k, result) in this process, as soon as task k has finished
+    together : run all tasks at once, each in a thread of this process, as tasks need that wait for each other
 
     Raises
     ------
@@ -141,7 +145,8 @@ def run_members(
 
     if missing:
         try:
-            _run_tasks(function, missing, workers, keep, heard if report else None)
+            run = _run_together if together else partial(_run_tasks, workers=workers)
+            run(function, missing, keep=keep, heard=heard if report else None)
         except SchedulerGoneError as problem:
             raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members did not finish") from None
     return members
@@ -152,6 +157,29 @@ def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
     """Call a function with the arguments `task` in a local process with a time limit [s]; None on timeout."""
     answer = local.trial(pickle.dumps((function, task), protocol=5), seconds)
     return answer and _unpack_result(*answer)
+
+
+def _run_together(function, tasks: dict[int, tuple], keep, heard) -> None:
+    """Run all tasks at once in threads of this process."""
+    lock = Lock()
+
+    def tell(*said) -> None:
+        with lock:
+            heard(*said)
+
+    with ThreadPoolExecutor(len(tasks)) as pool:
+        number = {pool.submit(_attempt, function, k, task, tell if heard else None): k for k, task in tasks.items()}
+        for future in as_completed(number):
+            with lock:
+                keep(number[future], future.result())
+
+
+def _attempt(function, k: int, task: tuple, heard) -> Member:
+    """Run a task in this process."""
+    try:
+        return Member(function(*task, *((partial(heard, k),) if heard else ())), None)
+    except Exception as problem:
+        return Member(None, describe_error(problem))
 
 
 def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
@@ -169,12 +197,7 @@ def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard)
         own = (getattr(function, "__module__", None) or "").startswith("stickslip.")
         return local.run_tasks(_pack_tasks(function, tasks), workers, unpack, heard, own=own)
     for k, task in tasks.items():
-        more = (partial(heard, k),) if heard else ()
-        try:
-            member = Member(function(*task, *more), None)
-        except Exception as problem:
-            member = Member(None, describe_error(problem))
-        keep(k, member)
+        keep(k, _attempt(function, k, task, heard))
     return None
 
 

@@ -77,3 +77,4 @@ class Engine(NamedTuple):
     MADE_BY = "protocols.lammps_engine"
     pieces: Callable[[Leg], Iterator[tuple[State, Record]]]
     stops: bool = True  # whether a leg can be ended before its last step
+    samples: int = 100  # of a record, in legs into which a long one may be divided

@@ -45,11 +45,20 @@ class Reproduction(NamedTuple):
         return self.holds | self.more
 
 
-def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -> GougeScenario:
-    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides.
+def paper_scenario(
+    *,
+    quick: bool = False,
+    paper_size: bool = False,
+    realizations: int | None = None,
+    seed: int = 0,
+    damping: str = MAIN,
+) -> GougeScenario:
+    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or that of the paper's own size.
 
     Holds with other damping values are shorter.
     """
+    if paper_size:
+        return paper_size_scenario(seed, damping, realizations)
     long = damping == MAIN and not quick
     hold = {
         "kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1, 1.0) if long else (1e-2, 1e-1),
@@ -86,6 +95,25 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
     }  # fmt: skip
 
 
+def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | None = None) -> GougeScenario:
+    """Return the scenario of the paper's own size: 4341 mobile grains of 1 to 5 mm, and eight samples if not said.
+
+    The time step is ten times that of the paper, a third of the longest stable one. Branches start from one state of
+    each sample. With another damping than that of the paper, holds are shorter, and nothing follows.
+    """
+    hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
+    long = {"holds": (1e-2, 1e-1, 1.0, 1.43), "after": (PAPER, 0.05, 0.1, 0.3)}
+    steps = {"kind": "velocity-steps", "velocities": (PAPER, 0.2, PAPER, 0.002, PAPER), "slip": 1.0}
+    main = damping == MAIN
+    return validate_scenario(
+        GougeScenario, seed=seed, realizations=realizations or 8, dt=2e-7, sample_every=1000, most_steps=1e8,
+        grains={"number": 4341, "diameter": (1e-3, 5e-3)}, cell={"length": 0.06, "width": 0.04},
+        load={"stiffness": STIFF, "definition": "rate_state"}, law=DAMPINGS[damping] | {"size": 3e-3, "speed": 25.0},
+        preparation={"slip": 8.0, "most": 2e6}, ledger_steps=2000 if main else 0,
+        protocol=[hold | long, steps] if main else [hold | {"holds": (1e-2, 1e-1), "after": ()}],
+    )  # fmt: skip
+
+
 def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
     return validate_scenario(
         GougeScenario, seed=seed, realizations=runs, dt=4e-7, sample_every=250,
@@ -99,9 +127,12 @@ def reproduce(
     *,
     quick: bool = False,
     full: bool = False,
+    paper_size: bool = False,
+    realizations: int | None = None,
     seed: int = 0,
     folder: Path | None = None,
     workers: Workers = None,
+    device: str | None = None,
     report: Report = silent,
 ) -> Reproduction:
     """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
@@ -110,16 +141,22 @@ def reproduce(
     ----------
     quick : run holds of 0.1 s with only two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
+    paper_size : run the scenarios of the paper's own size instead
+    realizations : number of samples of each of these, 8 if not given
     """
-    names = [MAIN, CALIBRATED] if quick else list(DAMPINGS)
-    chosen = {name: paper_scenario(quick=quick, seed=seed, damping=name) for name in names}
+    names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
+    size = {"quick": quick, "paper_size": paper_size, "realizations": realizations}
+    chosen = {name: paper_scenario(**size, seed=seed, damping=name) for name in names}
     more = full_scenarios(seed) if full else {}
     announce(*chosen.values(), *more.values())
 
     def run(name, one):
-        return simulate_gouge(one, folder=folder, workers=workers, report=within(report, prefix=f"{name}: "))
+        where = {"folder": folder, "workers": workers, "device": device}
+        return simulate_gouge(one, **where, report=within(report, prefix=f"{name}: "))
 
     holds = {name: run(name, scenario) for name, scenario in chosen.items()}
     rest = {name: run(name, scenario) for name, scenario in more.items()}
+    if paper_size:
+        rest = {"reslides": holds[MAIN], "steps": holds[MAIN]}
     claims = evaluate_claims(holds, rest)
     return Reproduction(holds, rest, note_quick_run(claims) if quick else claims)

@@ -25,7 +25,6 @@ from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
 DECADE = 20  # samples of a hold in each decade of time
 TRUNK = "trunk"  # name of the pieces of an unfinished trunk
-CHUNK = 100  # samples between two progress reports
 SKIN = 0.02  # of LAMMPS's neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
 
 
@@ -288,8 +287,8 @@ class _LegRunner:
 
         def run_pieces(place=place):
             parts = []
-            for first in range(0, samples, CHUNK):
-                steps, piece = min(CHUNK, samples - first) * every, f"{first:09d}"
+            for first in range(0, samples, self.engine.samples):
+                steps, piece = min(self.engine.samples, samples - first) * every, f"{first:09d}"
                 leg = partial(self._run_leg, place, velocity, steps, f"{self.name}/{name}/{piece}")
                 place, part = load_or_compute(pieces, piece, leg)
                 parts.append(part)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
+from ...core.dynamics.batch import Device, Together, check_law
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import own_engine
 from ...core.progress import Report, silent, within
@@ -17,7 +18,7 @@ from ..realizations import Realizations, Task, run_realizations
 from . import EXPERIMENT
 from .dimensionless import Range
 from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk
-from .sample import Gouge
+from .sample import Gouge, gouge_law
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder next to the results
@@ -34,7 +35,12 @@ class GougeResult(NamedTuple):
 
 
 def simulate_gouge(
-    scenario: GougeScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+    scenario: GougeScenario,
+    *,
+    folder: Path | None = None,
+    workers: Workers = None,
+    device: str | None = None,
+    report: Report = silent,
 ) -> GougeResult:
     """Run all realizations of a scenario.
 
@@ -44,16 +50,21 @@ def simulate_gouge(
         ones; saved parts are not run again
     workers : number of processes, or the address of a Dask scheduler; by default, as many as there are cores, over the
         number of MPI ranks of each
+    device : "cuda": run all realizations, and then all branches, side by side on a graphics processor
     report : called as report(stage, share done, text)
 
     Raises
     ------
+    ValueError
+        If the device cannot run this scenario.
+    MissingExtraError
+        If CuPy is missing.
     RuntimeError
-        If the engine is not installed, or if every realization failed.
+        If there is no such device, if the engine is not installed, or if every realization failed.
     ArchiveError
         If a file of a finished realization is damaged, or was written by another version.
     """
-    find_engine(scenario, folder)
+    where = open_device(device, scenario) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
@@ -62,7 +73,7 @@ def simulate_gouge(
     missing = [k for k, member in enumerate(realizations) if member is None]
     failures = {}
     if missing:
-        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, workers, report)
+        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, workers, where, report)
         for k, member in zip(missing, ensemble.run(), strict=True):
             realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
     sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
@@ -75,8 +86,17 @@ def simulate_gouge(
 class _Ensemble:
     """Run unfinished realizations: all their trunks in parallel, then all branches of the trunks."""
 
-    def __init__(self, scenario: GougeScenario, alone: list, folder: Path | None, workers: Workers, report: Report):
+    def __init__(
+        self,
+        scenario: GougeScenario,
+        alone: list,
+        folder: Path | None,
+        workers: Workers,
+        device: Device | None,
+        report: Report,
+    ):
         self.scenario, self.alone, self.folder, self.workers, self.report = scenario, alone, folder, workers, report
+        self.device = device
         self.kept = checkpoint_in(folder, scenario)
         self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
         if self.kept:
@@ -125,13 +145,19 @@ class _Ensemble:
         return self._run(_branch_task, tasks, self.first, 1.0)
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
-        return run_realizations(
-            function,
-            tasks,
-            stage=f"realizations ({len(self.alone)} to run)",
-            workers=self.workers,
-            report=within(self.report, begin, end),
-        )
+        stage, report = f"realizations ({len(self.alone)} to run)", within(self.report, begin, end)
+        if not self.device:
+            return run_realizations(function, tasks, stage=stage, workers=self.workers, report=report)
+        left = sum(not (task.checkpoint and task.checkpoint.has(task.name)) for task in tasks)
+        batches = Together(self.device, left)
+
+        def run(*arguments):
+            try:
+                return function(*arguments, engine=batches.engine)
+            finally:
+                batches.leave()
+
+        return run_realizations(run, tasks, stage=stage, report=report, together=True)
 
     def _save(self, member: GougeScenario, result: Realization) -> None:
         if self.folder:
@@ -162,17 +188,32 @@ def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
     return lammps_engine(scenario.ranks)
 
 
-def _trunk_task(text: str, kept: Checkpoint | None, report: Report) -> Trunk:
+def open_device(name: str, scenario: GougeScenario) -> Device:
+    """Return the device that runs a scenario; see `simulate_gouge` for errors."""
+    from ...core.dynamics.device import open_device
+
+    if scenario.engine != "stickslip":
+        raise ValueError(
+            f'device = "{name}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
+        )
+    check_law(gouge_law(scenario, scenario.law.mu))
+    return open_device(name)
+
+
+def _trunk_task(text: str, kept: Checkpoint | None, report: Report, engine: Engine | None = None) -> Trunk:
     """Run one trunk, possibly in a worker process."""
     scenario = GougeScenario.model_validate_json(text)
-    engine = find_engine(scenario, kept and kept.run)
+    engine = engine or find_engine(scenario, kept and kept.run)
     return run_trunk(scenario, scenario.seed, engine, report, kept and kept.if_visible())
 
 
-def _branch_task(text: str, start: Branch, kept: Checkpoint | None, report: Report) -> tuple[Test, ...]:
+def _branch_task(
+    text: str, start: Branch, kept: Checkpoint | None, report: Report, engine: Engine | None = None
+) -> tuple[Test, ...]:
     """Run one branch, possibly in a worker process."""
     scenario = GougeScenario.model_validate_json(text)
-    return run_branch(scenario, start, find_engine(scenario, kept and kept.run), report, kept and kept.if_visible())
+    engine = engine or find_engine(scenario, kept and kept.run)
+    return run_branch(scenario, start, engine, report, kept and kept.if_visible())
 
 
 def _realization_path(member: GougeScenario, folder: Path | None) -> Path | None:

@@ -1,0 +1,107 @@
+"""Grain steps per second of a graphics processor beside this package's engine on all cores of the same machine.
+
+    python -m benchmarks.device [--rounds N]
+
+It first compares the bits of a short run with those of the same functions on this processor. Then batches of sheared
+gouge run on the device and, in turn, one system per core with the engine; the best of several rounds counts. Large
+samples are tiles of a small one, side by side.
+"""
+
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.core.dynamics.batch import Device, Processor, run_legs
+from stickslip.core.dynamics.device import open_device
+from stickslip.core.dynamics.engine import Leg
+from stickslip.ensemble.pool import default_workers
+from stickslip.experiments.gouge.protocol import slide_leg
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, prepare_sample
+from stickslip.experiments.gouge.scenario import GougeScenario
+
+CASES = ((3, 1), (3, 8), (3, 24), (3, 48), (1, 80), (1, 800))  # tiles along each side, and systems
+STEPS, OWN_STEPS, VELOCITY = 10_000, 1000, 0.02
+
+
+def scenario() -> GougeScenario:
+    """Small sample of the grains of the paper."""
+    return ss.scenario(
+        experiment="gouge", dt=2e-7, sample_every=1000, grains={"number": 450, "diameter": (1e-3, 5e-3)},
+        cell={"length": 0.03, "width": 0.02}, law={"restitution": 0.98, "reading": "eq8", "size": 3e-3, "speed": 25.0},
+        protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}],
+    )  # fmt: skip
+
+
+def tiled(gouge: Gouge, sides: int) -> Gouge:
+    """Copies of a sample side by side, along x and z; contacts begin without memory."""
+    state = gouge.state
+    vectors, grains, control = state.cell.vectors, state.grains, state.control
+    offsets = [a * vectors[0] + b * vectors[2] for a in range(sides) for b in range(sides)]
+    copies = len(offsets)
+    position = np.concatenate([grains.position + offset for offset in offsets])
+    more = {name: np.tile(getattr(grains, name).T, copies).T for name in grains._fields if name != "position"}
+    group = np.tile(control.group, copies)
+    top, bottom = np.flatnonzero(group == TOP), np.flatnonzero(group == BOTTOM)
+    loads = ss.control.rigid(ss.control.rigid(ss.control.loads(len(position)), bottom), top)
+    loads = ss.control.driven(loads, bottom, 0.0)
+    loads.free[top, 0] = loads.free[top, 2] = False
+    area = gouge.area * copies
+    loads = ss.control.force_controlled(loads, top, [0, -gouge.normal_stress * area / len(top)])
+    cell = ss.box(np.diag(vectors) * [sides, 1, sides], [True, False, True])
+    whole = ss.assembly(grains._replace(position=position, **more), cell=cell, control=loads)
+    return gouge._replace(state=whole, area=area)
+
+
+def device_rate(device: Device, legs: list[Leg]) -> float:
+    """Grain steps per second, without packing."""
+    inside, run = 0.0, device.run
+
+    def timed(steps: int) -> np.ndarray:
+        nonlocal inside
+        start = time.perf_counter()
+        number = run(steps)
+        inside += time.perf_counter() - start
+        return number
+
+    device.run = timed
+    try:
+        run_legs(legs, device)
+    finally:
+        device.run = run
+    return sum(len(leg.state.grains.radius) * leg.steps for leg in legs) / inside
+
+
+def own_rate(leg: Leg) -> float:
+    """Grain steps per second of the engine on one core."""
+    start = time.perf_counter()
+    ss.run(leg.state, leg.law, leg.steps, leg.dt, threads=1)
+    return len(leg.state.grains.radius) * leg.steps / (time.perf_counter() - start)
+
+
+def main() -> None:
+    """Print the comparison."""
+    rounds = int(sys.argv[sys.argv.index("--rounds") + 1]) if "--rounds" in sys.argv else 3
+    device, cores = open_device("cuda"), default_workers()
+    sample = prepare_sample(scenario(), 0)
+    short = slide_leg(scenario(), sample, VELOCITY, 500)
+    (mine, _), (known, _) = (run_legs([short], where)[0] for where in (device, Processor()))
+    same = all(np.array_equal(getattr(mine.grains, name), getattr(known.grains, name)) for name in mine.grains._fields)
+    print(f"bits after {short.steps} steps are those of this processor: {same}")
+    print("| systems | grains in each | device [1/s] | engine on all cores [1/s] | ratio |\n|---|---|---|---|---|")
+    for sides, systems in CASES:
+        leg = slide_leg(scenario(), tiled(sample, sides), VELOCITY, STEPS)
+        rates, own = [], []
+        for _ in range(rounds):
+            rates.append(device_rate(device, [leg] * systems))
+            with ProcessPoolExecutor(cores) as pool:
+                own.append(sum(pool.map(own_rate, [leg._replace(steps=OWN_STEPS)] * cores)))
+        best, ours = max(rates), max(own)
+        size = len(leg.state.grains.radius)
+        print(f"| {systems} | {size} | {best:.2e} | {ours:.2e} ({cores} cores) | {best / ours:.1f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,468 @@
+"""Many systems side by side: legs are packed into a batch, run together, and unpacked.
+
+A batch runs on a graphics processor, or here, where the same functions give the same bits (see `batch.h`). Bodies of a
+system are in memory order: single grains, in an order in which every few have all sizes, so that blocks of threads have
+as many contacts; then grains of rigid groups and on springs; then walls.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import prod
+from threading import Condition
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ...builtin_laws import NAMES
+from ..contacts.forces import check_materials, moving_masses
+from ..contacts.neighbors import grid_of, rebuild_list, with_neighbor_list
+from ..laws.builtin import MU, Law
+from ..laws.compiled import FORCES, law_struct
+from ..laws.kinds import Kind
+from ..laws.properties import angular_columns, needs_rows
+from ..library import core
+from ..measure import supports
+from ..state import OPEN, Contacts, Instant, State, empty_contacts
+from .cell_motion import needs_frame
+from .coefficients import find_members, make_plan, movable, state_after
+from .driver import run_steps
+from .engine import Engine, Leg
+from .last_forces import bodies_at_start, matching_instant, state_checksum
+from .record import Record, allocate_buffers, make_record
+from .timestep import check_time_step
+
+SKIN = 0.02  # of the lists, in mean diameters
+WARP = 32  # rooms are multiples of it
+_HALF = 1 << core.ENTRY_IMAGE - 1
+_SHIFTS = [core.ENTRY_FLAGS + core.ENTRY_IMAGE * k for k in (2, 1, 0)]
+STAY = "run without a device"
+_WIDTHS = {  # columns of the arrays of bodies
+    "point": core.POINT_WIDTH, "motion": core.MOTION_WIDTH, "angle": 3, "origin": 3, "force": 6, "external": 6,
+    "kick": 2, "heavy": 3, "normal": 3, "reference": 3, "free": 6, "material": 0, "unit": 0, "supports": 0, "loose": 0,
+    "touching": 0, "spring": 6, "leads": 3, "bin": 0, "binned": 0,
+}  # fmt: skip
+_TYPES = {"free": np.bool_, "leads": np.int64} | dict.fromkeys(
+    ("material", "unit", "supports", "loose", "touching", "entries", "bin", "bound", "binned", "arrived"), np.int32
+)
+_INTEGERS = "number", "periodic", "members", "entry"
+
+
+class Sizes(NamedTuple):
+    """Sizes of a batch, for all of its systems."""
+
+    slots: int
+    room: int  # bodies of a system
+    most: int  # entries of a body in its list
+    dim: int
+    groups: int
+    knots: int
+    courses: int
+    samples: int
+    least: int  # contacts that a grain needs not to be a rattler
+    table: tuple[int, ...]  # shape of the table of a law
+
+
+class Device(Protocol):
+    """Where a batch runs."""
+
+    def allocate(self, arrays: dict[str, tuple[tuple[int, ...], type]], law: dict, sizes: Sizes) -> None:
+        """Make arrays of zeros from their shapes and types, and take the law."""
+
+    def write(self, name: str, place: int | tuple, values: np.ndarray) -> None:
+        """Write to a part of an array."""
+
+    def read(self, name: str, place: int | tuple) -> np.ndarray:
+        """Read a part of an array."""
+
+    def run(self, steps: int) -> np.ndarray:
+        """Run up to so many steps of each system; return `number`."""
+
+
+class Processor:
+    """This processor, one core: for tests, as it is far slower than a run of the same systems one after another."""
+
+    def allocate(self, arrays, law, sizes) -> None:
+        """Make arrays of zeros, and take the law."""
+        self.arrays = {name: np.zeros(shape, kind) for name, (shape, kind) in arrays.items()}
+        self.law, self.batch = core.fill("Law", law), core.fill("Batch", sizes._asdict() | self.arrays)
+
+    def write(self, name, place, values) -> None:
+        """Write to a part of an array."""
+        self.arrays[name][place] = values
+
+    def read(self, name, place) -> np.ndarray:
+        """Read a part of an array."""
+        return self.arrays[name][place].copy()
+
+    def run(self, steps: int) -> np.ndarray:
+        """Run steps."""
+        core.run_batch(self.law, self.batch, min(steps, 50))
+        return self.arrays["number"].copy()
+
+
+class _System(NamedTuple):
+    """One leg with all that its start needs."""
+
+    leg: Leg
+    state: State  # at the start, with the forces of its last step
+    order: np.ndarray  # (B,) number of each body in the state
+    single: int  # number of single grains
+
+
+def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | RuntimeError]:
+    """Run legs side by side; return the last state and the record of each, or why it became unstable.
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, if a device cannot run a leg, or if a time step is too long.
+    """
+    for leg in legs:
+        check_leg(leg)
+    systems = [_prepare(leg) for leg in legs]
+    most = _entries(systems)
+    while True:
+        if most > core.MOST_ENTRIES:
+            raise ValueError(f"a device was given a grain with more than {core.MOST_ENTRIES} neighbours: {STAY}")
+        sizes = _sizes(systems, most)
+        device.allocate(_shapes(sizes), _law(legs[0].law), sizes)
+        for slot, system in enumerate(systems):
+            for name, place, values in _pack(system, slot, sizes):
+                device.write(name, place, values)
+        number = _run(device, max(leg.steps for leg in legs))
+        if not (number[:, core.SLOT_PHASE] == core.CROWDED).any():
+            return [_unpack(system, slot, device, number[slot]) for slot, system in enumerate(systems)]
+        most = min(2 * most, max(most + 1, core.MOST_ENTRIES))
+
+
+def _run(device: Device, wanted: int) -> np.ndarray:
+    """Run all systems until each has ended, or a list was too short; return `number`."""
+    while True:
+        number = device.run(wanted + 1)
+        phase = number[:, core.SLOT_PHASE]
+        going = ~np.isin(phase, (core.FINISHED, core.BROKE))
+        if not going.any() or (phase == core.CROWDED).any():
+            return number
+        wanted = int((number[:, core.SLOT_STOP] - number[:, core.SLOT_STEP])[going].max())
+
+
+def check_law(law: Law) -> None:
+    """Raise ValueError with a one-sentence message if a device cannot evaluate a law."""
+    own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
+    if own or needs_rows(law) or angular_columns(law):
+        name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
+        raise ValueError(
+            f"a device was given {name}, but evaluates linear and Hertz's springs with friction and dashpots only, "
+            f"with lever arms R and without rolling resistance: use one of these, or {STAY}"
+        )
+
+
+def check_leg(leg: Leg) -> None:
+    """Raise ValueError with a one-sentence message if a device cannot run a leg."""
+    state = leg.state
+    check_materials(state, leg.law)
+    check_law(leg.law)
+    if (state.control.group[len(state.grains.radius) :] >= 0).any():
+        raise ValueError(f"a device was given a wall in a rigid group: {STAY}")
+    if needs_frame(state):
+        raise ValueError(f"a device was given a cell that deforms, or rates with a time profile: {STAY}")
+    if state.control.free[len(state.grains.radius) :, :3].any():
+        raise ValueError(
+            f"a device was given a wall that follows its load, but moves walls at given rates only: {STAY}"
+        )
+    if leg.samples > 1 and not leg.every:
+        raise ValueError(f"a device was asked for {leg.samples} states, but returns the last one only: {STAY}")
+    height, reach = grid_of(state.cell).height, 2 * float(state.grains.radius.max(initial=0.0)) + _skin(state)
+    if (narrow := height[state.cell.periodic & (np.arange(3) < state.cell.dim)]).size and narrow.min() < 2 * reach:
+        raise ValueError(
+            f"a device was given a periodic cell that is {narrow.min():.4g} across, but needs twice the largest "
+            f"diameter and the skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
+        )
+
+
+def _skin(state: State) -> float:
+    """Skin of the lists of a system [length]."""
+    return SKIN * 2 * float(state.grains.radius.mean())
+
+
+def _prepare(leg: Leg) -> _System:
+    """Evaluate the forces at the start of a leg, unless the state has them, and choose the order of its bodies."""
+    state, law = leg.state, leg.law
+    plan, instant = make_plan(state, leg.drag, leg.drag, leg.dt), matching_instant(state, law, "difference")
+    state = with_neighbor_list(state, law)
+    if instant is None:
+        nothing = allocate_buffers(state, 0, 0, (), False, None)
+        state = run_steps(state, law, plan, 0, nothing, None, None, rate=0, threads=1)[0]
+    here = bodies_at_start(state, state.instant)
+    check_time_step(state, law, here, leg.dt)
+    control, n = state.control, len(state.grains.radius)
+    special = ((control.group >= 0) | control.spring.any(axis=1))[:n]
+    single, rest = np.flatnonzero(~special), np.flatnonzero(special)
+    single = single[np.argsort(-state.grains.radius[single], kind="stable")]
+    single = np.concatenate([single[k :: len(single) // WARP + 1] for k in range(len(single) // WARP + 1)])
+    rest = rest[np.argsort(control.group[rest] % (control.group.max(initial=0) + 2), kind="stable")]  # none comes last
+    return _System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single))
+
+
+def _entries(systems: list[_System]) -> int:
+    """Room for the entries of a body: half as many more as the longest list has at the start."""
+    most = 1
+    for system in systems:
+        contacts, count = system.state.contacts, int(system.state.contacts.count[0])
+        listed = np.bincount(np.concatenate([contacts.i[:count], contacts.j[:count]]), minlength=1)
+        most = max(most, int(1.5 * listed[: len(system.state.grains.radius)].max(initial=0)))
+    return 8 * (most // 8 + 1)
+
+
+def _sizes(systems: list[_System], most: int) -> Sizes:
+    """Sizes that hold all systems."""
+    states, legs = [system.state for system in systems], [system.leg for system in systems]
+    law, dim = legs[0].law, states[0].cell.dim
+    if any(s.cell.dim != dim for s in states) or any(_same(law) != _same(leg.law) for leg in legs):
+        raise ValueError(
+            "systems of different dimensions or laws were given to one batch: run them in batches of their own"
+        )
+    room = max(state.n_bodies for state in states)
+    return Sizes(
+        len(systems), -(-room // WARP) * WARP, most, dim,
+        max(int(state.control.group.max(initial=-1)) + 1 for state in states),
+        max(1, *(len(state.control.knots) for state in states)),
+        max(1, *(state.control.course.shape[1] for state in states)),
+        max(leg.steps // leg.every + 1 if leg.every else 0 for leg in legs),
+        2 if any((leg.law.table[..., MU] > 0).any() for leg in legs) else dim + 1, law.table.shape,
+    )  # fmt: skip
+
+
+def _same(law: Law) -> tuple:
+    """What laws of one batch share."""
+    return law.kind, law.coulomb, law.damping, law.properties, law.table.shape
+
+
+def _law(law: Law) -> dict:
+    """Members of the struct of a law, without functions and table."""
+    return {name: None if name == "table" else value for name, value in law_struct(law, members=FORCES).items()} | {
+        "len_table": len(law.table), "width": law.table.shape[2],
+    }  # fmt: skip
+
+
+def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
+    """Shape and type of every array of a batch."""
+    s, r, t, g = sizes.slots, sizes.room, sizes.samples, sizes.groups
+    shapes = {name: (s, r, width) if width else (s, r) for name, width in _WIDTHS.items()}
+    shapes |= {"point": (2, *shapes["point"]), "motion": (2, *shapes["motion"])}
+    shapes |= {
+        "number": (s, core.SLOT_NUMBERS), "value": (s, core.PACE_VALUES), "vectors": (s, 3, 3), "inverse": (s, 3, 3),
+        "periodic": (s, 3), "table": (s, *sizes.table), "members": (s, g + 1), "knot": (s, sizes.knots),
+        "course": (s, sizes.knots, sizes.courses), "entry": (2, s, r, sizes.most), "slip": (2, 3, s, r, sizes.most),
+        "entries": (2, s, r), "bound": (s, r + 1), "arrived": (s,),
+        "partial": (s, core.TEAM, core.SUMS), "series": (s, t, core.COLUMNS),
+        "group": (s, t, g, 4, 3),
+    }  # fmt: skip
+    return {
+        name: (shape, _TYPES.get(name, np.int64 if name in _INTEGERS else np.float64)) for name, shape in shapes.items()
+    }
+
+
+def _pack(system: _System, slot: int, sizes: Sizes):
+    """Yield name, place and values of every part of a system that is not zero."""
+    leg, state, order, single = system
+    control, here, n = state.control, bodies_at_start(state, state.instant), len(state.grains.radius)
+    plan, place = make_plan(state, leg.drag, leg.drag, leg.dt), np.argsort(order)
+    body, grains = (slot, slice(len(order))), (slot, slice(n))
+    inertia = np.append(state.grains.inertia, np.ones(len(order) - n))
+    unit, number = supports(state)
+    still = np.zeros((len(order), 6))
+    yield "point", (0, *body), np.column_stack([here.position, here.radius])[order]
+    yield "motion", (0, *body), np.column_stack([here.velocity, here.spin, still])[order]
+    yield "angle", body, here.angle[order]
+    yield "origin", body, here.position[order]
+    yield "force", body, state.instant.force[order]
+    yield "external", body, np.concatenate(plan.external, axis=1)[order]
+    yield "kick", body, 0.5 * leg.dt / np.column_stack([moving_masses(state), inertia])[order]
+    yield "heavy", grains, np.column_stack([here.inverse_mass[:n], state.grains.mass, state.grains.inertia])[order[:n]]
+    yield "heavy", (slot, slice(n, len(order)), 0), here.inverse_mass[n:]
+    yield "normal", (slot, slice(n, len(order))), here.normal
+    yield "reference", grains, state.grains.position[order[:n]]
+    yield "free", body, movable(state)[order]
+    yield "material", body, here.material[order]
+    yield "unit", body, place[unit[order]]
+    yield "supports", body, number[order]
+    yield "spring", body, np.column_stack([control.spring, control.anchor])[order]
+    yield "leads", body, control.leads[order]
+    yield from _pack_loads(state, single, slot, sizes)
+    yield from _pack_contacts(state, place, slot, sizes)
+    yield from _pack_numbers(system, slot, sizes)
+
+
+def _pack_loads(state: State, single: int, slot: int, sizes: Sizes):
+    """Yield the bounds of rigid groups, the time profiles and the cell."""
+    control, grid = state.control, grid_of(state.cell)
+    start = single + find_members(control).start
+    yield "members", slot, np.append(start, np.full(sizes.groups + 1 - len(start), start[-1]))
+    knots, courses = len(control.knots), control.course.shape[1]
+    if knots and courses:
+        knot, course = np.full(sizes.knots, np.inf), np.zeros((sizes.knots, sizes.courses))
+        knot[:knots], course[:knots, :courses] = control.knots, control.course
+        course[knots:, :courses] = control.course[-1]
+        yield "knot", slot, knot
+        yield "course", slot, course
+    yield "vectors", slot, grid.vectors
+    yield "inverse", slot, grid.inverse
+    yield "periodic", slot, grid.periodic & (np.arange(3) < state.cell.dim)
+
+
+def _pack_contacts(state: State, place: np.ndarray, slot: int, sizes: Sizes):
+    """Yield the lists of all bodies, which hold the closed contacts."""
+    contacts, n = state.contacts, len(state.grains.radius)
+    rows = np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN)
+    grains = rows[contacts.j[rows] < n]  # a wall has no list
+    body = place[np.concatenate([contacts.i[rows], contacts.j[grains]])]
+    partner = place[np.concatenate([contacts.j[rows], contacts.i[grains]])]
+    image = np.concatenate([contacts.image[rows], -contacts.image[grains]]).astype(int) + _HALF
+    slip = np.concatenate([contacts.slip[rows], -contacts.slip[grains]])
+    flags = contacts.mode.astype(int) | contacts.reached.astype(int) << 2
+    word = partner << core.ENTRY_PARTNER | np.concatenate([flags[rows], flags[grains]])
+    for k in range(3):
+        word |= image[:, k] << _SHIFTS[k]
+    first = np.lexsort([word, body])
+    many = np.bincount(body, minlength=sizes.room)
+    column = np.arange(len(body)) - np.repeat(np.cumsum(many) - many, many)
+    entry, slips = np.zeros((sizes.room, sizes.most), np.int64), np.zeros((3, sizes.room, sizes.most))
+    entry[body[first], column], slips[:, body[first], column] = word[first], slip[first].T
+    yield "entry", (0, slot), entry
+    yield "slip", (0, slice(None), slot), slips
+    yield "entries", (0, slot), many
+
+
+def _pack_numbers(system: _System, slot: int, sizes: Sizes):
+    """Yield the counters of a system and its coefficients of motion."""
+    leg, state, order, single = system
+    n, skin, grid = len(state.grains.radius), _skin(state), grid_of(state.cell)
+    reach, dim = 2 * float(state.grains.radius.max(initial=0.0)) + skin, state.cell.dim
+    part = state.grains.position @ grid.inverse
+    low = np.where(grid.periodic, 0.0, part.min(axis=0, initial=np.inf))
+    high = np.where(grid.periodic, 1.0, part.max(axis=0, initial=-np.inf))
+    bins = np.clip((high - low) * grid.height / reach, 1, [1e6] * dim + [1] * (3 - dim)).astype(int)
+    while prod(bins) > sizes.room:
+        bins[bins.argmax()] = max(1, bins.max() // 2)
+    number, value = np.zeros(core.SLOT_NUMBERS, np.int64), np.zeros(core.PACE_VALUES)
+    number[core.SLOT_PHASE], number[core.SLOT_MOVED_FAR] = core.SAMPLING, 1
+    number[core.SLOT_STOP], number[core.SLOT_EVERY] = leg.steps, leg.every
+    number[core.SLOT_BODIES], number[core.SLOT_GRAINS], number[core.SLOT_SINGLE] = len(order), n, single
+    number[core.SLOT_BINS : core.SLOT_BINS + 3] = bins
+    half = 0.5 * leg.dt * leg.drag
+    value[: core.PACE_LOWEST] = leg.dt, *(1 - half, 1 / (1 + half)) * 2, skin, state.time, state.time
+    value[core.PACE_LOWEST : core.PACE_DENSITY] = low
+    value[core.PACE_DENSITY :] = bins / np.where(high > low, high - low, 1.0)
+    yield "number", slot, number
+    yield "value", slot, value
+    yield "table", slot, leg.law.table
+
+
+def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> tuple[State, Record] | RuntimeError:
+    """Last state and record of a system, or why it became unstable."""
+    leg, state, order, _ = system
+    if number[core.SLOT_PHASE] == core.BROKE:
+        grain, time = order[number[core.SLOT_BROKEN] - 1], state.time + number[core.SLOT_STEP] * leg.dt
+        return RuntimeError(f"the run ended at time {time:.6g}: grain {grain} moved by more than its radius in a step")
+    now, b = int(number[core.SLOT_NOW]), len(order)
+
+    def read(name: str, *place) -> np.ndarray:
+        out = np.empty((b, _WIDTHS[name]))
+        out[order] = device.read(name, (*place, slot))[:b]
+        return out
+
+    motion, here = read("motion", now), bodies_at_start(state, state.instant)
+    here = here._replace(
+        position=np.ascontiguousarray(read("point", now)[:, :3]), angle=read("angle"),
+        velocity=np.ascontiguousarray(motion[:, :3]), spin=np.ascontiguousarray(motion[:, 3:6]),
+    )  # fmt: skip
+    contacts = _unpack_contacts(system, slot, device, int(number[core.SLOT_LISTED]))
+    contacts = rebuild_list(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
+    core.store_reference(
+        contacts, here.position, here.angle, here.radius, state.cell.vectors, 0, contacts.pair, contacts.roll
+    )
+    sprung = state.control.spring.any()
+    time = float(device.read("value", slot)[core.PACE_CLOCK]) if sprung else state.time + leg.steps * leg.dt
+    end = state_after(state, here, contacts, time)
+    instant = Instant(read("force"), np.zeros((3, 3)), state_checksum(end, leg.law, "difference"))
+    writing = allocate_buffers(state, leg.steps, leg.every, (), False, None)
+    samples, groups = len(writing.series), writing.groups.shape[1]
+    series, motion = device.read("series", (slot, slice(samples))), device.read("group", (slot, slice(samples)))
+    writing = writing._replace(series=series, groups=motion[:, :groups])
+    return end._replace(instant=instant), make_record(writing, leg.steps, None, end.cell)
+
+
+def _unpack_contacts(system: _System, slot: int, device: Device, held: int) -> Contacts:
+    """Closed contacts of a system, each once."""
+    order, old = system.order, system.state.contacts
+    many, entry = device.read("entries", (held, slot)), device.read("entry", (held, slot))
+    row, column = np.nonzero((np.arange(entry.shape[1]) < many[:, None]) & (entry & 3 != OPEN))
+    word = entry[row, column]
+    i, j = order[row], order[word >> core.ENTRY_PARTNER]
+    image = np.stack([(word >> shift & 2 * _HALF - 1) - _HALF for shift in _SHIFTS], axis=1)
+    forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # of a grain with its own image
+    mine = np.flatnonzero((i < j) | ((i == j) & forward))
+    slip = device.read("slip", (held, slice(None), slot))[:, row[mine], column[mine]].T
+    out = empty_contacts(len(order), len(mine), old.skin)
+    return out._replace(
+        i=i[mine].astype(np.int32), j=j[mine].astype(np.int32), image=image[mine].astype(np.int16),
+        slip=np.ascontiguousarray(slip), mode=(word[mine] & 3).astype(np.int8), reached=(word[mine] & 4) > 0,
+        gap=old.gap, count=np.array([len(mine)]),
+    )  # fmt: skip
+
+
+class Together:
+    """Engine for several callers, each in a thread of its own: waits until all have a leg, and runs these side by side.
+
+    Parameters
+    ----------
+    members : number of callers; each calls `leave` when it has no more legs
+    """
+
+    SAMPLES = 2000  # of a leg, so that packing takes a small share of the time
+
+    def __init__(self, device: Device, members: int):
+        self.device, self.members = device, members
+        self.waiting: list[_Waiting] = []
+        self.change = Condition()
+
+    @property
+    def engine(self) -> Engine:
+        """The engine."""
+        return Engine(self._pieces, samples=self.SAMPLES)
+
+    def leave(self) -> None:
+        """Wait for one caller less."""
+        with self.change:
+            self.members -= 1
+            self._run_when_complete()
+
+    def _pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
+        check_leg(leg)
+        mine = _Waiting(leg)
+        with self.change:
+            self.waiting.append(mine)
+            self._run_when_complete()
+            self.change.wait_for(lambda: mine.outcome is not None)
+        if isinstance(mine.outcome, Exception):
+            raise mine.outcome
+        yield mine.outcome
+
+    def _run_when_complete(self) -> None:
+        if len(self.waiting) < max(1, self.members):
+            return
+        waiting, self.waiting = self.waiting, []
+        try:
+            outcomes = run_legs([one.leg for one in waiting], self.device)
+        except Exception as problem:  # each caller raises it
+            outcomes = [problem] * len(waiting)
+        for one, outcome in zip(waiting, outcomes, strict=True):
+            one.outcome = outcome
+        self.change.notify_all()
+
+
+@dataclass
+class _Waiting:
+    leg: Leg
+    outcome: tuple[State, Record] | Exception | None = None

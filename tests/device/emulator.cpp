@@ -1,0 +1,125 @@
+// Runs the kernels of `batch.cu` on this processor: the threads of a block are fibers, which take turns at barriers.
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <ucontext.h>
+
+#include <algorithm>
+
+using std::max;
+using std::min;
+
+#define __global__
+#define __device__
+#define __constant__
+#define __noinline__ __attribute__((noinline))
+#define __shared__ static
+#define __launch_bounds__(...)
+
+static struct { int x; } threadIdx, blockIdx, blockDim;
+
+namespace fibers {
+
+constexpr int MOST = 256, WARP = 32, STACK = 1 << 18;
+enum Waiting { NOTHING, WARP_BARRIER, BLOCK_BARRIER, END };
+ucontext_t host, fiber[MOST];
+Waiting waiting[MOST];
+char *stack[MOST];
+long said[2][MOST];  // by each thread at its last two warp barriers
+int turn[MOST];
+void (*kernel)();
+
+void wait_at(Waiting barrier) {
+  const int me = threadIdx.x;
+  waiting[me] = barrier;
+  swapcontext(&fiber[me], &host);
+}
+
+void body() {
+  kernel();
+  wait_at(END);
+}
+
+// What all threads of the warp say here.
+const long *exchange(long value) {
+  const int me = threadIdx.x, now = turn[me] ^= 1;
+  said[now][me] = value;
+  wait_at(WARP_BARRIER);
+  return said[now] + me / WARP * WARP;
+}
+
+bool release(int first, int last, Waiting barrier) {
+  bool any = false;
+  for (int t = first; t < last; ++t) {
+    if (waiting[t] != barrier && waiting[t] != END) return false;
+    any = any || waiting[t] == barrier;
+  }
+  for (int t = first; any && t < last; ++t)
+    if (waiting[t] == barrier) waiting[t] = NOTHING;
+  return any;
+}
+
+void run_block(int threads) {
+  for (int t = 0; t < threads; ++t) {
+    if (!stack[t]) stack[t] = static_cast<char *>(malloc(STACK));
+    getcontext(&fiber[t]);
+    fiber[t].uc_stack.ss_sp = stack[t], fiber[t].uc_stack.ss_size = STACK, fiber[t].uc_link = nullptr;
+    makecontext(&fiber[t], body, 0);
+    waiting[t] = NOTHING, turn[t] = 0;
+  }
+  for (bool going = true; going;) {
+    for (int t = 0; t < threads; ++t)
+      if (waiting[t] == NOTHING) threadIdx.x = t, swapcontext(&host, &fiber[t]);
+    going = false;
+    for (int w = 0; w < threads; w += WARP) going = release(w, min(w + WARP, threads), WARP_BARRIER) || going;
+    going = going || release(0, threads, BLOCK_BARRIER);
+  }
+  for (int t = 0; t < threads; ++t)
+    if (waiting[t] != END) fprintf(stderr, "threads wait for each other\n"), abort();
+}
+
+}  // namespace fibers
+
+static void __syncthreads() { fibers::wait_at(fibers::BLOCK_BARRIER); }
+static void __threadfence() {}
+static int __popc(unsigned x) { return __builtin_popcount(x); }
+
+static unsigned __ballot_sync(unsigned, bool value) {
+  const long *all = fibers::exchange(value);
+  unsigned bits = 0;
+  for (int k = 0; k < fibers::WARP; ++k) bits |= unsigned(all[k]) << k;
+  return bits;
+}
+
+static int __reduce_max_sync(unsigned, int value) {
+  const long *all = fibers::exchange(value);
+  return int(*std::max_element(all, all + fibers::WARP));
+}
+
+static int __shfl_up_sync(unsigned, int value, int lanes) {
+  const long *all = fibers::exchange(value);
+  const int lane = threadIdx.x % fibers::WARP;
+  return int(all[lane < lanes ? lane : lane - lanes]);
+}
+
+static int atomicAdd(int *to, int more) { return (*to += more) - more; }
+
+#include "batch.cu"
+
+extern "C" void take(const void *batch, const void *parameters) {
+  memcpy(&systems, batch, sizeof systems);
+  memcpy(&law, parameters, sizeof law);
+}
+
+extern "C" void launch(const char *name, int blocks, int threads) {
+  const struct { const char *name; void (*kernel)(); } known[] = {
+      {"step_2", step_2}, {"step_3", step_3}, {"sample_2", sample_2}, {"sample_3", sample_3}, {"begin_2", begin_2},
+      {"begin_3", begin_3}, {"sort", sort}, {"list_2", list_2}, {"list_3", list_3}, {"resume", resume}};
+  fibers::kernel = nullptr;
+  for (const auto &one : known)
+    if (!strcmp(one.name, name)) fibers::kernel = one.kernel;
+  if (!fibers::kernel) fprintf(stderr, "there is no kernel %s\n", name), abort();
+  blockDim.x = threads;
+  for (int k = blocks - 1; k >= 0; --k) blockIdx.x = k, fibers::run_block(threads);  // backwards: no order is promised
+}

@@ -1,0 +1,141 @@
+"""Systems side by side: beside runs of one system, and the kernels of a graphics processor on fibers of this one."""
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip._core import build
+from stickslip.core.dynamics import device
+from stickslip.core.dynamics.batch import Processor, run_legs
+from stickslip.core.dynamics.engine import Leg
+from stickslip.core.dynamics.record import OBSERVABLES
+
+
+class Emulated(Processor):
+    """The kernels of `batch.cu`, in the order in which a device launches them."""
+
+    def __init__(self, library):
+        self.library = library
+
+    def allocate(self, arrays, law, sizes):
+        super().allocate(arrays, law, sizes)
+        self.sizes = sizes
+        self.library.take(ctypes.byref(self.batch), ctypes.byref(self.law))
+
+    def run(self, steps):
+        for name, blocks, threads in device.launches(self.sizes, min(steps, device.STEPS)):
+            self.library.launch(name.encode(), blocks, threads)
+        return self.arrays["number"].copy()
+
+
+@pytest.fixture(scope="module")
+def emulator(tmp_path_factory):
+    compiler = build.find_compiler()
+    if compiler is None or compiler.is_zig:
+        pytest.skip("the emulator needs GCC or Clang on Linux")
+    target = tmp_path_factory.mktemp("emulator") / "emulator.so"
+    source = Path(__file__).with_name("emulator.cpp")
+    flags = ["-std=c++17", "-O1", "-shared", "-fPIC", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+    subprocess.run([*compiler.command, *flags, f"-I{build.HERE}", source, "-o", target], check=True)
+    return ctypes.CDLL(str(target))
+
+
+def sheared_spheres():
+    """Dense spheres with dashpots: a floor of glued grains, and a lid under a load that a spring drags along."""
+    state, _ = ss.packings.jammed(120, packing_fraction=0.68, seed=2)
+    height = state.grains.position[:, 1] % state.cell.vectors[1, 1]
+    floor, lid = np.flatnonzero(height < 0.8), np.flatnonzero(height > state.cell.vectors[1, 1] - 0.8)
+    control = ss.control.rigid(ss.control.rigid(state.control, floor), lid)
+    control = ss.control.driven(control, floor, 0.0)
+    control = ss.control.force_controlled(control, lid, [0, -1e-3])
+    where = state.grains.position[lid]
+    control = ss.control.spring_loaded(control, lid, where, 0.05, times=[0.0, 8.0], displacement=[0.0, 0.4])
+    moving = ss.packings.perturbed(state._replace(control=control), velocity=1e-3, seed=1)
+    law = ss.laws.hertz_mindlin_reff(mu=0.5, damping="viscoelastic", damping_n=0.2, damping_t=0.1)
+    return Leg(moving, law, 0.02, 200, every=40)
+
+
+def free_spheres():
+    """Spheres without dashpots."""
+    state, _ = ss.packings.jammed(60, packing_fraction=0.68, seed=1)
+    moving = ss.packings.perturbed(state, velocity=3e-2, seed=1)
+    return Leg(moving, ss.laws.hertz_mindlin(mu=0.5), 0.02, 170, every=50, drag=0.01)
+
+
+def disks_on_a_wall():
+    """Disks that loads press on a wall, which moves; a spring pulls one of them, which is driven to slide."""
+    state = ss.packings.disk_array(10, press=0.02)
+    control = ss.control.driven(state.control, [len(state.grains.radius)], [0.01, 0, 0, 0, 0, 0])
+    control = ss.control.spring_loaded(control, [4], state.grains.position[4], 0.1)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=0.2), 0, 1, mu=0.4)
+    return Leg(state._replace(control=control), law, 0.02, 300, every=100)
+
+
+LEGS = {"sheared": sheared_spheres, "free": free_spheres, "disks": disks_on_a_wall}
+
+
+@pytest.fixture(scope="module", params=LEGS)
+def leg(request):
+    return LEGS[request.param]()
+
+
+def differences(a, b):
+    """Names of arrays that differ in a bit."""
+    (end, record), (other, known) = a, b
+    pairs = [(end.grains, other.grains), (record, known), (end.walls, other.walls)]
+    names = [n for x, y in pairs for n in x._fields if not np.array_equal(getattr(x, n), getattr(y, n))]
+    rows = "i", "j", "image", "slip", "mode", "reached", "pair", "roll"
+    return names + [n for n in rows if not np.array_equal(getattr(end.contacts, n), getattr(other.contacts, n))]
+
+
+def test_a_batch_does_what_a_run_does(leg):
+    end, record, _ = ss.run(leg.state, leg.law, leg.steps, leg.dt, every=leg.every, drag=leg.drag)
+    ((mine, samples),) = run_legs([leg], Processor())
+    for name in ("position", "velocity", "spin", "angle"):
+        scale = np.abs(getattr(end.grains, name)).max()
+        np.testing.assert_allclose(getattr(mine.grains, name), getattr(end.grains, name), rtol=0, atol=1e-10 * scale)
+    for name in (*OBSERVABLES, "group_position", "group_velocity", "group_force", "group_pull"):
+        values = getattr(record, name)
+        scale = np.abs(values).max(initial=1e-300)
+        np.testing.assert_allclose(getattr(samples, name), values, rtol=0, atol=1e-9 * scale, err_msg=name)
+    assert mine.time == end.time
+    closed, known = (c.mode[: c.count[0]] != ss.OPEN for c in (mine.contacts, end.contacts))
+    for name in ("i", "j", "image", "mode", "reached"):
+        assert np.array_equal(getattr(mine.contacts, name)[closed], getattr(end.contacts, name)[known]), name
+
+
+def test_one_step_agrees_to_round_off(leg):
+    end, _, _ = ss.run(leg.state, leg.law, 1, leg.dt, drag=leg.drag)
+    ((mine, _),) = run_legs([leg._replace(steps=1, every=0)], Processor())
+    scale = np.abs(end.instant.force).max() if end.instant else 1.0
+    assert np.abs(mine.grains.velocity - end.grains.velocity).max() < 1e-13 * np.abs(end.grains.velocity).max()
+    if end.instant:
+        assert np.abs(mine.instant.force - end.instant.force).max() < 1e-13 * scale
+
+
+def test_systems_do_not_notice_each_other(leg):
+    short = leg._replace(steps=70)
+    alone = run_legs([leg], Processor())[0]
+    first, second, third = run_legs([leg, short, leg], Processor())
+    assert not differences(first, alone) and not differences(third, alone)
+    assert not differences(second, run_legs([short], Processor())[0])
+
+
+def test_a_leg_may_be_cut_and_change_between_processors_and_devices(leg):
+    whole = run_legs([leg._replace(every=0)], Processor())[0]
+    half, _ = run_legs([leg._replace(steps=leg.steps // 2, every=0)], Processor())[0]
+    rest = run_legs([leg._replace(state=half, steps=leg.steps - leg.steps // 2, every=0)], Processor())[0]
+    assert not differences(rest, (whole[0], rest[1]))
+    other, _, _ = ss.run(half, leg.law, leg.steps - leg.steps // 2, leg.dt, drag=leg.drag)
+    scale = np.abs(other.grains.position).max()
+    assert np.abs(other.grains.position - rest[0].grains.position).max() < 1e-11 * scale
+
+
+def test_the_kernels_give_the_same_bits(leg, emulator):
+    legs = [leg, leg._replace(steps=90)]
+    for mine, known in zip(run_legs(legs, Emulated(emulator)), run_legs(legs, Processor()), strict=True):
+        assert not differences(mine, known)
