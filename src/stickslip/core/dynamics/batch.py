@@ -420,7 +420,7 @@ class Together:
     members : number of callers; each calls `leave` when it has no more legs
     """
 
-    SAMPLES = 2000  # of a leg, so that packing takes a small share of the time
+    SAMPLES = 500  # of a leg, so that packing takes a small share of the time
 
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members
