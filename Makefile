@@ -11,16 +11,18 @@ define COMPILER
 	  $(BIN)/python $(BUILD) --find; }
 endef
 
+unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would compile the package anew
+
 .PHONY: demo test coverage quick slow lint bench docs release wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 coverage: $(STAMP)  ## run the tests and print the share of Python lines that they execute; fails below a floor
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report= --cov-fail-under=90
+	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report= --cov-fail-under=90
 
 quick: $(STAMP)  ## run a fast subset of the tests during development: no slow fixtures, no other processes
 	$(BIN)/python -m pytest -n 2 --dist loadfile --quick

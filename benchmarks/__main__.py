@@ -28,6 +28,7 @@ from . import (
     gouge,
     lammps_ranks,
     packings,
+    qdyn,
     quasi_static,
     rate_state,
     spheres,
@@ -134,16 +135,17 @@ def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
     `--engine`, `--packings`, `--spheres`, `--spectra`, `--steps`, `--status`, `--element-tests`, `--gouge`,
-    `--friction`, `--start`, `--writing`, `--lammps-ranks` and `--budgets` select time steps of many grains, the
-    preparation of packings, quasi-static sphere packings, their spectra only, strain steps of frictional packings,
-    contact status, triaxial tests and response envelopes, time steps of fault gouge, the spring-slider with
-    rate-and-state friction, the time to the first result with and without compiled kernels, archives, movies and
-    reports, the scaling of LAMMPS over MPI ranks, or the times that help and documentation state.
+    `--friction`, `--qdyn`, `--start`, `--writing`, `--lammps-ranks` and `--budgets` select time steps of many
+    grains, the preparation of packings, quasi-static sphere packings, their spectra only, strain steps of
+    frictional packings, contact status, triaxial tests and response envelopes, time steps of fault gouge, the
+    spring-slider with rate-and-state friction, earthquake cycles beside QDYN, the time to the first result with and
+    without compiled kernels, archives, movies and reports, the scaling of LAMMPS over MPI ranks, or the times that
+    help and documentation state.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = set(sys.argv) & {
         "--engine", "--packings", "--spheres", "--spectra", "--steps", "--status", "--gouge", "--friction", "--start",
-        "--writing", "--lammps-ranks", "--budgets", "--element-tests",
+        "--writing", "--lammps-ranks", "--budgets", "--element-tests", "--qdyn",
     }  # fmt: skip
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
@@ -168,6 +170,8 @@ def main() -> None:
         rows += gouge.rows()
     if not chosen or "--friction" in chosen:
         rows += rate_state.rows()
+    if "--qdyn" in chosen or not (chosen or quick):
+        rows += qdyn.rows()
     if not chosen or "--start" in chosen:
         rows += first_result.rows()
     if "--writing" in chosen or not (chosen or quick):

@@ -59,6 +59,12 @@ def cases(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Modes are written to the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
 def answer(capsys, *arguments):
     """Exit code and output of the command line."""
     argv, sys.argv = sys.argv, ["stickslip", *map(str, arguments)]

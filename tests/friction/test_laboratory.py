@@ -50,9 +50,22 @@ def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
 
 def test_rows_with_empty_cells_are_left_out_and_reported(tmp_path):
     path = written(tmp_path / "a.csv", HEAD + ", note", [f"{row}, " for row in [*ROWS, "12, , 0.6", "13, 130, "]])
-    with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out; the first is line 14"):
+    with pytest.warns(UserWarning, match="2 of 14 rows lack a number .* the first is line 14"):
         record = read_record(path)
     assert len(record.time) == 12
+
+
+@pytest.mark.parametrize("mark", ["nan", "NaN", "-9999", "-999.0"])
+def test_cells_that_stand_for_no_number_are_left_out_and_counted(tmp_path, mark):
+    """A displacement that passes -9999 is whole."""
+    path = written(tmp_path / "a.csv", HEAD, [*ROWS, f"12, {mark}, 0.6", "13, 130, 0.6", f"14, {mark}, {mark}"])
+    with pytest.warns(
+        UserWarning, match=r"2 of 15 rows lack a number \(an .*\) and are left out; the first is line 14"
+    ):
+        record = read_record(path)
+    assert np.array_equal(record.time, [*range(12), 13]) and record.load_point.max() == pytest.approx(1.3e-4)
+    passing = [f"{k}, {-10019 + 10 * k}, 0.6" for k in range(12)]
+    assert len(read_record(written(tmp_path / "b.csv", HEAD, passing)).time) == 12
 
 
 def test_files_without_headers_need_the_numbers_of_columns(tmp_path):
@@ -105,7 +118,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
         (HEAD, [*ROWS, "12, 1_20, 0.6"], "line 14: load_point is '1_20', not a number"),
         (HEAD, [*ROWS, "12, ١٢٠, 0.6"], "line 14: load_point is '١٢٠', not a number"),
         (HEAD, [row.replace(", 0.6", ", -0.6") for row in ROWS], "friction is negative throughout: is its sign rever"),
-        (HEAD, [*ROWS, "12, nan, 0.6"], "line 14: load_point is nan, not a finite number"),
+        (HEAD, [*ROWS, "12, inf, 0.6"], "line 14: load_point is inf, not a finite number"),
         (HEAD, [*ROWS, "11, 110, 0.6"], "time must increase, but sample 13"),
         (
             "time [s], load_point [um], tau [MPa], sigma_n [MPa]",
@@ -142,7 +155,10 @@ def test_the_command_line_reads_files_without_headers(tmp_path):
     arguments = ("fit", "a.csv", "--stiffness", "1000", "--law", "slip", "-q")
     done = stickslip_here(*arguments, "--columns", "time=0,load_point [um]=1,friction=2", cwd=tmp_path)
     assert done.returncode == 0
-    assert done.stderr == ("stickslip: a.csv: 1 of 41 rows have an empty cell and are left out; the first is line 41\n")
+    assert done.stderr == (
+        "stickslip: a.csv: 1 of 41 rows lack a number (an empty cell, nan or -9999) and are left out; the first is "
+        "line 41\n"
+    )
     done = stickslip_here(*arguments, "--columns", "time", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NAME=NUMBER" in done.stderr
 
@@ -237,7 +253,7 @@ def test_units_in_attributes_and_samples_without_a_number(tmp_path):
             file[name] = np.array([[k, 0.01 * k, 0.6] for k in range(15)])[:, column]
             file[name].attrs["units"] = unit
         file["friction"][3] = np.nan
-    with pytest.warns(UserWarning, match="1 of 15 rows have an empty cell and are left out; the first is sample 4"):
+    with pytest.warns(UserWarning, match="1 of 15 rows lack a number .* the first is sample 4"):
         record = read_record(tmp_path / "a.h5")
     assert np.allclose(record.load_point, 1e-5 * np.delete(np.arange(15), 3))
 

@@ -162,6 +162,12 @@ def test_the_command_line_states_velocities_and_counts_spikes(tmp_path):
     assert "3 of 3150 samples are spikes" in " ".join(done.stdout.split())
     done = stickslip_here(*arguments, "--velocity", "brisk", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    done = stickslip_here(*arguments, "--velocity", "0 until 150 s, then 10 um/s", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "stickslip: --velocity starts with 0 m/s, but a fit starts from sliding: "
+        "give the slip velocity before the record (--before), or remove its start\n",
+    )
 
 
 @pytest.mark.parametrize("state", [0.2, 1.0])

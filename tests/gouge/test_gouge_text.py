@@ -1,8 +1,11 @@
 """Rows of Ferdowsi & Rubin 2021 that follow from closed forms, on cases with a known answer."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from stickslip.experiments.gouge import claims as gouge_claims
 from stickslip.experiments.gouge import claims_of_text as text
 from stickslip.experiments.gouge.paper import paper_scenario
 from stickslip.experiments.gouge.statistics import Number
@@ -60,3 +63,30 @@ def test_the_time_step_is_that_of_the_hertzian_collision():
     mass, stiff = 2500 * np.pi / 6 * 1e-9 / 2, 2 / 3 * 50e9 / (1 - 0.3**2)
     assert made.measured == pytest.approx(3.218e-2 * (mass**2 / (stiff**2 * 0.25e-3 * 25)) ** 0.2, rel=1e-3)
     assert made.verdict == "reproduced"
+
+
+@pytest.mark.parametrize(
+    ("errors", "measured", "outside"),
+    [((0.01, 0.02), False, "after a hold"), ((0.03, 0.02), None, "none"), ((np.nan, 0.02), None, "none")],
+)
+def test_restitution_of_collisions_matters_only_if_a_difference_exceeds_its_interval(
+    monkeypatch, errors, measured, outside
+):
+    """Two of eight samples each differ by 0.06: √2 · 2.145 times an error of 0.01 is less, of 0.03 more."""
+    plain, calibrated = (
+        SimpleNamespace(scenario=SimpleNamespace(law=SimpleNamespace(reading=reading)))
+        for reading in ("eq8", "collision")
+    )
+    pairs = {
+        "after a hold": (number(-0.07, errors[0]), number(-0.01, errors[0])),
+        "steady friction": (number(0.41, errors[1]), number(0.40, errors[1])),
+    }
+    monkeypatch.setattr(
+        gouge_claims, "_compare_dampings", lambda *results: pairs if results == (plain, calibrated) else {}
+    )
+    monkeypatch.setattr(gouge_claims, "_scale_note", lambda result: "small")
+    row = gouge_claims._restitution_of_collisions({"plain": plain, "calibrated": calibrated})
+    assert row.measured is measured and row.verdict == ("not reproduced" if measured is False else "undecided")
+    assert f"outside their 95 % intervals: {outside}; small" in row.note
+    missing = gouge_claims._restitution_of_collisions({"plain": plain})
+    assert missing.measured is None and "needs holds" in missing.note

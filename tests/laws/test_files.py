@@ -216,7 +216,7 @@ def test_report_and_export_execute_a_law_only_where_they_must_and_may(folder, mo
 def test_parameters_of_a_file_are_swept_by_name(folder):
     toml = folder / "flow.toml"
     toml.write_text(FLOW + '[sweep]\n"law.parameters.mu_r" = [0.0, 0.3]\n')
-    assert stickslip_here("run", toml, "--out", folder / "out", "--trust", "-q").returncode == 0
+    assert stickslip_here("run", toml, "--out", folder / "out", "--trust", "--workers", "1", "-q").returncode == 0
     data = ss.io.open_dataset(folder / "out")
     assert data["law.parameters.mu_r"].values.tolist() == [0.0, 0.3] and data["finished"].values.all()
     toml.write_text(FLOW + '[sweep]\nmode = "sample"\nnumber = 3\n"law.parameters.mu_r" = {uniform = [0.0, 0.3]}\n')

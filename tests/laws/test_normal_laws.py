@@ -200,8 +200,8 @@ def test_the_damping_ratio_of_a_restitution_is_that_of_the_dashpots():
         (["--law", "jkr", "--parameter", "work=one"], 2, "'one' is not a number"),
     ],
 )
-def test_parameters_of_a_law_on_the_command_line(arguments, code, said):
-    done = stickslip_here("stability", PACKING, "-q", *arguments)
+def test_parameters_of_a_law_on_the_command_line(tmp_path, arguments, code, said):
+    done = stickslip_here("stability", PACKING, "-q", *arguments, cwd=tmp_path)
     assert done.returncode == code
     assert said in " ".join((done.stdout + done.stderr).split())
     assert code == 3 or done.stderr.count("\n") == 1

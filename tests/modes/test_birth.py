@@ -349,9 +349,6 @@ def test_what_has_no_normal_form_is_refused():
 def test_the_command_says_what_follows(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ss.io.write_packing("array.h5", pushed(0.0062), LAW)
-    done = CliRunner().invoke(app, ["stability", "array.h5", "--after"])
-    assert done.exit_code == 0, done.output
-    assert "bounded bursts, in which grains move by up to" in done.output
     done = CliRunner().invoke(app, ["stability", "array.h5", "--after", "--json"])
     after = json.loads(done.stdout)["after"]
     assert after["fate"] == "bounded bursts" and after["limit_contact"] == [2, 3]
@@ -366,4 +363,7 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     assert "dashpots" in reason["reason"] and form["beta"] == after["beta"]
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
     done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
-    assert "0 complex pairs" in json.loads(done.stdout)["after"]["reason"]
+    reason = json.loads(done.stdout)["after"]["reason"]
+    assert "0 complex pairs" in reason
+    done = CliRunner().invoke(app, ["stability", "calm.h5", "--after"])
+    assert done.exit_code == 0 and reason in " ".join(done.output.split())

@@ -220,8 +220,7 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
         state, law = box_of(seed)
         end, rng = with_load(state.control, 60 + wall, factor), np.random.default_rng(seed)
         blurred = end._replace(force=end.force * (1 + 1e-12 * rng.normal(size=end.force.shape)))
-        paths = [load_path(state, law, *leg) for leg in ((end,), (blurred,))]
-        paths.append(load_path(state, law, end, increment=0.004))
+        paths = [load_path(state, law, end), load_path(state, law, blurred, increment=0.004)]
         alike.append(ends_alike(paths))
         for path in paths:
             assert len(path.points) < 2000

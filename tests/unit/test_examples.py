@@ -4,8 +4,6 @@ import importlib.metadata as metadata
 import json
 import os
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from packaging.requirements import Requirement
 
 import stickslip as ss
 from tests.conftest import stickslip_here
+from tests.unit.test_page_outputs import require_output, run, sessions
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,9 +86,10 @@ sys.meta_path[:] = [Installed if finder is PathFinder else finder for finder in 
 """
 
 
-def test_commands_of_the_readme_work_with_what_they_install(tmp_path):
+def test_commands_of_the_readme_print_what_it_shows_with_what_they_install(tmp_path):
     """`pip install .` and nothing else: modules of all other distributions here cannot be imported."""
-    commands = re.findall(r"^    \$ (stickslip .*)$", (ROOT / "README.md").read_text(), flags=re.M)
+    steps = [step for session in sessions(ROOT / "README.md") for step in session]
+    commands = [step for step in steps if step[0].startswith("stickslip ")]
     assert len(commands) >= 2
     core = installed_with_core_dependencies()
     blocked = set(metadata.packages_distributions()) - core
@@ -97,11 +97,9 @@ def test_commands_of_the_readme_work_with_what_they_install(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(BLOCK.format(blocked=blocked))
     paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
     ss.examples.copy(to=tmp_path / "examples")
-    for command in commands:
-        arguments = [sys.executable, "-m", *command.split()]
-        done = subprocess.run(
-            arguments, cwd=tmp_path, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True
-        )
+    for command, shown in commands:
+        done = run(command, tmp_path, PYTHONPATH=paths)
+        require_output(shown, done.stdout)
         assert done.returncode == 0 and not done.stderr and "not installed" not in done.stdout, done.stderr
     view = (tmp_path / "sheared_spheres-report.html").read_text()
     assert "K3D" in view or "k3d" in view

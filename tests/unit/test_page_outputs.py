@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = sorted((ROOT / "docs").glob("*.md"))
 COLUMNS = 84  # of code blocks, see tests/structure/test_docs.py
 NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 ROUND_OFF = 1e-6  # numbers below this are residuals, of which only the smallness is reproducible
@@ -36,13 +36,13 @@ SESSIONS = [
 OF_LAMMPS = [session for name in ("exchange", "contact_laws", "look") for session in sessions(ROOT / f"docs/{name}.md")]
 
 
-def run(command: str, folder: Path) -> str:
-    """Output of a command, as on a terminal of as many columns as the pages have."""
+def run(command: str, folder: Path, **environment: str) -> subprocess.CompletedProcess:
+    """A command that has run, as on a terminal of as many columns as the pages have."""
     arguments = [sys.executable, "-m", *command.split()]
-    environment = os.environ | {"COLUMNS": str(COLUMNS), "TERM": "dumb"}
+    environment = os.environ | {"COLUMNS": str(COLUMNS), "TERM": "dumb"} | environment
     done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, env=environment)
     assert "Traceback" not in done.stderr and done.returncode != 2, done.stderr
-    return done.stdout
+    return done
 
 
 def agree(shown: str, printed: str) -> bool:
@@ -74,7 +74,7 @@ def test_the_commands_print_what_the_page_shows(session, tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     for command, shown in session:
         if command.startswith("stickslip "):
-            require_output(shown, run(command, tmp_path))
+            require_output(shown, run(command, tmp_path).stdout)
 
 
 def lammps(name: str, folder: Path) -> None:
@@ -89,7 +89,7 @@ def lammps(name: str, folder: Path) -> None:
 def test_a_watched_simulation_has_the_frames_that_the_page_shows(tmp_path):
     lammps("shear.lammps", tmp_path)
     ((_, (command, shown)),) = sessions(ROOT / "docs/lammps.md")
-    printed = run(command.replace("--until-idle 60", "--until-idle 1"), tmp_path).splitlines()
+    printed = run(command.replace("--until-idle 60", "--until-idle 1"), tmp_path).stdout.splitlines()
     assert shown and all(line == "…" or any(agree(line, other) for other in printed) for line in shown)
 
 
@@ -100,7 +100,7 @@ def test_the_commands_for_a_packing_from_lammps_print_what_the_pages_show(tmp_pa
     for session in OF_LAMMPS:
         for command, shown in session:
             if command.startswith("stickslip ") and shown and "…" not in command:
-                require_output(shown, run(command, tmp_path))
+                require_output(shown, run(command, tmp_path).stdout)
 
 
 def test_printed_outputs_agree_in_text_and_numbers():

@@ -1,13 +1,14 @@
 """The biaxial test end to end: what a sample's numbers mean, scenarios, and what the command line leaves behind."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.experiments.quasi_rigid import EXPERIMENT
+from stickslip.experiments.quasi_rigid import EXPERIMENT, sliding
 from stickslip.experiments.quasi_rigid import claims as quasi_claims
 from stickslip.experiments.quasi_rigid.simulate import (
     Curve,
@@ -86,6 +87,21 @@ def test_a_sample_whose_path_ends_at_once_has_no_dynamics_and_is_left_out(small)
     assert "1 sample without dynamics at every duration" in both.note and "of 1 samples;" in both.note
     none = quasi_claims._slow_error(small._replace(tested=(first._replace(slow=()),)))
     assert none.verdict == "undecided" and none.note.startswith("no sample has slow dynamics")
+
+
+def test_the_most_critical_contacts_of_a_path_under_four_times_the_force_on_the_lid(monkeypatch):
+    legs = []
+
+    def path(state, law, end, *, increment):
+        legs.append((state.control, end, increment))
+        return SimpleNamespace(points=[SimpleNamespace(sliding=k, load=0.1 * k) for k in (1, 7, 3)])
+
+    monkeypatch.setattr(sliding, "load_path", path)
+    assert sliding.most_critical(12, 1, increment=0.02) == (7, pytest.approx(0.3))
+    ((begin, end, increment),) = legs
+    lid = 12 + TOP
+    assert end.force[lid] == pytest.approx(4 * begin.force[lid]) and begin.force[lid].any() and increment == 0.02
+    assert np.array_equal(np.delete(end.force, lid, axis=0), np.delete(begin.force, lid, axis=0))
 
 
 def test_difference_and_collapse_of_made_up_curves():

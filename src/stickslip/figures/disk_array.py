@@ -5,7 +5,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.animation import FuncAnimation
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -273,8 +272,10 @@ def transition_movie(result, path: str | Path, frames: int = round(FPS * SECONDS
             spokes.set_segments(np.stack([center, center + tip], axis=1))
             moved = data.position[k, :, 0].mean() - data.position[0, :, 0].mean()
             title.set_text(f"$F_x$ = {data.load:.3f}, $t$ = {time:.0f}: centre of mass moved by {moved:.3f} diameters")
-            return patches, spokes, title
 
-        FuncAnimation(figure, draw, frames=times, blit=False).save(path, writer=GifWriter(fps=FPS))
+        with GifWriter(fps=FPS).saving(figure, path, figure.dpi) as writer:
+            for time in times:
+                draw(time)
+                writer.grab_frame()
     plt.close(figure)
     return Path(path)

@@ -36,6 +36,7 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "theta": (TIME, ("theta", "state")),
 }  # fmt: skip
 LEAST = 10  # rows
+ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
 CROOKED = 0.2  # straight legs per sample from which a displacement counts as noisy
 SHOWN = 8  # columns that a message lists
 
@@ -63,9 +64,9 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     columns are slip and theta; others are ignored. Units stand in brackets (`time [s]`), after the name (`time_s`), in
     a row below the names, or in the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are
     commas, semicolons, tabs or white space; except with commas, numbers may have decimal commas. Lines that start with
-    # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows with an empty cell in a column that is
-    used (NaN in files of arrays) are left out, and a displacement that is counted backwards is turned round, each with
-    a warning.
+    # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows without a number (an empty cell, nan,
+    or -9999 far from all others) in a column that is used are left out, and a displacement that is counted backwards
+    is turned round, each with a warning.
 
     Parameters
     ----------
@@ -159,9 +160,10 @@ def record_data(
     if factor is not None:
         legs = with_normal(legs, time, factor)
     if before is None and not legs[0].velocity > 0:
-        raise ValueError(
-            "the record does not start with sliding: give the slip velocity before it, or remove the start"
-        )
+        start = "the record does not start with sliding"
+        if velocity is not None:
+            start = f"--velocity starts with {legs[0].velocity:g} m/s, but a fit starts from sliding"
+        raise ValueError(f"{start}: give the slip velocity before the record (--before), or remove its start")
     return Data(time, record.friction, legs, before=before)
 
 
@@ -201,28 +203,32 @@ def _described(name: str) -> tuple[tuple[str, ...], dict[str, float]]:
 
 
 def _numbers(path: Path, sheet: Sheet, places: dict[str, int]) -> dict[str, np.ndarray]:
-    """Numbers in columns, without the samples of which one is missing."""
-    if sheet.values is not None:
-        values = {name: sheet.values[k] for name, k in places.items()}
-        full = np.all([np.isfinite(column) for column in values.values()], axis=0)
-        return _left_out(path, values, full, [f"sample {k + 1}" for k in np.flatnonzero(~full)[:1]])
+    """Numbers in columns, without the samples of which one is missing; a warning tells of them."""
     rows = sheet.rows or []
-    full = np.array([all(fields[k] for k in places.values()) for _, fields in rows], bool)
-    chosen = [row for row, whole in zip(rows, full, strict=True) if whole]
-    values = {name: np.array([_parse_number(path, row, k, name) for row in chosen]) for name, k in places.items()}
-    _left_out(path, {}, full, [f"line {rows[k][0]}" for k in np.flatnonzero(~full)[:1]])
-    return values
-
-
-def _left_out(path: Path, values: dict[str, np.ndarray], full: np.ndarray, missing: list[str]) -> dict[str, np.ndarray]:
-    """Samples that are complete; a warning tells of the others."""
-    if missing:
+    values = {
+        name: np.array([_parse_number(path, row, k, name) for row in rows]) if sheet.values is None else sheet.values[k]
+        for name, k in places.items()
+    }
+    missing = np.any([_is_missing(column) for column in values.values()], axis=0)
+    if missing.any():
+        first = int(missing.argmax())
+        place = f"line {rows[first][0]}" if rows else f"sample {first + 1}"
         warnings.warn(
-            f"{path}: {(~full).sum()} of {len(full)} rows have an empty cell and are left out; the first is "
-            f"{missing[0]}",
+            f"{path}: {missing.sum()} of {len(missing)} rows lack a number (an empty cell, nan or -9999) and are left "
+            f"out; the first is {place}",
             stacklevel=2,
         )
-    return {name: column[full] for name, column in values.items()}
+    return {name: column[~missing] for name, column in values.items()}
+
+
+def _is_missing(column: np.ndarray) -> np.ndarray:
+    """Samples without a number, or with one of `ABSENT` if it is farther from all others than any two neighbours."""
+    missing = ~np.isfinite(column)
+    for mark in ABSENT:
+        others = np.unique(column[~missing & (column != mark)])
+        if len(others) and np.abs(others - mark).min() > np.diff(others).max(initial=0.0):
+            missing |= column == mark
+    return missing
 
 
 def _match_columns(path: Path, header: list[str], below: list[str | None], *, si: bool) -> dict[str, tuple[int, float]]:
@@ -296,6 +302,8 @@ def _names(column: str) -> str:
 
 def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
     line, fields = row
+    if fields[k].lower() in ("", "nan"):
+        return np.nan
     try:
         value = parse_number(fields[k])
     except ValueError:
