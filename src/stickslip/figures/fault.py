@@ -32,7 +32,7 @@ def slip_contours(history: FaultHistory, events: int | None = None):
     axes.set_ylim(depth[-1], depth[0])
     if kept.any() and np.ptp(history.profile_slip[kept]) > 0:
         axes.set_xlim(history.profile_slip[kept].min(), history.profile_slip[kept].max())
-    label_axes(axes, x=("slip", "m"), y=("depth", "km"))
+    label_axes(axes, x=("slip", "m"), y=(_axis_of(history), "km"))
     legend = figure.legend(loc="outside upper center", ncols=2)
     for line in legend.get_lines():
         line.set_linewidth(1.0)
@@ -81,7 +81,7 @@ def station_series(history: FaultHistory):
     label_axes(top, y=("slip velocity", "m/s"))
     label_axes(bottom, x=("time", "years"), y=("shear stress", "MPa"))
     bottom.set_xlim(0, history.time[-1] / YEAR)
-    _add_legend(figure, axes, "distance down dip" if dips else "depth")
+    _add_legend(figure, axes, _axis_of(history))
     return figure
 
 
@@ -89,12 +89,13 @@ def station_series(history: FaultHistory):
 def surface_series(history: FaultHistory):
     """Horizontal and vertical displacement, upwards, at stations at the surface beside a dipping fault against time."""
     figure, axes = column_axes(2, 3.6, sharex=True)
-    sides = ["hanging wall" if not np.signbit(place) else "foot wall" for place in history.surface]
     for k, color in _shown(len(history.surface)):
-        label = f"{history.surface[k] / 1e3:.3g} km" if history.surface[k] else f"0, {sides[k]}"
-        for panel, values in zip(axes, (history.displacement[:, k, 0], -history.displacement[:, k, 1]), strict=True):
-            panel.plot(history.time / YEAR, values, color=color, lw=0.6, label=label)
-    label_axes(axes[0], y=("horizontal displacement", "m"))
+        place, side = history.surface[k], "foot wall" if history.surface[k] < 0 else "hanging wall"
+        beside = abs(place) < history.fault.cell
+        label = f"0, {side}" if beside else f"{place / 1e3:.3g} km".replace("-", "−")
+        axes[0].plot(history.time / YEAR, history.horizontal[:, k], color=color, lw=0.6, label=label)
+        axes[1].plot(history.time / YEAR, -history.down[:, k], color=color, lw=0.6)
+    label_axes(axes[0], y=("horizontal motion", "m"))
     label_axes(axes[1], x=("time", "years"), y=("uplift", "m"))
     axes[1].set_xlim(0, history.time[-1] / YEAR)
     _add_legend(figure, axes, "distance from the trace")
@@ -124,6 +125,10 @@ def normal_stress_series(history: FaultHistory):
     bottom.invert_yaxis()
     _add_legend(figure, (top, middle, bottom), "depth")
     return figure
+
+
+def _axis_of(history: FaultHistory) -> str:
+    return "distance down dip" if history.fault.dips else "depth"
 
 
 def _shown(number: int):

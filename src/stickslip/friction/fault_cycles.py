@@ -57,8 +57,10 @@ class FaultHistory(NamedTuple):
     theta: np.ndarray  # (M, S) [s]
     theta2: np.ndarray | None  # (M, S) second state, if the fault has one [s]
     surface: np.ndarray  # (Q,) stations beside a dipping fault, distances from its trace [m]
-    displacement: np.ndarray  # (M, Q, 2) at them, horizontal and downward [m]
-    displacement_rate: np.ndarray  # (M, Q, 2) [m/s]
+    horizontal: np.ndarray  # (M, Q) displacement at them, positive from the foot wall to the hanging wall [m]
+    down: np.ndarray  # (M, Q) vertical displacement, positive downwards [m]
+    horizontal_velocity: np.ndarray  # (M, Q) [m/s]
+    down_velocity: np.ndarray  # (M, Q) [m/s]
     profile_time: np.ndarray  # (P,) [s]
     profile_seismic: np.ndarray  # (P,) True within events
     profile_max_velocity: np.ndarray  # (P,) [m/s]
@@ -135,10 +137,12 @@ def check_recording(fault: Fault, recording: Recording) -> None:
     outside = ~((stations >= 0) & (stations <= fault.width))
     if outside.any():
         raise ValueError(f"a station at {stations[outside][0]:g} m was given: use depths from 0 to {fault.width:g} m")
-    if len(surface) and not (fault.dips and np.isfinite(surface).all()):
+    if len(surface) and not fault.dips:
+        raise ValueError("stations at the surface were given: use in-plane shear and boundary = 'surface'")
+    if not (np.isfinite(surface) & (surface != 0)).all():
         raise ValueError(
-            f"surface = {recording.surface} was given: use finite distances from the trace of a fault with in-plane "
-            f"shear and boundary = 'surface'"
+            f"surface = {recording.surface} was given: use finite distances from the trace, such as 0.01 and −0.01 m for "
+            f"its two sides instead of 0"
         )
     if recording.threshold <= fault.plate_rate:
         raise ValueError(
@@ -221,7 +225,8 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
     series = [np.array(column, float) for column in columns[:3]]
     shape, surface = (len(series[0]), len(stations)), np.array(recorder.wanted.surface, float)
     tables = [np.array(column, float).reshape(shape) for column in columns[3:7]]
-    moved = [np.array(column, float).reshape(shape[0], len(surface), 2) for column in columns[7:9]]
+    moved = np.array(columns[7:9], complex).reshape(2, shape[0], len(surface))
+    moved = moved[0].real, moved[0].imag, moved[1].real, moved[1].imag
     thetas = [*np.array(columns[9], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1), None][:2]
     times, seismic, fastest, *tables_of = list(zip(*recorder.profiles, strict=True)) or [()] * 6
     profiles = [np.array(table, float).reshape(len(times), -1 if times else len(points)) for table in tables_of]

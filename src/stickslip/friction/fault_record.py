@@ -91,13 +91,12 @@ class Surface:
     def __init__(self, fault: Fault, places):
         places, edges = np.array(places, float), np.arange(len(fault.depth) + 1) * fault.cell
         self._moved = fault.sense * surface_displacement(places, edges, fault.dip)
-        side = np.where(np.signbit(places), 0.5, -0.5)
+        side = np.where(places < 0, 0.5, -0.5)
         self._rigid = fault.sense * fault.plate_rate * side * np.exp(1j * np.radians(fault.dip))
 
     def __call__(self, excess_slip: np.ndarray, time: float) -> np.ndarray:
-        """Horizontal displacement, positive from foot to hanging wall, and vertical one, positive downwards (Q, 2)."""
-        moved = self._moved @ excess_slip + self._rigid * time
-        return np.stack([moved.real, moved.imag], axis=1)
+        """Horizontal displacement, positive from foot to hanging wall, and i times the downward one (Q,)."""
+        return self._moved @ excess_slip + self._rigid * time
 
 
 class Moment(NamedTuple):

@@ -14,9 +14,9 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     """Convert a history to a dataset with units.
 
     Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), theta2 with two
-    states; normal (time, station) if the normal stress changes; displacement and displacement_rate (time, surface,
-    direction) beside a dipping fault; profile_slip (profile_time, profile_depth); columns of the events, with the
-    prefix `event_` (event).
+    states; normal (time, station) if the normal stress changes; horizontal, down and their velocities (time, surface)
+    beside a dipping fault; profile_slip (profile_time, profile_depth); columns of the events, with the prefix `event_`
+    (event).
 
     Examples
     --------
@@ -40,8 +40,8 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     variables = {name: ("time", getattr(history, name), units(name)) for name in series}
     variables |= {name: (("time", "station"), getattr(history, name), units(name)) for name in tables}
     if len(history.surface):
-        moved = ("displacement", "displacement_rate")
-        variables |= {name: (("time", "surface", "direction"), getattr(history, name), units(name)) for name in moved}
+        moved = ("horizontal", "down", "horizontal_velocity", "down_velocity")
+        variables |= {name: (("time", "surface"), getattr(history, name), units(name)) for name in moved}
     variables["profile_slip"] = (("profile_time", "profile_depth"), history.profile_slip, units("profile_slip"))
     for name in ("profile_seismic", "profile_max_velocity"):
         variables[name] = ("profile_time", getattr(history, name), units(name))
@@ -50,6 +50,4 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     axes = ["time", "station", "profile_time", "profile_depth", *(["surface"] if len(history.surface) else [])]
     coordinates = {name: (name, getattr(history, name), units(name)) for name in axes}
     coordinates["event"] = ("event", np.arange(len(history.events.start)), {})
-    if len(history.surface):
-        coordinates["direction"] = ("direction", ["horizontal", "down"], {})
     return xr.Dataset(variables, coordinates, attrs={"law": history.fault.law, "cell": history.fault.cell})

@@ -52,23 +52,21 @@ def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.
 def surface_displacement(x, ends, dip: float) -> np.ndarray:
     """Displacement of points of the surface due to unit slip of cells: horizontal, and i times downward (P, N).
 
-    It does not depend on Poisson's ratio. At the trace, +0.0 is the hanging wall and −0.0 the foot wall.
+    It does not depend on Poisson's ratio.
 
     Parameters
     ----------
-    x : (P,) positions, 0 at the trace, positive above the hanging wall
+    x : (P,) distances from the trace, not 0, positive above the hanging wall
     ends, dip : as in `half_space_stress`
 
     Examples
     --------
     A vertical fault that slips by 1 down to a great depth moves both sides by a half:
 
-    >>> print(np.round(surface_displacement([0.0, -0.0], [0.0, 1e9], 90.0).imag.ravel(), 3))
+    >>> print(np.round(surface_displacement([1.0, -1.0], [0.0, 1e9], 90.0).imag.ravel(), 3))
     [-0.5  0.5]
     """
-    x = np.asarray(x, float)
-    x = np.where(x == 0, np.copysign(1e-9 * (ends[-1] - ends[0]) / (len(ends) - 1), x), x)[:, None]
-    t = np.exp(1j * np.radians(dip))
+    x, t = np.asarray(x, float)[:, None], np.exp(1j * np.radians(dip))
     s = np.asarray(ends) * t
     turn = np.angle((x - s[:-1]) / (x - s[1:]))
     return (-t * turn - t.conj() * np.diff(s.imag / (x - s.conj()), axis=1)) / np.pi

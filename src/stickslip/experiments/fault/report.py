@@ -50,8 +50,6 @@ def numbers(result: FaultResult) -> dict:
     state = {"stress": h.state.stress(h.fault), "theta": h.state.theta(h.fault)}
     if h.fault.changes or h.fault.dips:
         series["normal"] = h.normal
-    if len(h.surface):
-        series |= {name: getattr(h, name) for name in ("surface", "displacement", "displacement_rate")}
     if h.fault.states > 1:
         series["theta2"], state["theta2"] = h.theta2, h.state.theta2(h.fault)
     profiles = {
@@ -61,8 +59,11 @@ def numbers(result: FaultResult) -> dict:
     if h.fault.dips:
         profiles |= {"stress": h.profile_stress, "normal": h.profile_normal}
     fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal", "b2", "dc2")}
+    moved = ("time", "horizontal", "down", "horizontal_velocity", "down_velocity")
+    surface = {name: getattr(h, name) for name in moved} | {"station": h.surface}
+    beside = {"surface": Fields(surface, FaultHistory)} if len(h.surface) else {}
     return {
-        "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
+        **beside, "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
         "events": h.events, "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
         "units": "SI",
     }  # fmt: skip

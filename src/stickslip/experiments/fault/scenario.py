@@ -140,7 +140,7 @@ class FaultRun(ScenarioTable):
     surface: Numbers = Field(
         (),
         description="stations at the surface with in-plane shear, at distances from the trace of the fault, positive "
-        "above the hanging wall; −0.0 is the foot wall at the trace [m]",
+        "above the hanging wall, such as −0.01 and 0.01 for the two sides of the trace [m]",
     )
     threshold: Positive = Field(1e-3, description="an event lasts while any cell slips at least this fast [m/s]")
     sampling: Positive = Field(
@@ -183,6 +183,8 @@ class FaultScenario(ScenarioBase):
             raise ValueError(f"run.stations contains {wrong[0]:g} m: use depths from 0 to line.width")
         if self.run.surface and not self.fault.dips:
             raise ValueError('run.surface was given: use it with line.shear = "in-plane" and line.boundary = "surface"')
+        if 0 in self.run.surface:
+            raise ValueError("run.surface contains 0: use 0.01 and −0.01 for the two sides of the trace")
         if self.run.threshold <= self.loading.plate_rate:
             raise ValueError(f"run.threshold = {self.run.threshold:g} m/s was given: it must exceed loading.plate_rate")
         return self

@@ -24,7 +24,7 @@ def station_file(depth: float) -> str:
 
 def surface_file(place: float) -> str:
     """Return the name of the time series at the surface: its number is in km, negative on the foot wall."""
-    return f"srfst_fn{'-' if np.signbit(place) else '+'}{_padded(abs(place) / 1e3, 2)}.txt"
+    return f"srfst_fn{'-' if place < 0 else '+'}{_padded(abs(place) / 1e3, 2)}.txt"
 
 
 def profiles(fault: Fault) -> dict[str, str]:
@@ -48,20 +48,16 @@ def _header(history: FaultHistory, lines) -> str:
     return "".join(f"# {line}\n" for line in (*start, *lines))
 
 
-def _series_header(history: FaultHistory, location: str, columns) -> str:
+def _write_series(history: FaultHistory, location: str, columns: dict, names: str, path: Path) -> None:
     steps = np.diff(history.time)
-    return _header(history, (
+    lines = (
         f"minimum_time_step={steps.min(initial=np.inf):g}", f"maximum_time_step={steps.max(initial=0.0):g}",
         f"num_time_steps={len(history.time)}", f"location={location}",
         *(f"Column #{k} = {column}" for k, column in enumerate(("Time (s)", *columns), start=1)),
         "The line below lists the names of the data fields",
-    ))  # fmt: skip
-
-
-def _write_series(history: FaultHistory, location: str, columns: dict, names: str, path: Path) -> None:
+    )  # fmt: skip
     with path.open("w", encoding="utf-8") as file:
-        header = _series_header(history, location, columns)
-        file.write(f"{header}t {names}\n# Here is the time-series data.\n")
+        file.write(f"{_header(history, lines)}t {names}\n# Here is the time-series data.\n")
         table = np.stack([history.time, *columns.values()], axis=1)
         np.savetxt(file, table, fmt=" ".join(["%21.13E", *["%14.6E"] * len(columns)]))
 
@@ -83,9 +79,9 @@ def write_station(history: FaultHistory, number: int, path: Path) -> None:
 
 def write_surface_station(history: FaultHistory, number: int, path: Path) -> None:
     """Write the time series at one station at the surface: horizontal and downward displacement and velocity."""
-    values = np.concatenate([history.displacement[:, number], history.displacement_rate[:, number]], axis=1)
+    series = history.horizontal, history.down, history.horizontal_velocity, history.down_velocity
     location = f"on surface, {surface_file(history.surface[number])[8:-4]} km distance off-fault"
-    columns = dict(zip(SURFACE_COLUMNS, values.T, strict=True))
+    columns = {name: values[:, number] for name, values in zip(SURFACE_COLUMNS, series, strict=True)}
     _write_series(history, location, columns, "disp_1 disp_2 vel_1 vel_2", path)
 
 
