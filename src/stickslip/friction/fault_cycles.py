@@ -141,8 +141,8 @@ def check_recording(fault: Fault, recording: Recording) -> None:
         raise ValueError("stations at the surface were given: use in-plane shear and boundary = 'surface'")
     if not (np.isfinite(surface) & (surface != 0)).all():
         raise ValueError(
-            f"surface = {recording.surface} was given: use finite distances from the trace, such as 0.01 and −0.01 m for "
-            f"its two sides instead of 0"
+            f"surface = {recording.surface} was given: use finite distances from the trace, and 0.01 and −0.01 m "
+            f"instead of 0 for its two sides"
         )
     if recording.threshold <= fault.plate_rate:
         raise ValueError(
@@ -200,12 +200,11 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
 
 def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
     """Sentence for a step that became too small."""
-    text = f"the time step became too small at {time / YEAR:g} years: use shorter cells"
     normal = fault.normal_at(time, excess_slip)
-    if not fault.dips:
-        return text
+    if normal.min() > 1e-3 * fault.normal.min():
+        return f"the time step became too small at {time / YEAR:g} years: use shorter cells"
     place = f"{fault.depth[normal.argmin()]:g} m"
-    return f"{text}, or a larger normal stress, which slip has changed to {normal.min():.3g} Pa at {place}"
+    return f"slip opens the fault at {place} after {time / YEAR:g} years: use a larger normal stress there"
 
 
 def _breaks(fault: Fault) -> np.ndarray:
