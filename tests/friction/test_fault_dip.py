@@ -1,22 +1,27 @@
 """Dipping faults: kernels against a numerical half-space, normal stress, surface displacement, files, BP3."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec, solve_ivp
 
 import stickslip as ss
 from stickslip import friction
-from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, scenario
+from stickslip.experiments.fault import simulate as room
+from stickslip.experiments.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario
+from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, scenario
 from stickslip.friction.fault_cycles import join_histories
-from stickslip.friction.fault_record import YEAR, Moment, hermite, hermite_rate
+from stickslip.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
 from stickslip.friction.fault_state import steady_stress
 from stickslip.friction.half_space import half_space_stress, surface_displacement
 from stickslip.friction.stress_transfer import stress_transfer
 from stickslip.runs.writer import write_result
+from tests.conftest import stickslip_here as stickslip
 
 G = 32.04e9
 SHORT = {"a": [(2000, 0.010), (3000, 0.025)], "b": 0.015, "dc": 1.5e-3, "normal": 10e6, "shear": "in-plane"}
-SURFACE = (-3e3, -0.01, 0.01, 2e3)
+BESIDE = (-3e3, -0.01, 0.01, 2e3)
 
 
 def small(cell=100.0, **more):
@@ -176,7 +181,7 @@ def test_another_integration_through_an_earthquake(slip, alpha):
 
 def test_records_are_those_of_the_state():
     fault = small(alpha=0.1)
-    recording = friction.Recording(stations=(550.0, 1450.0), surface=SURFACE, quiet_profiles=YEAR, spacing=50.0)
+    recording = friction.Recording(stations=(550.0, 1450.0), surface=BESIDE, quiet_profiles=YEAR, spacing=50.0)
     history = friction.simulate_fault(fault, 9.0, recording=recording)
     state = friction.simulate_fault(fault, history.time[-1] / YEAR - 1e-9).state
     assert state.time == history.time[-1]
@@ -187,7 +192,7 @@ def test_records_are_those_of_the_state():
         ("normal", state.normal(fault)),
     ):
         assert np.allclose(getattr(history, name)[-1], values[cells], rtol=1e-6), name
-    moved = surface_displacement(SURFACE, np.arange(51) * 100.0, 30.0)
+    moved = surface_displacement(BESIDE, np.arange(51) * 100.0, 30.0)
     t, side = np.exp(1j * np.radians(30.0)), np.array([1, 1, -1, -1])
     rigid = 0.5e-9 * side * t
     assert np.allclose(history.horizontal[-1] + 1j * history.down[-1], moved @ state.excess_slip + rigid * state.time)
@@ -203,7 +208,7 @@ def test_records_are_those_of_the_state():
 def test_a_fault_that_creeps_as_the_plates_moves_both_sides_as_rigid_bodies():
     fault = small(a=0.02, slip="normal")
     start = friction.initial_state(fault, stress=steady_stress(fault, 1e-9))
-    history = friction.simulate_fault(fault, 5.0, start=start, recording=friction.Recording(surface=SURFACE))
+    history = friction.simulate_fault(fault, 5.0, start=start, recording=friction.Recording(surface=BESIDE))
     motion = 0.5e-9 * history.time[-1] * np.exp(1j * np.radians(30.0))
     expected = motion * np.array([-1, -1, 1, 1])
     assert np.allclose(history.horizontal[-1] + 1j * history.down[-1], expected, rtol=1e-6)
@@ -218,7 +223,7 @@ def test_the_rate_of_a_profile_is_the_derivative_of_slip():
 
 
 def test_a_continued_dipping_fault_is_the_same():
-    fault, recording = small(alpha=0.1), friction.Recording(stations=(550.0,), surface=SURFACE)
+    fault, recording = small(alpha=0.1), friction.Recording(stations=(550.0,), surface=BESIDE)
     whole = friction.simulate_fault(fault, 9.0, recording=recording)
     first = friction.simulate_fault(fault, 4.0, recording=recording)
     parts = join_histories([first, friction.simulate_fault(fault, 9.0, start=first.state, recording=recording)])
@@ -275,7 +280,7 @@ def test_bad_scenarios_are_refused_with_one_sentence(change, message):
 
 def test_files_have_the_signs_and_columns_of_the_benchmark(tmp_path):
     line = {"width": 5e3, "cell": 100.0, "shear": "in-plane", "dip": 60.0, "slip": "normal"}
-    surface = {"years": 9.0, "stations": (0.0, 1500.0), "surface": (-8e3, *SURFACE)}
+    surface = {"years": 9.0, "stations": (0.0, 1500.0), "surface": (-8e3, *BESIDE)}
     short = {name: value for name, value in SHORT.items() if name != "shear"}
     result = ss.simulate(scenario(experiment="fault", line=line, friction=short, run=surface))
     write_result(tmp_path, EXPERIMENTS["fault"], result)
@@ -307,3 +312,64 @@ def test_files_have_the_signs_and_columns_of_the_benchmark(tmp_path):
     assert np.array_equal(own.horizontal.sel(surface=-8e3), h.horizontal[:, 0])
     assert np.array_equal(data["series"].normal, own.normal)
     assert data["profiles"].normal.attrs["units"] == "Pa"
+
+
+# ---- BP3
+
+
+def test_the_benchmark_starts_as_published():
+    """FDRA prints ±26.54612 MPa and log10 θ = 3.903090; initial rates of the surface are half those of the plates."""
+    fault = paper_scenario(quick=True, dip=30.0, slip="normal").fault
+    state = friction.initial_state(fault)
+    assert state.prestress[0] / 1e6 == pytest.approx(26.54612, abs=1e-5)
+    assert np.log10(state.theta(fault)[0]) == pytest.approx(3.903090, abs=1e-6)
+    rate = Surface(fault, [-16e3, 0.01])(state.rates[0], 1.0)
+    assert np.allclose(rate, [-4.329686e-10 - 2.499745e-10j, 4.330127e-10 + 2.5e-10j], rtol=2e-4)
+    assert papers()["seas-bp3"].paper.title.startswith("SEAS benchmark problem BP3-QD")
+    assert "Erickson2023" in EXPERIMENTS["fault"].references(paper_scenario())["faults that dip"]
+
+
+def made(case, cell, factor=1.0):
+    """A result with the published series, its slip multiplied by a factor."""
+    chosen, published = paper_scenario(dip=case[0], slip=case[1], cell=cell), PUBLISHED[case]
+    fault = chosen.fault
+    start = np.r_[published["events"], 1100 + published["cycle"][1] / published["cycle"][0] * np.arange(6)] * YEAR
+    columns = np.ones((len(room.FaultEvents._fields), len(start)))
+    events = room.FaultEvents(*columns)._replace(start=start)
+    station = np.array(chosen.run.stations)
+    slip, stress, normal = (np.tile(np.array(v)[:, None], len(station)) for v in zip(*published["fault"], strict=True))
+    moved = np.zeros((2, len(SURFACE), 2))
+    for place, *values in published["surface"]:
+        moved[:, SURFACE.index(place)] = values
+    state = friction.initial_state(fault)
+    history = room.FaultHistory(
+        **dict.fromkeys(room.FaultHistory._fields)
+        | {"fault": fault, "events": events, "state": state, "theta": state.theta(fault)[None]}
+        | {"time": np.array(YEARS) * YEAR, "station": station, "surface": np.array(SURFACE)}
+        | {"slip": factor * slip, "stress": 1e6 * stress, "normal": 1e6 * normal}
+        | {"horizontal": moved[..., 0], "down": moved[..., 1]}
+    )
+    return room.FaultResult(chosen, history, None)
+
+
+def test_verdicts_follow_the_numbers():
+    fine, coarse = ([made(case, cell) for case in PUBLISHED] for cell in (25.0, 50.0))
+    claims = evaluate_claims(fine, coarse)
+    assert {c.verdict for c in claims} == {"reproduced"}
+    assert len({c.id for c in claims}) == len(claims)
+    fine[1] = made((30.0, "normal"), 25.0, 1.02)
+    coarse[1] = made((30.0, "normal"), 50.0, 1.02)
+    other = {c.id for c in evaluate_claims(fine, coarse) if c.verdict == "not reproduced"}
+    assert other == {"slip-250-30-normal", "slip-490-30-normal"}
+    coarse[0] = made((60.0, "thrust"), 40e3 / 1500, 1.002)  # an error that the ratio of the cells makes larger
+    unsure = {c.id for c in evaluate_claims(fine, coarse) if c.verdict == "undecided"}
+    assert unsure == {"slip-250-60-thrust", "slip-490-60-thrust"}
+
+
+@pytest.mark.slow
+def test_the_quick_benchmark(tmp_path):
+    run = stickslip("reproduce", "seas-bp3", "--quick", "--out", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    claims = {c["id"]: c for c in json.loads((tmp_path / "out" / "claims.json").read_text())}
+    assert {c["verdict"] for c in claims.values()} == {"reproduced"}
+    assert (tmp_path / "out" / "srfst_fn-00.txt").exists()
