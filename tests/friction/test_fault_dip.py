@@ -15,7 +15,7 @@ from stickslip.friction.fault_cycles import join_histories
 from stickslip.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
 from stickslip.friction.fault_state import steady_stress
 from stickslip.friction.half_space import half_space_stress, surface_displacement
-from stickslip.friction.stress_transfer import stress_transfer
+from stickslip.friction.stress_transfer import image_nodes, stress_transfer
 from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here as stickslip
 
@@ -115,6 +115,14 @@ def test_interpolated_kernels_are_the_dense_ones(dip, number):
         shear, normal = stress_transfer(number, cell, G, "infinite", dip=dip, sense=sense).tractions(slip)
         assert np.abs(shear - dense.imag @ slip).max() < 1e-12 * np.abs(dense).max()
         assert np.abs(normal + sense * dense.real @ slip).max() < 1e-12 * np.abs(dense).max()
+
+
+@pytest.mark.parametrize("dip", [0.5, 4.0, 45.0])
+def test_the_memory_of_a_dipping_fault_is_bounded(dip):
+    for number in (10, 150, 1000):
+        assert len(stress_transfer(number, 25.0, G, "infinite", dip=dip).image[1]) <= 2 * image_nodes(number, dip)
+    with pytest.raises(ValueError, match=rf"200,000 cells were given for a fault with a dip of {dip:g}°"):
+        friction.line_fault(40e3, 0.2, **SHORT, dip=dip)
 
 
 def test_slip_of_a_vertical_fault_does_not_change_its_normal_stress():

@@ -13,11 +13,12 @@ from ..core.readable import readable
 from ..core.text import quoted
 from .laws import EVOLUTIONS, FORMS, form_code
 from .normal_stress import INSTANTS, Injection, Oscillation, StressTable
-from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
+from .stress_transfer import BOUNDARIES, StressTransfer, image_nodes, stress_transfer
 
 SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
+MOST_ENTRIES = 1e7  # of a table of the effect of the surface on a dipping fault
 LONGEST_CELL = 1 / 3  # over the cohesive length
 SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 
@@ -277,6 +278,12 @@ def _check_geometry(fault: Fault) -> None:
         raise ValueError(
             f"dip = {fault.dip:g} and slip = {fault.slip!r} were given with {fault.shear} shear and boundary = "
             f"{fault.boundary!r}: use in-plane shear and boundary = 'surface'"
+        )
+    number = len(fault.depth)
+    if fault.dips and image_nodes(number, fault.dip) * number > MOST_ENTRIES:
+        raise ValueError(
+            f"{number:,} cells were given for a fault with a dip of {fault.dip:g}°, which needs too much memory: use "
+            f"longer cells"
         )
     if fault.boundary == "periodic" and not (fault.thickness > 0 and np.isfinite(fault.thickness)):
         raise ValueError(

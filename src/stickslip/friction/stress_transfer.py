@@ -88,16 +88,28 @@ def stress_transfer(
     return StressTransfer(boundary, number, symbol[: 2 * number] if boundary == "surface" else symbol, image, sense)
 
 
+def image_nodes(number: int, dip: float) -> int:
+    """Number of places down dip, at most, from which the effect of the surface is interpolated to N cells."""
+    order = _order(dip)
+    return min(number, order * (2 + max(0, int(np.ceil(np.log2(number / (2 * order)))))))
+
+
+def _order(dip: float) -> int:
+    """Number of Chebyshev nodes between ξ and 2ξ with which the error ρ^−n is round-off.
+
+    ρ belongs to the ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}.
+    """
+    poles = 2 * np.geomspace(0.2, 5.0, 200) * np.exp(2j * np.radians(dip)) - 3  # the interval is mapped to −1 to 1
+    return int(np.ceil(np.log(1e16) / np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min()))) + 2
+
+
 @lru_cache(maxsize=4)
 def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse.csr_array, np.ndarray]:
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
-    Between ξ and 2ξ the nodes are those of Chebyshev, as many as the convergence ρ^−n asks for: ρ belongs to the
-    ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}. Near the surface the nodes are the cells.
+    Between ξ and 2ξ the nodes are those of Chebyshev; near the surface they are the cells.
     """
-    t, places = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5
-    poles = 2 * np.geomspace(0.2, 5.0, 200) * t**2 - 3  # for an interval from 1 to 2, mapped to −1 to 1
-    order = int(np.ceil(np.log(1e16) / np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min()))) + 2
+    t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
     nodes, blocks, high = [], [], number
     while high > 2 * order:
         here = places[high // 2 : high]
