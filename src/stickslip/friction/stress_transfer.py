@@ -42,8 +42,8 @@ class StressTransfer(NamedTuple):
         if self.image is None:
             return shear, 0.0
         spread, table = self.image
-        added = spread @ (table @ slip).reshape(2, -1).T
-        return shear + added[:, 0], self.sense * added[:, 1]
+        sheared, clamped = (table @ slip).reshape(2, -1)
+        return shear + spread @ sheared, self.sense * (spread @ clamped)
 
     def _convolved(self, slip: np.ndarray) -> np.ndarray:
         n = self.number
