@@ -129,9 +129,10 @@ def _numbers(run: FaultResult, published: dict):
         for (kind, unit, table), value in zip(on_fault, values, strict=True):
             yield f"{kind}-{year:g}", kind, unit, value, at(year, STATION, history.station, table)
     for place, *moved in published["surface"]:
+        where = f"{abs(place) / 1e3:.0f}-km-{'foot' if place < 0 else 'hanging'}"
         for direction, value in zip(("horizontal", "down"), moved, strict=True):
             measured = at(YEARS[-1], place, history.surface, getattr(history, direction))
-            yield f"{direction}-{place / 1e3:.0f}-km", "surface", "m", value, measured
+            yield f"{direction}-{where}", "surface", "m", value, measured
 
 
 def _unpublished(run: FaultResult) -> Claim:
