@@ -152,6 +152,10 @@ SECTIONS = {
         "Fluid injected into a fault", RUN.format("injection"),
         {"fig4_normal_stress": "ss.figures.fault.normal_stress_series(result.history)"},
     ),
+    "thrust": Section(
+        "Earthquake cycles on a thrust fault", RUN.format("thrust"),
+        {"fig5_surface": "ss.figures.fault.surface_series(result.history)"},
+    ),
     "threshold": Section(
         "Static and kinetic friction", RUN.format("threshold_array"),
         {"fig1_static_and_kinetic": 'ss.figures.static_and_kinetic(result.found, label="push over normal force")'},

@@ -125,7 +125,7 @@ def test_a_uniform_fault_is_a_slider(law, more):
 def test_friction_balances_stress_under_the_present_normal_stress(alpha):
     fault, state = injected(alpha=alpha)
     history = friction.simulate_fault(fault, 0.25, start=state, recording=STATIONS)
-    end, now = history.state, fault.at(history.state.time)
+    end, now = history.state, fault._replace(normal=fault.normal_at(history.state.time), changes=())
     friction_now = end.stress(fault) / now.normal
     v, theta = end.velocity(fault), end.theta(fault)
     x = v / (2 * fault.v0) * np.exp((fault.mu0 + fault.b * np.log(fault.v0 * theta / fault.dc)) / fault.a)

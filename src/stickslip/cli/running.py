@@ -55,7 +55,7 @@ def reproduce(
     experiment: Annotated[
         str,
         typer.Argument(
-            help="Name of the paper: disk-array, sphere-shear, quasi-rigid, gouge, seas-bp1 or seas-bp6.",
+            help="Name of the paper: disk-array, sphere-shear, quasi-rigid, gouge, seas-bp1, seas-bp3 or seas-bp6.",
             autocompletion=complete_from(_papers),
         ),
     ],

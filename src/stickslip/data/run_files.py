@@ -15,7 +15,8 @@ COLLAPSES, PROBES, ENVELOPES = "collapses.csv", "probes.csv", "envelopes.csv"
 TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS, CYCLES, COLLAPSES, PROBES, ENVELOPES)
 RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, *TABLES, PAGE, FILM)
 _RUN_FILE = re.compile(
-    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|fltst_dp\d+(\.\d+)?\.txt|devol\.dat|" + "|".join(map(re.escape, RUN_FILES))
+    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt|"
+    r"(devol|slip|shear_stress|normal_stress)\.dat|" + "|".join(map(re.escape, RUN_FILES))
 )
 SHOWN = 8  # file names listed in a message
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..friction.fault_cycles import FaultHistory
-from ..friction.fault_record import normal_series, points
+from ..friction.fault_record import points
 from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, styled
 
 YEAR = 365.25 * 86400.0
@@ -32,7 +32,7 @@ def slip_contours(history: FaultHistory, events: int | None = None):
     axes.set_ylim(depth[-1], depth[0])
     if kept.any() and np.ptp(history.profile_slip[kept]) > 0:
         axes.set_xlim(history.profile_slip[kept].min(), history.profile_slip[kept].max())
-    label_axes(axes, x=("slip", "m"), y=("depth", "km"))
+    label_axes(axes, x=("slip", "m"), y=(_axis_of(history), "km"))
     legend = figure.legend(loc="outside upper center", ncols=2)
     for line in legend.get_lines():
         line.set_linewidth(1.0)
@@ -68,15 +68,37 @@ def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
 @styled
 def station_series(history: FaultHistory):
     """Slip velocity and shear stress at stations against time."""
-    figure, (top, bottom) = column_axes(2, 3.6, sharex=True)
-    for k, color in _shown(history):
+    dips = history.fault.dips
+    figure, axes = column_axes(2 + dips, 3.6 + 1.2 * dips, sharex=True)
+    top, bottom = axes[0], axes[-1]
+    for k, color in _shown(len(history.station)):
         label = f"{history.station[k] / 1e3:.3g} km"
+        if dips:
+            axes[1].plot(history.time / YEAR, history.normal[:, k] / 1e6, color=color, lw=0.6)
+            label_axes(axes[1], y=("normal stress", "MPa"))
         top.semilogy(history.time / YEAR, history.velocity[:, k], color=color, lw=0.6, label=label)
         bottom.plot(history.time / YEAR, history.stress[:, k] / 1e6, color=color, lw=0.6)
     label_axes(top, y=("slip velocity", "m/s"))
     label_axes(bottom, x=("time", "years"), y=("shear stress", "MPa"))
     bottom.set_xlim(0, history.time[-1] / YEAR)
-    _add_depths(figure, (top, bottom))
+    _add_legend(figure, axes, _axis_of(history))
+    return figure
+
+
+@styled
+def surface_series(history: FaultHistory):
+    """Horizontal and vertical displacement, upwards, at stations at the surface beside a dipping fault against time."""
+    figure, axes = column_axes(2, 3.6, sharex=True)
+    for k, color in _shown(len(history.surface)):
+        place, side = history.surface[k], "foot wall" if history.surface[k] < 0 else "hanging wall"
+        beside = abs(place) < history.fault.cell
+        label = f"0, {side}" if beside else f"{place / 1e3:.3g} km".replace("-", "−")
+        axes[0].plot(history.time / YEAR, history.horizontal[:, k], color=color, lw=0.6, label=label)
+        axes[1].plot(history.time / YEAR, -history.down[:, k], color=color, lw=0.6)
+    label_axes(axes[0], y=("horizontal motion", "m"))
+    label_axes(axes[1], x=("time", "years"), y=("uplift", "m"))
+    axes[1].set_xlim(0, history.time[-1] / YEAR)
+    _add_legend(figure, axes, "distance from the trace")
     return figure
 
 
@@ -85,8 +107,8 @@ def normal_stress_series(history: FaultHistory):
     """Change of the normal stress and slip at stations, and the part of the fault that creeps, against time."""
     figure, (top, middle, bottom) = column_axes(3, 4.8, sharex=True)
     years, fault = history.time / YEAR, history.fault
-    change = normal_series(fault, history.station, history.time) - points(fault, history.station)(fault.normal)
-    for k, color in _shown(history):
+    change = history.normal - points(fault, history.station)(fault.normal)
+    for k, color in _shown(len(history.station)):
         top.plot(years, change[:, k] / 1e6, color=color, lw=0.6, label=f"{history.station[k] / 1e3:.3g} km")
         middle.plot(years, history.slip[:, k], color=color, lw=0.6)
     creep = history.profile_slip - fault.plate_rate * history.profile_time[:, None]
@@ -101,24 +123,25 @@ def normal_stress_series(history: FaultHistory):
     label_axes(bottom, x=("time", "years"), y=("slip ≥ $D_c$ at", "km"))
     bottom.set_xlim(0, years[-1])
     bottom.invert_yaxis()
-    _add_depths(figure, (top, middle, bottom))
+    _add_legend(figure, (top, middle, bottom), "depth")
     return figure
 
 
-def _shown(history: FaultHistory):
+def _axis_of(history: FaultHistory) -> str:
+    return "distance down dip" if history.fault.dips else "depth"
+
+
+def _shown(number: int):
     """Numbers of the stations that are drawn, with colours."""
-    number = len(history.station)
     shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
     return zip(shown, COLORS, strict=False)
 
 
-def _add_depths(figure, axes) -> None:
+def _add_legend(figure, axes, title: str) -> None:
     """Add the legend of the stations."""
     texts = [line.get_label() for line in axes[0].get_lines()]
     columns = min(len(texts), 6 if max(map(len, texts)) < 8 else 3)
-    legend = figure.legend(
-        title="depth", loc="outside upper center", ncols=columns, columnspacing=0.8, handlelength=1.0
-    )
+    legend = figure.legend(title=title, loc="outside upper center", ncols=columns, columnspacing=0.8, handlelength=1.0)
     for line in legend.get_lines():
         line.set_linewidth(1.0)
     figure.align_ylabels(axes)

@@ -13,10 +13,12 @@ from ..core.readable import readable
 from ..core.text import quoted
 from .laws import EVOLUTIONS, FORMS, form_code
 from .normal_stress import INSTANTS, Injection, Oscillation, StressTable
-from .stress_transfer import BOUNDARIES, StressTransfer, stress_transfer
+from .stress_transfer import BOUNDARIES, StressTransfer, image_nodes, stress_transfer
 
 SHEARS = ("antiplane", "in-plane")
+SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
+MOST_ENTRIES = 1e7  # of a table of the effect of the surface on a dipping fault
 LONGEST_CELL = 1 / 3  # over the cohesive length
 SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 
@@ -25,7 +27,7 @@ SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 class Fault(NamedTuple):
     """A straight fault of N cells of equal length; see `line_fault`. Units are SI."""
 
-    depth: np.ndarray  # (N,) of the centres of the cells, or their positions along the fault [m]
+    depth: np.ndarray  # (N,) of the centres of the cells, their distances down dip, or positions along the fault [m]
     a: np.ndarray  # (N,) direct effect
     b: np.ndarray  # (N,) evolution effect
     dc: np.ndarray  # (N,) characteristic slip [m]
@@ -48,6 +50,8 @@ class Fault(NamedTuple):
     dc2: np.ndarray | float = 1.0  # its characteristic slip, (N,) or a number; has no effect if b2 = 0 [m]
     alpha: float = 0.0  # effect of changes of the normal stress on the states
     changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
+    dip: float = 90.0  # of a fault that reaches the surface, for in-plane shear [degrees]
+    slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
     check_entries = check_types
 
@@ -95,25 +99,30 @@ class Fault(NamedTuple):
         direct, state = 1 + velocity / self.v1, 1 + velocity / self.v2
         return self._replace(a=self.a / direct, b=self.b / state, b2=self.b2 / state, v1=np.inf, v2=np.inf)
 
-    def at(self, time: float) -> "Fault":
-        """Fault with the normal stress of a time [s] and without changes."""
-        if not self.changes:
-            return self
-        return self._replace(normal=self.normal_at(time), changes=())
+    @property
+    def dips(self) -> bool:
+        """Whether slip is in-plane and reaches a free surface, so that it changes the normal stress."""
+        return self.shear == "in-plane" and self.boundary == "surface"
 
-    def normal_at(self, time: float) -> np.ndarray:
-        """Effective normal stress at a time [s] (N,) [Pa]."""
-        return sum((change.change(self.depth, time) for change in self.changes), self.normal)
+    @property
+    def sense(self) -> int:
+        """1 for a thrust fault, −1 for a normal fault."""
+        return SENSES[self.slip]
 
-    def state_shift(self, time: float) -> np.ndarray:
-        """Decrease of ln θ due to all changes of the normal stress until a time [s] (N,).
+    def normal_at(self, time: float, excess_slip: np.ndarray | None = None) -> np.ndarray:
+        """Effective normal stress at a time [s] (N,) [Pa], with the change due to slip minus plate motion [m]."""
+        slipped = 0.0 if excess_slip is None else self.transfer.tractions(excess_slip)[1]
+        return sum((change.change(self.depth, time) for change in self.changes), self.normal + slipped)
+
+    def state_shift(self, normal: np.ndarray) -> np.ndarray:
+        """Decrease of ln θ due to all changes of the normal stress until it has values σ (N,).
 
         (α/b) ln(σ/σ₀), from θ' = … − (α/b) θ σ'/σ (Linker and Dieterich 1992, doi:10.1029/92JB00017).
         """
         if not self.alpha:
             return np.zeros(len(self.depth))
         effect = np.where(self.evolution > 0, self.evolution, np.inf)
-        return self.alpha / effect * np.log(self.normal_at(time) / self.normal)
+        return self.alpha / effect * np.log(normal / self.normal)
 
     @property
     def width(self) -> float:
@@ -122,8 +131,11 @@ class Fault(NamedTuple):
 
     @property
     def transfer(self) -> StressTransfer:
-        """Map from slip to shear stress."""
-        return stress_transfer(len(self.depth), self.cell, self.modulus, self.boundary, self.thickness)
+        """Map from slip to shear and normal stress."""
+        size = len(self.depth), self.cell, self.modulus
+        if self.dips:
+            return stress_transfer(*size, "infinite", dip=self.dip, sense=self.sense)
+        return stress_transfer(*size, self.boundary, self.thickness)
 
 
 def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
@@ -201,7 +213,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 def check_fault(fault: Fault) -> None:
     """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
     fault.check_entries()
-    choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES}
+    choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
     for name, allowed in choices.items():
         if getattr(fault, name) not in allowed:
             raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use {' or '.join(map(repr, allowed))}")
@@ -256,10 +268,22 @@ def check_normal(fault: Fault, until: float) -> None:
 
 
 def _check_geometry(fault: Fault) -> None:
-    if fault.shear == "in-plane" and fault.boundary != "infinite":
+    if fault.shear == "in-plane" and fault.boundary == "periodic":
+        raise ValueError("boundary = 'periodic' was given with in-plane shear: use 'surface' or 'infinite'")
+    if not 0 < fault.dip <= 90:
         raise ValueError(
-            f"boundary = {fault.boundary!r} was given with in-plane shear: use 'infinite', as images of in-plane slip "
-            f"are not implemented"
+            f"dip = {fault.dip:g} was given: use degrees above 0 and up to 90, and slip = 'thrust' or 'normal'"
+        )
+    if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
+        raise ValueError(
+            f"dip = {fault.dip:g} and slip = {fault.slip!r} were given with {fault.shear} shear and boundary = "
+            f"{fault.boundary!r}: use in-plane shear and boundary = 'surface'"
+        )
+    number = len(fault.depth)
+    if fault.dips and image_nodes(number, fault.dip) * number > MOST_ENTRIES:
+        raise ValueError(
+            f"{number:,} cells were given for a fault with a dip of {fault.dip:g}°, which needs too much memory: use "
+            f"longer cells"
         )
     if fault.boundary == "periodic" and not (fault.thickness > 0 and np.isfinite(fault.thickness)):
         raise ValueError(

@@ -7,6 +7,7 @@ The time step follows from the embedded Runge–Kutta formula DOP853 of order 8,
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..core.arguments import checked, require_positive
 from ..core.progress import Report, silent
@@ -20,7 +21,8 @@ SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
 TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
 MOST_YEARS = 1e6  # some 10,000 earthquakes
 REPORTED = 2000  # steps between two reports
-ALONE = ("fault", "station", "profile_depth", "events", "energy", "state", "steps", "rejected")  # fields without M or P
+# fields without M or P
+ALONE = ("fault", "station", "surface", "profile_depth", "events", "energy", "state", "steps", "rejected")
 
 
 @readable
@@ -41,7 +43,7 @@ class Energy(NamedTuple):
 
 @readable(head=lambda h: f"{len(h.events.start)} events in {h.state.time / YEAR:.6g} years, {h.steps} steps")
 class FaultHistory(NamedTuple):
-    """History of a fault: M samples at S stations, P profiles at Q points, and events."""
+    """History of a fault: M samples at S stations, P profiles at R points, and events."""
 
     fault: Fault
     time: np.ndarray  # (M,) [s]
@@ -51,13 +53,21 @@ class FaultHistory(NamedTuple):
     slip: np.ndarray  # (M, S) [m]
     velocity: np.ndarray  # (M, S) [m/s]
     stress: np.ndarray  # (M, S) frictional shear stress [Pa]
+    normal: np.ndarray  # (M, S) effective normal stress [Pa]
     theta: np.ndarray  # (M, S) [s]
     theta2: np.ndarray | None  # (M, S) second state, if the fault has one [s]
+    surface: np.ndarray  # (Q,) stations beside a dipping fault, distances from its trace [m]
+    horizontal: np.ndarray  # (M, Q) displacement at them, positive from the foot wall to the hanging wall [m]
+    down: np.ndarray  # (M, Q) vertical displacement, positive downwards [m]
+    horizontal_velocity: np.ndarray  # (M, Q) [m/s]
+    down_velocity: np.ndarray  # (M, Q) [m/s]
     profile_time: np.ndarray  # (P,) [s]
     profile_seismic: np.ndarray  # (P,) True within events
     profile_max_velocity: np.ndarray  # (P,) [m/s]
-    profile_depth: np.ndarray  # (Q,) [m]
-    profile_slip: np.ndarray  # (P, Q) [m]
+    profile_depth: np.ndarray  # (R,) [m]
+    profile_slip: np.ndarray  # (P, R) [m]
+    profile_stress: np.ndarray | None  # (P, R) shear stress on a dipping fault [Pa]
+    profile_normal: np.ndarray | None  # (P, R) effective normal stress on a dipping fault [Pa]
     events: FaultEvents
     energy: Energy
     state: FaultState  # at the end
@@ -111,21 +121,29 @@ def simulate_fault(
     check_recording(fault, recording)
     state = initial_state(fault) if start is None else start
     check_state(fault, state)
-    recorder = Recorder(fault, recording, state.sampled)
+    recorder = Recorder(fault, recording, state.sampled, state.prestress)
     if start is None or not np.isfinite(state.sampled[0]):
         recorder.begin(_moment(fault, state))
-    end, steps, rejected = _integrate(fault, state, years * YEAR, recorder, tolerance, report)
+    with threadpool_limits(1, "blas"):  # products with tables of a few hundred rows
+        end, steps, rejected = _integrate(fault, state, years * YEAR, recorder, tolerance, report)
     return _history(fault, recorder, state, end, steps, rejected)
 
 
 def check_recording(fault: Fault, recording: Recording) -> None:
     """Raise ValueError if stations or intervals are not valid."""
     intervals = recording._asdict()
-    stations = np.asarray(intervals.pop("stations"), float)
+    stations, surface = (np.asarray(intervals.pop(name), float) for name in ("stations", "surface"))
     require_positive(**intervals)
     outside = ~((stations >= 0) & (stations <= fault.width))
     if outside.any():
         raise ValueError(f"a station at {stations[outside][0]:g} m was given: use depths from 0 to {fault.width:g} m")
+    if len(surface) and not fault.dips:
+        raise ValueError("stations at the surface were given: use in-plane shear and boundary = 'surface'")
+    if not (np.isfinite(surface) & (surface != 0)).all():
+        raise ValueError(
+            f"surface = {recording.surface} was given: use finite distances from the trace, and 0.01 and −0.01 m "
+            f"instead of 0 for its two sides"
+        )
     if recording.threshold <= fault.plate_rate:
         raise ValueError(
             f"threshold = {recording.threshold:g} m/s was given, and the plates move at {fault.plate_rate:g} m/s: "
@@ -154,7 +172,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
             rejected += 1
             h *= max(LEAST, SAFETY * error**-EXPONENT) if np.isfinite(error) else LEAST
             if time + h == time:
-                raise RuntimeError(f"the time step became too small at {time / YEAR:g} years: use shorter cells")
+                raise RuntimeError(_too_small(fault, time, y[0]))
             continue
         energy += h * (STAGES[-1] @ powers[:-1])
         time, steps = then, steps + 1
@@ -180,6 +198,15 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     return end, steps, rejected
 
 
+def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
+    """Sentence for a step that became too small."""
+    normal = fault.normal_at(time, excess_slip)
+    if normal.min() > 1e-3 * fault.normal.min():
+        return f"the time step became too small at {time / YEAR:g} years: use shorter cells"
+    place = f"{fault.depth[normal.argmin()]:g} m"
+    return f"slip opens the fault at {place} after {time / YEAR:g} years: use a larger normal stress there"
+
+
 def _breaks(fault: Fault) -> np.ndarray:
     """Times at which steps end, because the normal stress is not smooth there; the last one is infinite."""
     return np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
@@ -193,20 +220,23 @@ def _moment(fault: Fault, state: FaultState) -> Moment:
 
 def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):
     stations, points = recorder.stations.depth, recorder.profile.depth
-    columns = list(zip(*recorder.samples, strict=True)) or [()] * 7
+    columns = list(zip(*recorder.samples, strict=True)) or [()] * 10
     series = [np.array(column, float) for column in columns[:3]]
-    shape = len(series[0]), len(stations)
-    tables = [np.array(column, float).reshape(shape) for column in columns[3:6]]
-    thetas = [*np.array(columns[6], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1), None][:2]
-    times, seismic, fastest, slips = list(zip(*recorder.profiles, strict=True)) or [()] * 4
+    shape, surface = (len(series[0]), len(stations)), np.array(recorder.wanted.surface, float)
+    tables = [np.array(column, float).reshape(shape) for column in columns[3:7]]
+    moved = np.array(columns[7:9], complex).reshape(2, shape[0], len(surface))
+    moved = moved[0].real, moved[0].imag, moved[1].real, moved[1].imag
+    thetas = [*np.array(columns[9], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1), None][:2]
+    times, seismic, fastest, *tables_of = list(zip(*recorder.profiles, strict=True)) or [()] * 6
+    profiles = [np.array(table, float).reshape(len(times), -1 if times else len(points)) for table in tables_of]
     width = len(FaultEvents._fields)
     events = FaultEvents(*np.array(recorder.events, float).reshape(-1, width).T)
     work = end.energy - start.energy
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(
-        fault, *series, stations, *tables, *thetas, np.array(times, float), np.array(seismic, bool),
-        np.array(fastest, float), points, np.array(slips, float).reshape(len(times), len(points)), events, energy,
-        end, steps, rejected,
+        fault, *series, stations, *tables, *thetas, surface, *moved, np.array(times, float), np.array(seismic, bool),
+        np.array(fastest, float), points, profiles[0], *(profiles[1:] if fault.dips else (None, None)), events,
+        energy, end, steps, rejected,
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from ..core.readable import pluralize, readable
 from ..core.units import YEAR
 from .fault import Fault
 from .fault_state import frictional_stress
+from .half_space import surface_displacement
 
 CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
@@ -18,6 +19,7 @@ class Recording(NamedTuple):
     """Choice of stations, intervals and thresholds of a recording."""
 
     stations: tuple[float, ...] = ()  # depths of the time series [m]
+    surface: tuple[float, ...] = ()  # stations at the surface, distances from the trace, > 0: hanging wall [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
     quiet_sampling: float = 0.1 * YEAR  # between samples, and longest step if the normal stress changes [s]
     seismic_sampling: float = 0.1  # within events [s]
@@ -64,24 +66,37 @@ class Points(NamedTuple):
 def points(fault: Fault, depths) -> Points:
     """Prepare the interpolation to points.
 
-    Values are even about a free surface, where two cells determine a parabola; otherwise they are constant beyond the
-    last centres.
+    Values are even about a free surface, where two cells determine a parabola, or linear for in-plane shear; otherwise
+    they are constant beyond the last centres.
     """
     depths = np.atleast_1d(np.asarray(depths, float))
     last = len(fault.depth) - 2
     place = depths / fault.cell - 0.5
     first = np.clip(np.floor(place).astype(int), 0, last)
     share = np.clip(place - first, 0.0, 1.0)
-    if fault.boundary == "surface":
+    if fault.dips:
+        share = np.minimum(place - first, 1.0)
+    elif fault.boundary == "surface":
         share = np.where(place < 0, (depths / fault.cell) ** 2 / 2 - 0.125, share)
     return Points(depths, np.stack([first, first + 1], axis=1), np.stack([1 - share, share], axis=1))
 
 
-def normal_series(fault: Fault, depths: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Effective normal stress at M times and P depths (M, P) [Pa]."""
-    depths = np.asarray(depths, float)
-    constant = points(fault, depths)(fault.normal)
-    return np.array([sum((change.change(depths, t) for change in fault.changes), constant) for t in times.tolist()])
+class Surface:
+    """Displacement of Q stations at the surface beside a dipping fault, whose sides move apart at the plate rate.
+
+    Both sides move as rigid bodies by half the plate motion each, and slip in excess of it deforms them (SEAS benchmark
+    problem BP3-QD, equation 4).
+    """
+
+    def __init__(self, fault: Fault, places):
+        places, edges = np.array(places, float), np.arange(len(fault.depth) + 1) * fault.cell
+        self._moved = fault.sense * surface_displacement(places, edges, fault.dip)
+        side = np.where(places < 0, 0.5, -0.5)
+        self._rigid = fault.sense * fault.plate_rate * side * np.exp(1j * np.radians(fault.dip))
+
+    def __call__(self, excess_slip: np.ndarray, time: float) -> np.ndarray:
+        """Horizontal displacement, positive from foot to hanging wall, and i times the downward one (Q,)."""
+        return self._moved @ excess_slip + self._rigid * time
 
 
 class Moment(NamedTuple):
@@ -99,9 +114,10 @@ class Moment(NamedTuple):
 class Recorder:
     """Lists that grow during a simulation."""
 
-    def __init__(self, fault: Fault, wanted: Recording, sampled):
-        self.fault, self.wanted, self.sampled = fault, wanted, np.array(sampled, float)
+    def __init__(self, fault: Fault, wanted: Recording, sampled, prestress: np.ndarray):
+        self.fault, self.wanted, self.sampled, self.prestress = fault, wanted, np.array(sampled, float), prestress
         self.stations = points(fault, wanted.stations)
+        self.surface = Surface(fault, wanted.surface)
         self.profile = points(fault, np.arange(0.0, fault.width + 1e-6 * fault.cell, wanted.spacing))
         self.samples: list[tuple] = []
         self.profiles: list[tuple] = []
@@ -111,7 +127,7 @@ class Recorder:
     def begin(self, now: Moment) -> None:
         """Record the start of a simulation."""
         self._sample(now)
-        self.profiles.append((now.time, False, now.fastest, self._slip(now.excess_slip, now.time)))
+        self._add_profile(now.time, False, now.fastest, now.excess_slip, now.rate)
 
     def step(self, before: Moment, now: Moment) -> None:
         """Record what an accepted step calls for."""
@@ -134,25 +150,36 @@ class Recorder:
     def _sample(self, now: Moment) -> None:
         fault, at = self.fault, self.stations
         w = at(now.log_velocity)
-        stress = self._strength(now)
+        clamped = fault.transfer.tractions(now.excess_slip)[1] if fault.dips else np.zeros(len(fault.depth))
+        every = fault.normal_at(now.time) + clamped
+        normal = sum((change.change(at.depth, now.time) for change in fault.changes), at(fault.normal + clamped))
+        states = now.log_states - fault.state_shift(every)
+        stress = self._strength(now, every, states)
         rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
         slip = at(now.excess_slip) + fault.plate_rate * now.time
-        slips, shift = (fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)), fault.state_shift(now.time)
-        thetas = [at(dc) / fault.v0 * np.exp(at(s - shift)) for dc, s in zip(slips, now.log_states, strict=False)]
-        self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, thetas))
+        slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
+        thetas = [at(dc) / fault.v0 * np.exp(at(s)) for dc, s in zip(slips, states, strict=False)]
+        moved = self.surface(now.excess_slip, now.time), self.surface(now.rate, 1.0)
+        self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, normal, *moved, thetas))
         self.sampled[:] = now.time, np.log10(now.fastest)
 
-    def _strength(self, now: Moment) -> np.ndarray:
+    def _strength(self, now: Moment, normal: np.ndarray, states: np.ndarray) -> np.ndarray:
         """Frictional stress at the stations."""
         at = self.stations
         if not len(at.depth):
             return np.zeros(0)
-        states = now.log_states - self.fault.state_shift(now.time)
-        values = frictional_stress(self.fault.at(now.time), now.log_velocity, states, np.unique(at.cells))
-        return at(values)
+        fault = self.fault._replace(normal=normal)
+        return at(frictional_stress(fault, now.log_velocity, states, np.unique(at.cells)))
 
-    def _slip(self, excess: np.ndarray, time: float) -> np.ndarray:
-        return self.profile(excess) + self.fault.plate_rate * time
+    def _add_profile(self, time: float, seismic: bool, fastest: float, excess: np.ndarray, rate: np.ndarray) -> None:
+        """Append slip, and the stresses on a dipping fault."""
+        fault, at = self.fault, self.profile
+        stress, normal = np.zeros((2, 0))
+        if fault.dips:
+            shear, clamped = fault.transfer.tractions(excess)
+            stress = at(self.prestress + shear - fault.damping * (rate + fault.plate_rate))
+            normal = at(fault.normal_at(time) + clamped)
+        self.profiles.append((time, seismic, fastest, at(excess) + fault.plate_rate * time, stress, normal))
 
     def _quiet_profiles(self, before: Moment, now: Moment, until: float) -> None:
         pause = self.wanted.quiet_profiles
@@ -170,7 +197,7 @@ class Recorder:
             time = first + k * pause
             share = (time - before.time) / (now.time - before.time)
             fastest = before.fastest ** (1 - share) * now.fastest**share
-            self.profiles.append((time, seismic, fastest, self._slip(hermite(before, now, share), time)))
+            self._add_profile(time, seismic, fastest, hermite(before, now, share), hermite_rate(before, now, share))
 
     def _crossing(self, before: Moment, now: Moment) -> float:
         """Time at which the maximum slip velocity crosses the threshold, interpolated in ln V."""
@@ -209,3 +236,9 @@ def hermite(before: Moment, now: Moment, x: float) -> np.ndarray:
     h = now.time - before.time
     change = now.excess_slip - before.excess_slip
     return before.excess_slip + change * x * x * (3 - 2 * x) + h * x * (1 - x) * ((1 - x) * before.rate - x * now.rate)
+
+
+def hermite_rate(before: Moment, now: Moment, x: float) -> np.ndarray:
+    """Rate of the excess slip within a step: the derivative of `hermite` in time."""
+    change = (now.excess_slip - before.excess_slip) / (now.time - before.time)
+    return 6 * change * x * (1 - x) + (1 - x) * (1 - 3 * x) * before.rate + x * (3 * x - 2) * now.rate

@@ -50,15 +50,19 @@ class FaultState(NamedTuple):
         """Slip velocity (N,) [m/s]."""
         return fault.v0 * np.exp(self.log_velocity)
 
+    def normal(self, fault: Fault) -> np.ndarray:
+        """Effective normal stress (N,) [Pa]."""
+        return fault.normal_at(self.time, self.excess_slip)
+
     def theta(self, fault: Fault) -> np.ndarray:
         """State variable θ (N,) [s]."""
-        return fault.dc / fault.v0 * np.exp(self.log_state - fault.state_shift(self.time))
+        return fault.dc / fault.v0 * np.exp(self.log_state - fault.state_shift(self.normal(fault)))
 
     def theta2(self, fault: Fault) -> np.ndarray | None:
         """Second state variable (N,) [s]; None if there is none."""
         if self.log_state2 is None:
             return None
-        return fault.dc2 / fault.v0 * np.exp(self.log_state2 - fault.state_shift(self.time))
+        return fault.dc2 / fault.v0 * np.exp(self.log_state2 - fault.state_shift(self.normal(fault)))
 
     def stress(self, fault: Fault) -> np.ndarray:
         """Shear stress that friction balances, τ₀ + τ(δ − V_p t) − η V (N,) [Pa]."""
@@ -124,7 +128,8 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
         raise ValueError("plate_rate = 0 was given without a velocity at the start: give one, such as 1e-12 m/s")
     velocity = fault.plate_rate if velocity is None else velocity
     require_positive(velocity=velocity)
-    steady = steady_stress(fault.at(0.0), velocity)
+    normal = fault.normal_at(0.0)
+    steady = steady_stress(fault._replace(normal=normal), velocity)
     if isinstance(stress, str) and stress != "steady":
         raise ValueError(f"stress = {stress!r} was given: use values in Pa, or 'steady'")
     tau = np.asarray(steady[-1] if stress is None else steady if isinstance(stress, str) else stress, float)
@@ -135,9 +140,9 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     if not (np.isfinite(strength).all() and (strength > 0).all()):
         raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
     w, n = np.log(velocity / fault.v0), len(fault.depth)
-    s = _log_state(fault, _state_terms(fault, w, strength / fault.normal_at(0.0)), fault.evolution, -w)
+    s = _log_state(fault, _state_terms(fault, w, strength / normal), fault.evolution, -w)
     _check_balance(fault, s, tau, velocity, default=stress is None)
-    s = s + fault.state_shift(0.0)
+    s = s + fault.state_shift(normal)
     state = FaultState(
         0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
         1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
@@ -201,7 +206,8 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
     w = state.log_velocity + np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
     stress = state.prestress + fault.transfer(state.excess_slip)
     strength = stress - fault.damping * fault.v0 * np.exp(w)
-    terms, shift = _state_terms(fault, w, strength / fault.normal_at(state.time)), fault.state_shift(state.time)
+    normal = state.normal(fault)
+    terms, shift = _state_terms(fault, w, strength / normal), fault.state_shift(normal)
     effects = [fault.b, np.broadcast_to(fault.b2, fault.b.shape)][: fault.states]
     cut2, states = fault.cuts[1], state.unknowns[1:] - shift
     added = [effect * (np.log(np.exp(s) + cut2) if cut2 else s) for effect, s in zip(effects, states, strict=True)]

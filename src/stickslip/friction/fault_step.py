@@ -35,9 +35,15 @@ class Machine:
         }  # fmt: skip
         self._fault = core.fill("Fault", values)
 
-    def _set_time(self, time: float) -> None:
-        if self.fault.changes:
-            self._cells[3], self._cells[7] = self.fault.normal_at(time), self.fault.state_shift(time)
+    def _shear(self, slip, time: float) -> np.ndarray | None:
+        """Shear stress due to excess slip, after an update of the normal stress; None where it is not compressive."""
+        shear, clamped = self.transfer.tractions(slip)
+        if self.fault.changes or self.fault.dips:
+            normal = self.fault.normal_at(time) + clamped
+            if not normal.min() > 0:
+                return None
+            self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
+        return shear
 
     def rates(self, y, w, out, power, time: float = 0.0) -> bool:
         """Rates of the unknowns, and powers per unit length; return False if a velocity cannot be found.
@@ -50,8 +56,8 @@ class Machine:
         power : (3,) of loading τ V_p, friction σ μ V and radiation η V², overwritten
         time : [s], for changes of the normal stress
         """
-        self._set_time(time)
-        return core.fault_rates(self._fault, self.transfer(y[0]), y, w, out, power)
+        shear = self._shear(y[0], time)
+        return shear is not None and core.fault_rates(self._fault, shear, y, w, out, power)
 
     def step(self, y, w, stages, powers, length: float, trial, time: float = 0.0) -> float:
         """Take a step from y at a time to `trial`; return its estimated error, infinite if a stage fails.
@@ -65,7 +71,7 @@ class Machine:
         step = core.fill("FaultStep", values)
         core.fault_trial(self._fault, step, 1)
         for stage in range(1, NUMBER + 1):
-            self._set_time(time + TIMES[stage] * length)
-            if not core.fault_stage(self._fault, step, stage, self.transfer(trial[0])):
+            shear = self._shear(trial[0], time + TIMES[stage] * length)
+            if shear is None or not core.fault_stage(self._fault, step, stage, shear):
                 return np.inf
         return core.fault_error(self._fault, step)

@@ -5,9 +5,8 @@ import xarray as xr
 
 from ..core.arguments import checked
 from ..core.units import units_of
-from .fault import Fault
 from .fault_cycles import FaultHistory
-from .fault_record import FaultEvents, normal_series
+from .fault_record import FaultEvents
 
 
 @checked
@@ -15,8 +14,9 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     """Convert a history to a dataset with units.
 
     Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), theta2 with two
-    states, and normal if the normal stress changes; profile_slip (profile_time, profile_depth); columns of the events,
-    with the prefix `event_` (event).
+    states; normal (time, station) if the normal stress changes; horizontal, down and their velocities (time, surface)
+    beside a dipping fault; profile_slip (profile_time, profile_depth); columns of the events, with the prefix `event_`
+    (event).
 
     Examples
     --------
@@ -29,24 +29,25 @@ def fault_dataset(history: FaultHistory) -> xr.Dataset:
     2
     """
 
-    known = units_of(FaultEvents) | units_of(FaultHistory) | {"normal": units_of(Fault)["normal"]}
+    known = units_of(FaultEvents) | units_of(FaultHistory)
 
     def units(name: str) -> dict[str, str]:
         return {"units": known[name]} if name in known else {}
 
     series, tables = ("max_velocity", "moment_rate"), ["slip", "velocity", "stress", "theta"]
     tables += ["theta2"] if history.theta2 is not None else []
+    tables += ["normal"] if history.fault.changes or history.fault.dips else []
     variables = {name: ("time", getattr(history, name), units(name)) for name in series}
     variables |= {name: (("time", "station"), getattr(history, name), units(name)) for name in tables}
-    if history.fault.changes:
-        normal = normal_series(history.fault, history.station, history.time)
-        variables["normal"] = (("time", "station"), normal, units("normal"))
+    if len(history.surface):
+        moved = ("horizontal", "down", "horizontal_velocity", "down_velocity")
+        variables |= {name: (("time", "surface"), getattr(history, name), units(name)) for name in moved}
     variables["profile_slip"] = (("profile_time", "profile_depth"), history.profile_slip, units("profile_slip"))
     for name in ("profile_seismic", "profile_max_velocity"):
         variables[name] = ("profile_time", getattr(history, name), units(name))
     for name, values in history.events._asdict().items():
         variables[f"event_{name}"] = ("event", values, units(name))
-    axes = ("time", "station", "profile_time", "profile_depth")
+    axes = ["time", "station", "profile_time", "profile_depth", *(["surface"] if len(history.surface) else [])]
     coordinates = {name: (name, getattr(history, name), units(name)) for name in axes}
     coordinates["event"] = ("event", np.arange(len(history.events.start)), {})
     return xr.Dataset(variables, coordinates, attrs={"law": history.fault.law, "cell": history.fault.cell})

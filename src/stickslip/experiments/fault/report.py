@@ -8,7 +8,7 @@ from ...core.units import Fields, in_readable_units
 from ...figures import fault as figures_of
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
-from ...friction.fault_record import YEAR, normal_series
+from ...friction.fault_record import YEAR
 from ...reports.terminal import console, new_table, show_table
 from . import seas_files
 from .simulate import FaultResult
@@ -25,6 +25,8 @@ def figures(result: FaultResult):
         yield "fig3_stations.png", figures_of.station_series(history)
         if history.fault.changes:
             yield "fig4_normal_stress.png", figures_of.normal_stress_series(history)
+    if len(history.surface):
+        yield "fig5_surface.png", figures_of.surface_series(history)
 
 
 def files(result: FaultResult):
@@ -32,7 +34,10 @@ def files(result: FaultResult):
     history = result.history
     for number, depth in enumerate(history.station):
         yield seas_files.station_file(depth), partial(seas_files.write_station, history, number)
-    yield "devol.dat", partial(seas_files.write_slip_evolution, history)
+    for number, place in enumerate(history.surface):
+        yield seas_files.surface_file(place), partial(seas_files.write_surface_station, history, number)
+    for name, quantity in seas_files.profiles(history.fault).items():
+        yield name, partial(seas_files.write_profiles, history, quantity)
 
 
 def numbers(result: FaultResult) -> dict:
@@ -43,17 +48,22 @@ def numbers(result: FaultResult) -> dict:
         for name in ("time", "max_velocity", "moment_rate", "station", "slip", "velocity", "stress", "theta")
     }
     state = {"stress": h.state.stress(h.fault), "theta": h.state.theta(h.fault)}
-    if h.fault.changes:
-        series["normal"] = normal_series(h.fault, h.station, h.time)
+    if h.fault.changes or h.fault.dips:
+        series["normal"] = h.normal
     if h.fault.states > 1:
         series["theta2"], state["theta2"] = h.theta2, h.state.theta2(h.fault)
     profiles = {
         "time": h.profile_time, "seismic": h.profile_seismic, "max_velocity": h.profile_max_velocity,
         "depth": h.profile_depth, "slip": h.profile_slip,
     }  # fmt: skip
+    if h.fault.dips:
+        profiles |= {"stress": h.profile_stress, "normal": h.profile_normal}
     fault = {name: getattr(h.fault, name) for name in ("depth", "a", "b", "dc", "normal", "b2", "dc2")}
+    moved = ("time", "horizontal", "down", "horizontal_velocity", "down_velocity")
+    surface = {name: getattr(h, name) for name in moved} | {"station": h.surface}
+    beside = {"surface": Fields(surface, FaultHistory)} if len(h.surface) else {}
     return {
-        "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
+        **beside, "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
         "events": h.events, "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
         "units": "SI",
     }  # fmt: skip

@@ -26,6 +26,11 @@ class Line(ScenarioTable):
         50.0, description="length of a cell, at most a third of the cohesive length, G dc/(b normal) [m]"
     )
     shear: Literal["antiplane", "in-plane"] = Field("antiplane", description="direction of slip")
+    dip: Annotated[float, Field(gt=0, le=90)] = Field(
+        90.0,
+        description="of a fault with in-plane shear and a free surface; depths are then distances down dip [degrees]",
+    )
+    slip: Literal["thrust", "normal"] = Field("thrust", description="direction of in-plane slip, with a free surface")
     boundary: Literal["surface", "infinite", "periodic"] = Field(
         "surface",
         description="surface: free at depth 0; infinite: a segment in an infinite body; periodic: period width",
@@ -132,6 +137,11 @@ class FaultRun(ScenarioTable):
         1e-4, description="error of each step in slip over dc and in ln θ"
     )
     stations: Annotated[tuple[NotNegative, ...], Listed] = Field(STATIONS, description="depths of time series [m]")
+    surface: Numbers = Field(
+        (),
+        description="stations at the surface with in-plane shear, at distances from the trace of the fault, positive "
+        "above the hanging wall, such as −0.01 and 0.01 for the two sides of the trace [m]",
+    )
     threshold: Positive = Field(1e-3, description="an event lasts while any cell slips at least this fast [m/s]")
     sampling: Positive = Field(
         0.1 * YEAR, description="time between samples outside events, and longest step if normal stress changes [s]"
@@ -171,6 +181,10 @@ class FaultScenario(ScenarioBase):
         check_normal(self.fault, self.run.years * YEAR)
         if wrong := [depth for depth in self.run.stations if depth > self.line.width]:
             raise ValueError(f"run.stations contains {wrong[0]:g} m: use depths from 0 to line.width")
+        if self.run.surface and not self.fault.dips:
+            raise ValueError('run.surface was given: use it with line.shear = "in-plane" and line.boundary = "surface"')
+        if 0 in self.run.surface:
+            raise ValueError("run.surface contains 0: use 0.01 and −0.01 for the two sides of the trace")
         if self.run.threshold <= self.loading.plate_rate:
             raise ValueError(f"run.threshold = {self.run.threshold:g} m/s was given: it must exceed loading.plate_rate")
         return self
@@ -195,7 +209,8 @@ class FaultScenario(ScenarioBase):
         surface = {name: value for name, value in self.friction.model_dump().items() if value is not None}
         profiles = {name: surface.pop(name, None) for name in ("a", "b", "dc", "normal", "b2", "dc2")}
         return line_fault(
-            self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear,
+            self.line.width, self.line.cell, **profiles, **surface, shear=self.line.shear, dip=self.line.dip,
+            slip=self.line.slip,
             boundary=self.line.boundary, thickness=self.line.thickness or float("inf"),
             shear_modulus=self.medium.density * self.medium.wave_speed**2, wave_speed=self.medium.wave_speed,
             poisson=self.medium.poisson, plate_rate=self.loading.plate_rate, changes=self.changes,

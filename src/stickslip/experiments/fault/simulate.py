@@ -84,7 +84,8 @@ def simulate_cycles(
     kept = checkpoint_in(folder, scenario, *nouns)
     if kept:
         # a reproduction runs several lengths and laws in one folder
-        kept = kept.of(f"cells-of-{fault.cell:g}-m" + ("" if fault.law == "aging" else f"-{fault.law}"))
+        dip = f"-{fault.slip}-{fault.dip:g}" if fault.dips else ""
+        kept = kept.of(f"cells-of-{fault.cell:g}-m{dip}" + ("" if fault.law == "aging" else f"-{fault.law}"))
         kept.check()
         kept.announce()
     parts: list[FaultHistory] = []
@@ -109,6 +110,6 @@ def simulate_cycles(
 def _recording(scenario: FaultScenario) -> Recording:
     run = scenario.run
     return Recording(
-        stations=run.stations, threshold=run.threshold, quiet_profiles=run.interval * YEAR,
+        stations=run.stations, surface=run.surface, threshold=run.threshold, quiet_profiles=run.interval * YEAR,
         seismic_profiles=run.seismic_interval, spacing=run.spacing, quiet_sampling=run.sampling,
     )  # fmt: skip
