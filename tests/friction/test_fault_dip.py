@@ -254,6 +254,10 @@ def test_a_normal_stress_that_vanishes_is_told():
         friction.simulate_fault(fault, 1.0, start=start)
 
 
+def test_a_dipping_fault_prints_its_dip():
+    assert repr(small(slip="normal")) == "Fault: normal with a dip of 30°, 50 cells of 100 m, aging law"
+
+
 def test_surface_stations_are_checked():
     with pytest.raises(ValueError, match="use in-plane shear and boundary = 'surface'"):
         friction.simulate_fault(small(shear="antiplane", dip=90.0), 1.0, recording=friction.Recording(surface=(1.0,)))

@@ -23,7 +23,12 @@ LONGEST_CELL = 1 / 3  # over the cohesive length
 SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 
 
-@readable(head=lambda fault: f"{fault.shear}, {len(fault.depth)} cells of {fault.cell:g} m, {fault.law} law")
+def _head(fault) -> str:
+    kind = f"{fault.slip} with a dip of {fault.dip:g}°" if fault.dips else fault.shear
+    return f"{kind}, {len(fault.depth)} cells of {fault.cell:g} m, {fault.law} law"
+
+
+@readable(head=_head)
 class Fault(NamedTuple):
     """A straight fault of N cells of equal length; see `line_fault`. Units are SI."""
 

@@ -174,7 +174,8 @@ class FaultScenario(ScenarioBase):
         yield Size("run.spacing makes", points, "points", "use a larger spacing")
         yield Size("run.years and run.interval make", quiet, "profiles", "use a longer interval")
         yield Size("run.seismic_interval makes", seismic, "profiles", "use a longer interval")
-        yield Size("profiles take", 8 * points * (quiet + seismic), "bytes", "use a larger run.spacing")
+        tables = 3 if line.shear == "in-plane" and line.boundary == "surface" else 1
+        yield Size("profiles take", 8 * tables * points * (quiet + seismic), "bytes", "use a larger run.spacing")
 
     @model_validator(mode="after")
     def _check_fault(self):
