@@ -51,6 +51,7 @@ class Units(NamedTuple):
         return getattr(ss.laws, name)(stiffness, 2 / 7 * stiffness, mu, **more)
 
 
+@cache
 def packing(u, law="hertz_mindlin", n=30, **how):
     how = {"packing_fraction": 0.72, "seed": 3} | how
     return ss.packings.jammed(n, law=u.law(law), **u.sizes, **how)[0]
@@ -90,6 +91,7 @@ def catalogue(u):
     return record.state, [first.strain, first.below, first.kind.value, first.jump, first.growth_rate * u.time]
 
 
+@cache
 def threshold(u):
     state, law = packing(u, "linear", dim=2, packing_fraction=0.9), u.law("linear")
     stress = ss.measure.pressure(state, law)
