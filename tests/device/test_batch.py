@@ -135,6 +135,24 @@ def test_a_leg_may_be_cut_and_change_between_processors_and_devices(leg):
     assert np.abs(other.grains.position - rest[0].grains.position).max() < 1e-11 * scale
 
 
+@pytest.mark.parametrize("damping", ["velocity", "coeff_restitution"])
+def test_each_system_and_each_pair_of_materials_has_its_own_parameters(damping):
+    state = free_spheres().state
+    state = state._replace(grains=state.grains._replace(material=np.arange(len(state.grains.radius)) % 3))
+    law = ss.laws.for_pair(ss.laws.linear(mu=0.5, damping=damping, damping_n=0.4), 1, 2, mu=0.1, kn=2.0, damping_n=0.6)
+    legs = [Leg(state, law, 0.02, 40), Leg(state, ss.laws.for_pair(law, 0, 2, mu=0.2), 0.02, 40)]
+    for leg, (mine, _) in zip(legs, run_legs(legs, Processor()), strict=True):
+        end, _, _ = ss.run(state, leg.law, leg.steps, leg.dt)
+        np.testing.assert_allclose(mine.grains.spin, end.grains.spin, rtol=0, atol=1e-10 * np.abs(end.grains.spin).max())
+
+
+@pytest.mark.parametrize("other", [{"damping_n": 0.0}, {"mu": 0.0}], ids=str)
+def test_laws_that_need_different_kernels_are_refused(other):
+    leg = free_spheres()._replace(law=ss.laws.hertz_mindlin(**{"mu": 0.5, "damping_n": 0.1} | other))
+    with pytest.raises(ValueError, match="different dimensions or laws"):
+        run_legs([leg, leg._replace(law=ss.laws.hertz_mindlin(mu=0.5, damping_n=0.1))], Processor())
+
+
 def test_the_kernels_give_the_same_bits(leg, emulator):
     legs = [leg, leg._replace(steps=90)]
     for mine, known in zip(run_legs(legs, Emulated(emulator)), run_legs(legs, Processor()), strict=True):

@@ -16,7 +16,7 @@ import numpy as np
 from ...builtin_laws import NAMES
 from ..contacts.forces import check_materials, moving_masses
 from ..contacts.neighbors import grid_of, rebuild_list, with_neighbor_list
-from ..laws.builtin import MU, Law
+from ..laws.builtin import MU, Law, damping_model
 from ..laws.compiled import FORCES, law_struct
 from ..laws.kinds import Kind
 from ..laws.properties import angular_columns, needs_rows
@@ -125,7 +125,7 @@ def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | Run
         if most > core.MOST_ENTRIES:
             raise ValueError(f"a device was given a grain with more than {core.MOST_ENTRIES} neighbours: {STAY}")
         sizes = _sizes(systems, most)
-        device.allocate(_shapes(sizes), _law(legs[0].law), sizes)
+        device.allocate(_shapes(sizes), law_struct(legs[0].law, members=FORCES), sizes)
         for slot, system in enumerate(systems):
             for name, place, values in _pack(system, slot, sizes):
                 device.write(name, place, values)
@@ -150,10 +150,9 @@ def check_law(law: Law) -> None:
     """Raise ValueError with a one-sentence message if a device cannot evaluate a law."""
     own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
     if own or needs_rows(law) or angular_columns(law):
-        name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
         raise ValueError(
-            f"a device was given {name}, but evaluates linear and Hertz's springs with friction and dashpots only, "
-            f"with lever arms R and without rolling resistance: use one of these, or {STAY}"
+            f"a device was given another law ({law!r}), but evaluates linear and Hertz's springs with friction and "
+            f"dashpots only, with lever arms R, a memory of slips and no rolling resistance: use these, or {STAY}"
         )
 
 
@@ -164,6 +163,8 @@ def check_leg(leg: Leg) -> None:
     check_law(leg.law)
     if (state.control.group[len(state.grains.radius) :] >= 0).any():
         raise ValueError(f"a device was given a wall in a rigid group: {STAY}")
+    if (groups := int(state.control.group.max(initial=-1)) + 1) > core.SUMS // 3:
+        raise ValueError(f"a device was given {groups} rigid groups, but has room for {core.SUMS // 3}: {STAY}")
     if needs_frame(state):
         raise ValueError(f"a device was given a cell that deforms, or rates with a time profile: {STAY}")
     if state.control.free[len(state.grains.radius) :, :3].any():
@@ -229,20 +230,17 @@ def _sizes(systems: list[_System], most: int) -> Sizes:
         max(1, *(len(state.control.knots) for state in states)),
         max(1, *(state.control.course.shape[1] for state in states)),
         max(leg.steps // leg.every + 1 if leg.every else 0 for leg in legs),
-        2 if any((leg.law.table[..., MU] > 0).any() for leg in legs) else dim + 1, law.table.shape,
+        2 if _has_friction(law) else dim + 1, law.table.shape,
     )  # fmt: skip
 
 
 def _same(law: Law) -> tuple:
     """What laws of one batch share."""
-    return law.kind, law.coulomb, law.damping, law.properties, law.table.shape
+    return law.kind, law.coulomb, damping_model(law), law.properties, law.table.shape, _has_friction(law)
 
 
-def _law(law: Law) -> dict:
-    """Members of the struct of a law, without functions and table."""
-    return {name: None if name == "table" else value for name, value in law_struct(law, members=FORCES).items()} | {
-        "len_table": len(law.table), "width": law.table.shape[2],
-    }  # fmt: skip
+def _has_friction(law: Law) -> bool:
+    return bool((law.table[..., MU] > 0).any())
 
 
 def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
@@ -306,7 +304,7 @@ def _pack_loads(state: State, single: int, slot: int, sizes: Sizes):
         course[knots:, :courses] = control.course[-1]
         yield "knot", slot, knot
         yield "course", slot, course
-    yield "vectors", slot, grid.vectors
+    yield "vectors", slot, state.cell.vectors
     yield "inverse", slot, grid.inverse
     yield "periodic", slot, grid.periodic & (np.arange(3) < state.cell.dim)
 
@@ -356,7 +354,7 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
     value[core.PACE_DENSITY :] = bins / np.where(high > low, high - low, 1.0)
     yield "number", slot, number
     yield "value", slot, value
-    yield "table", slot, leg.law.table
+    yield "table", slot, law_struct(leg.law, members=FORCES)["table"]
 
 
 def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> tuple[State, Record] | RuntimeError:
