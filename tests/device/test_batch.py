@@ -153,6 +153,52 @@ def test_laws_that_need_different_kernels_are_refused(other):
         run_legs([leg, leg._replace(law=ss.laws.hertz_mindlin(mu=0.5, damping_n=0.1))], Processor())
 
 
+def crowd(number):
+    """A large sphere that small ones touch."""
+    side = np.random.default_rng(0).normal(size=(number, 3))
+    place = 5.2 * side / np.linalg.norm(side, axis=1)[:, None]
+    grains = ss.spheres(np.vstack([np.zeros(3), place]), [5.0, *np.full(number, 0.25)])
+    return Leg(ss.assembly(grains), ss.laws.hertz_mindlin(mu=0.5), 0.002, 20, every=10)
+
+
+def test_a_grain_may_have_256_neighbours():
+    leg = crowd(256)
+    end, record, _ = ss.run(leg.state, leg.law, leg.steps, leg.dt, every=leg.every)
+    ((mine, samples),) = run_legs([leg], Processor())
+    np.testing.assert_allclose(mine.grains.velocity, end.grains.velocity, rtol=0, atol=1e-12)
+    assert np.array_equal(samples.cell, record.cell)  # of open space
+    with pytest.raises(ValueError, match="more than 256 neighbours"):
+        run_legs([crowd(257)], Processor())
+
+
+def test_touching_grains_may_not_be_too_many_boxes_apart():
+    grains = ss.spheres([[0.0, 0.0, 0.0], [0.3, 0.9, 0.0]], 0.5)
+    state = ss.assembly(grains, cell=ss.box([2.1, 5, 5], periodic=[True] * 3))
+    control = ss.control.driven(ss.control.fixed(state.control, [0]), [1], [0.4, 0, 0, 0, 0, 0])
+    leg = Leg(state._replace(control=control), ss.laws.linear(mu=0.0), 1.0, 300)
+    (fine, _), apart = run_legs([leg, leg._replace(steps=400)], Processor())
+    assert fine.grains.position[1, 0] > 57 * 2.1
+    assert "64 or more periodic boxes apart" in str(apart)
+
+
+def test_a_batch_has_room_for_13_rigid_groups():
+    leg = free_spheres()
+    control = leg.state.control._replace(group=np.arange(len(leg.state.grains.radius)) % 14)
+    with pytest.raises(ValueError, match="14 rigid groups, but has room for 13"):
+        run_legs([leg._replace(state=leg.state._replace(control=control))], Processor())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [({"dt": -0.02}, "must be positive"), ({"radius": -1.0}, r"grains.radius\[0\] is -1")], ids=str
+)
+def test_run_batch_refuses_what_run_refuses(monkeypatch, change, message):
+    monkeypatch.setattr(device, "open_device", lambda name: Processor())
+    state, dt = free_spheres().state, change.get("dt", 0.02)
+    radius = np.full_like(state.grains.radius, change["radius"]) if "radius" in change else state.grains.radius
+    with pytest.raises(ValueError, match=message):
+        ss.protocols.run_batch([state._replace(grains=state.grains._replace(radius=radius))], ss.laws.linear(), 5, dt)
+
+
 def test_the_kernels_give_the_same_bits(leg, emulator):
     legs = [leg, leg._replace(steps=90)]
     for mine, known in zip(run_legs(legs, Emulated(emulator)), run_legs(legs, Processor()), strict=True):

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...builtin_laws import NAMES
 from ..contacts.forces import check_materials, moving_masses
-from ..contacts.neighbors import grid_of, rebuild_list, with_neighbor_list
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, with_neighbor_list
 from ..laws.builtin import MU, Law, damping_model
 from ..laws.compiled import FORCES, law_struct
 from ..laws.kinds import Kind
@@ -140,7 +140,7 @@ def _run(device: Device, wanted: int) -> np.ndarray:
     while True:
         number = device.run(wanted + 1)
         phase = number[:, core.SLOT_PHASE]
-        going = ~np.isin(phase, (core.FINISHED, core.BROKE))
+        going = ~np.isin(phase, (core.FINISHED, core.BROKE, core.APART))
         if not going.any() or (phase == core.CROWDED).any():
             return number
         wanted = int((number[:, core.SLOT_STOP] - number[:, core.SLOT_STEP])[going].max())
@@ -206,13 +206,20 @@ def _prepare(leg: Leg) -> _System:
 
 
 def _entries(systems: list[_System]) -> int:
-    """Room for the entries of a body: half as many more as the longest list has at the start."""
-    most = 1
+    """Room for the entries of a body: half as many more as the longest list has at the start, if that many may be."""
+    listed = touching = 0
     for system in systems:
-        contacts, count = system.state.contacts, int(system.state.contacts.count[0])
-        listed = np.bincount(np.concatenate([contacts.i[:count], contacts.j[:count]]), minlength=1)
-        most = max(most, int(1.5 * listed[: len(system.state.grains.radius)].max(initial=0)))
-    return 8 * (most // 8 + 1)
+        contacts, n = system.state.contacts, len(system.state.grains.radius)
+        rows = np.arange(contacts.count[0])
+        listed = max(listed, _longest(contacts, rows, n))
+        touching = max(touching, _longest(contacts, rows[contacts.mode[rows] != OPEN], n))
+    return max(touching, min(8 * (int(1.5 * listed) // 8 + 1), core.MOST_ENTRIES))
+
+
+def _longest(contacts: Contacts, rows: np.ndarray, grains: int) -> int:
+    """Largest number of pairs of a grain."""
+    pairs = np.concatenate([contacts.i[rows], contacts.j[rows]])
+    return int(np.bincount(pairs, minlength=1)[:grains].max(initial=0))
 
 
 def _sizes(systems: list[_System], most: int) -> Sizes:
@@ -360,9 +367,12 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
 def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> tuple[State, Record] | RuntimeError:
     """Last state and record of a system, or why it became unstable."""
     leg, state, order, _ = system
+    ended = f"the run ended at time {state.time + number[core.SLOT_STEP] * leg.dt:.6g}"
     if number[core.SLOT_PHASE] == core.BROKE:
-        grain, time = order[number[core.SLOT_BROKEN] - 1], state.time + number[core.SLOT_STEP] * leg.dt
-        return RuntimeError(f"the run ended at time {time:.6g}: grain {grain} moved by more than its radius in a step")
+        grain = order[number[core.SLOT_BROKEN] - 1]
+        return RuntimeError(f"{ended}: grain {grain} moved by more than its radius in a step")
+    if number[core.SLOT_PHASE] == core.APART:
+        return RuntimeError(f"{ended}: {TOO_FAR}")
     now, b = int(number[core.SLOT_NOW]), len(order)
 
     def read(name: str, *place) -> np.ndarray:
@@ -377,6 +387,8 @@ def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> t
     )  # fmt: skip
     contacts = _unpack_contacts(system, slot, device, int(number[core.SLOT_LISTED]))
     contacts = rebuild_list(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
+    if contacts.count[0] < 0:
+        return RuntimeError(f"{ended}: {TOO_FAR}")
     core.store_reference(
         contacts, here.position, here.angle, here.radius, state.cell.vectors, 0, contacts.pair, contacts.roll
     )
