@@ -150,9 +150,11 @@ def check_law(law: Law) -> None:
     """Raise ValueError with a one-sentence message if a device cannot evaluate a law."""
     own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
     if own or needs_rows(law) or angular_columns(law):
+        name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
+        more = "" if own else " with other lever arms, a memory of forces, rolling or twisting resistance"
         raise ValueError(
-            f"a device was given another law ({law!r}), but evaluates linear and Hertz's springs with friction and "
-            f"dashpots only, with lever arms R, a memory of slips and no rolling resistance: use these, or {STAY}"
+            f"a device was given {name}{more}, but evaluates linear and Hertz's springs with friction and dashpots "
+            f"only, with lever arms R and without rolling resistance: use one of these, or {STAY}"
         )
 
 
