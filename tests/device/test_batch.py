@@ -2,6 +2,7 @@
 
 import ctypes
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import stickslip as ss
 from stickslip._core import build
 from stickslip.core.dynamics import device
-from stickslip.core.dynamics.batch import Processor, run_legs
+from stickslip.core.dynamics.batch import Processor, Together, run_legs
 from stickslip.core.dynamics.engine import Leg
 from stickslip.core.dynamics.record import OBSERVABLES
 
@@ -143,7 +144,9 @@ def test_each_system_and_each_pair_of_materials_has_its_own_parameters(damping):
     legs = [Leg(state, law, 0.02, 40), Leg(state, ss.laws.for_pair(law, 0, 2, mu=0.2), 0.02, 40)]
     for leg, (mine, _) in zip(legs, run_legs(legs, Processor()), strict=True):
         end, _, _ = ss.run(state, leg.law, leg.steps, leg.dt)
-        np.testing.assert_allclose(mine.grains.spin, end.grains.spin, rtol=0, atol=1e-10 * np.abs(end.grains.spin).max())
+        np.testing.assert_allclose(
+            mine.grains.spin, end.grains.spin, rtol=0, atol=1e-10 * np.abs(end.grains.spin).max()
+        )
 
 
 @pytest.mark.parametrize("other", [{"damping_n": 0.0}, {"mu": 0.0}], ids=str)
@@ -189,7 +192,9 @@ def test_a_batch_has_room_for_13_rigid_groups():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"), [({"dt": -0.02}, "must be positive"), ({"radius": -1.0}, r"grains.radius\[0\] is -1")], ids=str
+    ("change", "message"),
+    [({"dt": -0.02}, "must be positive"), ({"radius": -1.0}, r"grains.radius\[0\] is -1")],
+    ids=str,
 )
 def test_run_batch_refuses_what_run_refuses(monkeypatch, change, message):
     monkeypatch.setattr(device, "open_device", lambda name: Processor())
@@ -197,6 +202,47 @@ def test_run_batch_refuses_what_run_refuses(monkeypatch, change, message):
     radius = np.full_like(state.grains.radius, change["radius"]) if "radius" in change else state.grains.radius
     with pytest.raises(ValueError, match=message):
         ss.protocols.run_batch([state._replace(grains=state.grains._replace(radius=radius))], ss.laws.linear(), 5, dt)
+
+
+def outcomes_together(legs, batches):
+    """Time at the end of the leg of each caller, or the error that it met."""
+
+    def call(leg):
+        try:
+            ((end, _),) = batches.engine.pieces(leg)
+            return end.time
+        except Exception as problem:
+            return problem
+        finally:
+            batches.leave()
+
+    with ThreadPoolExecutor(len(legs)) as pool:
+        return list(pool.map(call, legs))
+
+
+def test_a_leg_that_cannot_run_does_not_affect_the_others_of_a_batch():
+    leg = free_spheres()._replace(steps=10)
+    hot = leg.state._replace(grains=leg.state.grains._replace(velocity=1e6 * leg.state.grains.velocity))
+    legs = [leg, leg._replace(dt=50.0), leg._replace(state=hot), leg._replace(law=ss.laws.jkr(work=1e-3))]
+    fine, *wrong = outcomes_together(legs, Together(Processor(), len(legs)))
+    assert fine == pytest.approx(0.2)
+    for problem, message in zip(wrong, ("stable only up to", "than its radius in a step", "given jkr"), strict=True):
+        assert message in str(problem)
+
+
+def test_a_batch_that_was_stopped_runs_no_more_legs():
+    batches = Together(Processor(), 2)
+    batches.stopped = True
+    assert [str(problem) for problem in outcomes_together([free_spheres()] * 2, batches)] == ["the run was stopped"] * 2
+
+
+def test_a_device_without_memory_says_so():
+    class Full(Processor):
+        def allocate(self, arrays, law, sizes):
+            raise MemoryError
+
+    with pytest.raises(RuntimeError, match="1 systems of up to 64 bodies do not fit"):
+        run_legs([free_spheres()], Full())
 
 
 def test_the_kernels_give_the_same_bits(leg, emulator):

@@ -26,7 +26,15 @@ from stickslip.experiments.gouge.dimensionless import (
 )
 from stickslip.experiments.gouge.protocol import Realization, Series, Test, _LegRunner, _log_binned, _mean_overlap
 from stickslip.experiments.gouge.report import numbers
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, _shrink_apart, attach_spring, gouge_law, prepare_sample
+from stickslip.experiments.gouge.sample import (
+    BOTTOM,
+    TOP,
+    Gouge,
+    _shrink_apart,
+    attach_spring,
+    gouge_law,
+    prepare_sample,
+)
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 from stickslip.extras import MissingExtraError

@@ -117,19 +117,27 @@ def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | Run
     ValueError
         with a one-sentence message, if a device cannot run a leg, or if a time step is too long.
     """
-    for leg in legs:
-        check_leg(leg)
-    systems = [_prepare(leg) for leg in legs]
+    return _run_systems([_prepare(leg) for leg in legs], device)
+
+
+def _run_systems(systems: list[_System], device: Device) -> list[tuple[State, Record] | RuntimeError]:
+    """Run systems side by side; see `run_legs`."""
     most = _entries(systems)
     while True:
         if most > core.MOST_ENTRIES:
             raise ValueError(f"a device was given a grain with more than {core.MOST_ENTRIES} neighbours: {STAY}")
         sizes = _sizes(systems, most)
-        device.allocate(_shapes(sizes), law_struct(legs[0].law, members=FORCES), sizes)
+        try:
+            device.allocate(_shapes(sizes), law_struct(systems[0].leg.law, members=FORCES), sizes)
+        except MemoryError:
+            raise RuntimeError(
+                f"{sizes.slots} systems of up to {sizes.room} bodies do not fit into the memory of the device: run "
+                f"fewer at once"
+            ) from None
         for slot, system in enumerate(systems):
             for name, place, values in _pack(system, slot, sizes):
                 device.write(name, place, values)
-        number = _run(device, max(leg.steps for leg in legs))
+        number = _run(device, max(system.leg.steps for system in systems))
         if not (number[:, core.SLOT_PHASE] == core.CROWDED).any():
             return [_unpack(system, slot, device, number[slot]) for slot, system in enumerate(systems)]
         most = min(2 * most, max(most + 1, core.MOST_ENTRIES))
@@ -190,6 +198,7 @@ def _skin(state: State) -> float:
 
 def _prepare(leg: Leg) -> _System:
     """Evaluate the forces at the start of a leg, unless the state has them, and choose the order of its bodies."""
+    check_leg(leg)
     state, law = leg.state, leg.law
     plan, instant = make_plan(state, leg.drag, leg.drag, leg.dt), matching_instant(state, law, "difference")
     state = with_neighbor_list(state, law)
@@ -437,6 +446,7 @@ class Together:
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members
         self.waiting: list[_Waiting] = []
+        self.stopped = False  # set it to run no more legs
         self.change = Condition()
 
     @property
@@ -451,8 +461,7 @@ class Together:
             self._run_when_complete()
 
     def _pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
-        check_leg(leg)
-        mine = _Waiting(leg)
+        mine = _Waiting(_prepare(leg))
         with self.change:
             self.waiting.append(mine)
             self._run_when_complete()
@@ -466,7 +475,9 @@ class Together:
             return
         waiting, self.waiting = self.waiting, []
         try:
-            outcomes = run_legs([one.leg for one in waiting], self.device)
+            if self.stopped:
+                raise RuntimeError("the run was stopped")
+            outcomes = _run_systems([one.system for one in waiting], self.device)
         except Exception as problem:  # each caller raises it
             outcomes = [problem] * len(waiting)
         for one, outcome in zip(waiting, outcomes, strict=True):
@@ -476,5 +487,5 @@ class Together:
 
 @dataclass
 class _Waiting:
-    leg: Leg
+    system: _System
     outcome: tuple[State, Record] | Exception | None = None

@@ -103,7 +103,14 @@ def open_device(name: str) -> Device:
 
 @checked
 def run_batch(
-    states: list[State] | tuple[State, ...], law: Law, steps: int, dt: float, *, drag: float = 0.0, every: int = 0, device: str = "cuda"
+    states: list[State] | tuple[State, ...],
+    law: Law,
+    steps: int,
+    dt: float,
+    *,
+    drag: float = 0.0,
+    every: int = 0,
+    device: str = "cuda",
 ) -> list[tuple[State, Record]]:
     """Run many systems side by side on a graphics processor, as `run` would run one after another.
 
