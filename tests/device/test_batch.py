@@ -104,9 +104,13 @@ def test_a_batch_does_what_a_run_does(leg):
         scale = np.abs(values).max(initial=1e-300)
         np.testing.assert_allclose(getattr(samples, name), values, rtol=0, atol=1e-9 * scale, err_msg=name)
     assert mine.time == end.time
-    closed, known = (c.mode[: c.count[0]] != ss.OPEN for c in (mine.contacts, end.contacts))
+    assert_same_contacts(mine.contacts, end.contacts)
+
+
+def assert_same_contacts(mine, known):
+    here, there = (np.flatnonzero(contacts.mode[: contacts.count[0]] != ss.OPEN) for contacts in (mine, known))
     for name in ("i", "j", "image", "mode", "reached"):
-        assert np.array_equal(getattr(mine.contacts, name)[closed], getattr(end.contacts, name)[known]), name
+        assert np.array_equal(getattr(mine, name)[here], getattr(known, name)[there]), name
 
 
 def test_one_step_agrees_to_round_off(leg):
@@ -141,12 +145,65 @@ def test_each_system_and_each_pair_of_materials_has_its_own_parameters(damping):
     state = free_spheres().state
     state = state._replace(grains=state.grains._replace(material=np.arange(len(state.grains.radius)) % 3))
     law = ss.laws.for_pair(ss.laws.linear(mu=0.5, damping=damping, damping_n=0.4), 1, 2, mu=0.1, kn=2.0, damping_n=0.6)
+    law = ss.laws.for_pair(law, 0, 1, mu=0.0)
     legs = [Leg(state, law, 0.02, 40), Leg(state, ss.laws.for_pair(law, 0, 2, mu=0.2), 0.02, 40)]
     for leg, (mine, _) in zip(legs, run_legs(legs, Processor()), strict=True):
         end, _, _ = ss.run(state, leg.law, leg.steps, leg.dt)
-        np.testing.assert_allclose(
-            mine.grains.spin, end.grains.spin, rtol=0, atol=1e-10 * np.abs(end.grains.spin).max()
-        )
+        scale = np.abs(end.grains.spin).max()
+        np.testing.assert_allclose(mine.grains.spin, end.grains.spin, rtol=0, atol=1e-10 * scale)
+        assert_same_contacts(mine.contacts, end.contacts)
+
+
+def test_unlike_systems_run_together():
+    """They differ in size, cell, rigid groups, springs, time profiles, steps, samples, drag and time step."""
+    periodic = free_spheres().state
+    position = 3.0 * np.random.default_rng(1).random((80, 3))
+    open_space = ss.assembly(ss.spheres(position, 0.3, velocity=0.5 * (position - 1.5)))
+    control = open_space.control
+    for k in range(3):
+        control = ss.control.rigid(control, [10 * k, 10 * k + 3, 10 * k + 5])
+    times = np.linspace(-0.4, 1.0, 30)
+    for bodies, axis in (([0, 3, 5], 0), ([60], 1)):
+        pull = {"axis": axis, "times": times, "displacement": np.sin((3 + axis) * times)}
+        control = ss.control.spring_loaded(control, bodies, position[bodies], 0.3, **pull)
+    one = ss.control.rigid(periodic.control, [1, 2])
+    one = ss.control.spring_loaded(one, [9], periodic.grains.position[9], 0.2, times=[0, 1], displacement=[0, 0.5])
+    law = ss.laws.linear(mu=0.4, damping_n=0.1)
+    legs = [
+        Leg(periodic._replace(control=one), law, 0.02, 70, every=30),
+        Leg(open_space._replace(control=control, time=-0.3), law, 0.01, 101, drag=0.3, every=7),
+        Leg(periodic, law, 0.02, 0, every=1),
+    ]
+    for leg, (mine, samples) in zip(legs, run_legs(legs, Processor()), strict=True):
+        end, record, _ = ss.run(leg.state, law, leg.steps, leg.dt, drag=leg.drag, every=leg.every)
+        np.testing.assert_allclose(mine.grains.velocity, end.grains.velocity, rtol=0, atol=1e-11)
+        assert mine.time == end.time
+        for name in ("time", "kinetic_energy", "held_coordination", "cell", "group_force", "group_pull"):
+            np.testing.assert_allclose(getattr(samples, name), getattr(record, name), rtol=0, atol=1e-9, err_msg=name)
+
+
+def test_slow_bodies_are_in_the_list_before_they_touch():
+    gap, place = np.linspace(0.0, 0.12, 25), 3.0 * np.arange(25)
+    left, right = np.stack([place, 0 * gap], axis=1), np.stack([place + 1 + gap, 0 * gap], axis=1)
+    above = np.stack([place, -4.5 + gap], axis=1)
+    velocity = np.repeat([[0.05, 0], [-0.05, 0], [0, -0.05]], 25, axis=0)
+    velocity = np.pad(velocity, [(0, 0), (0, 1)])
+    grains = ss.disks(np.concatenate([left, right, above]), 0.5, velocity=velocity)
+    state = ss.assembly(grains, ss.flat_walls([[0, -5]], [[0, 1]]))
+    state = state._replace(control=ss.control.fixed(state.control, [75]))
+    end, _, _ = ss.run(state, ss.laws.linear(), 120, 0.02)
+    ((mine, _),) = run_legs([Leg(state, ss.laws.linear(), 0.02, 120)], Processor())
+    np.testing.assert_allclose(mine.grains.velocity, end.grains.velocity, rtol=0, atol=1e-12)
+
+
+def test_lists_grow_while_grains_gather():
+    position = np.random.default_rng(0).uniform(-9, 9, (200, 3))
+    state = ss.assembly(ss.spheres(position, 0.5, velocity=-0.1 * position))
+    leg = Leg(state, ss.laws.linear(mu=0.1, damping_n=0.5), 0.05, 160)
+    end, _, _ = ss.run(state, leg.law, leg.steps, leg.dt)
+    ((mine, _),) = run_legs([leg], Processor())
+    assert (end.contacts.mode != ss.OPEN).sum() > 600
+    np.testing.assert_allclose(mine.grains.position, end.grains.position, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("other", [{"damping_n": 0.0}, {"mu": 0.0}], ids=str)
