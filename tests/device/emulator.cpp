@@ -92,9 +92,9 @@ static unsigned __ballot_sync(unsigned, bool value) {
   return bits;
 }
 
-static int __reduce_max_sync(unsigned, int value) {
+static int __shfl_xor_sync(unsigned, int value, int lanes) {
   const long *all = fibers::exchange(value);
-  return int(*std::max_element(all, all + fibers::WARP));
+  return int(all[threadIdx.x % fibers::WARP ^ lanes]);
 }
 
 static int __shfl_up_sync(unsigned, int value, int lanes) {

@@ -2,6 +2,7 @@
 
 import ctypes
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import stickslip as ss
 from stickslip._core import build
 from stickslip.core.dynamics import device
-from stickslip.core.dynamics.batch import Processor, run_legs
+from stickslip.core.dynamics.batch import Processor, Together, run_legs
 from stickslip.core.dynamics.engine import Leg
 from stickslip.core.dynamics.record import OBSERVABLES
 
@@ -103,9 +104,13 @@ def test_a_batch_does_what_a_run_does(leg):
         scale = np.abs(values).max(initial=1e-300)
         np.testing.assert_allclose(getattr(samples, name), values, rtol=0, atol=1e-9 * scale, err_msg=name)
     assert mine.time == end.time
-    closed, known = (c.mode[: c.count[0]] != ss.OPEN for c in (mine.contacts, end.contacts))
+    assert_same_contacts(mine.contacts, end.contacts)
+
+
+def assert_same_contacts(mine, known):
+    here, there = (np.flatnonzero(contacts.mode[: contacts.count[0]] != ss.OPEN) for contacts in (mine, known))
     for name in ("i", "j", "image", "mode", "reached"):
-        assert np.array_equal(getattr(mine.contacts, name)[closed], getattr(end.contacts, name)[known]), name
+        assert np.array_equal(getattr(mine, name)[here], getattr(known, name)[there]), name
 
 
 def test_one_step_agrees_to_round_off(leg):
@@ -133,6 +138,168 @@ def test_a_leg_may_be_cut_and_change_between_processors_and_devices(leg):
     other, _, _ = ss.run(half, leg.law, leg.steps - leg.steps // 2, leg.dt, drag=leg.drag)
     scale = np.abs(other.grains.position).max()
     assert np.abs(other.grains.position - rest[0].grains.position).max() < 1e-11 * scale
+
+
+@pytest.mark.parametrize("damping", ["velocity", "coeff_restitution"])
+def test_each_system_and_each_pair_of_materials_has_its_own_parameters(damping):
+    state = free_spheres().state
+    state = state._replace(grains=state.grains._replace(material=np.arange(len(state.grains.radius)) % 3))
+    law = ss.laws.for_pair(ss.laws.linear(mu=0.5, damping=damping, damping_n=0.4), 1, 2, mu=0.1, kn=2.0, damping_n=0.6)
+    law = ss.laws.for_pair(law, 0, 1, mu=0.0)
+    legs = [Leg(state, law, 0.02, 40), Leg(state, ss.laws.for_pair(law, 0, 2, mu=0.2), 0.02, 40)]
+    for leg, (mine, _) in zip(legs, run_legs(legs, Processor()), strict=True):
+        end, _, _ = ss.run(state, leg.law, leg.steps, leg.dt)
+        scale = np.abs(end.grains.spin).max()
+        np.testing.assert_allclose(mine.grains.spin, end.grains.spin, rtol=0, atol=1e-10 * scale)
+        assert_same_contacts(mine.contacts, end.contacts)
+
+
+def test_unlike_systems_run_together():
+    """They differ in size, cell, rigid groups, springs, time profiles, steps, samples, drag and time step."""
+    periodic = free_spheres().state
+    position = 3.0 * np.random.default_rng(1).random((80, 3))
+    open_space = ss.assembly(ss.spheres(position, 0.3, velocity=0.5 * (position - 1.5)))
+    control = open_space.control
+    for k in range(3):
+        control = ss.control.rigid(control, [10 * k, 10 * k + 3, 10 * k + 5])
+    times = np.linspace(-0.4, 1.0, 30)
+    for bodies, axis in (([0, 3, 5], 0), ([60], 1)):
+        pull = {"axis": axis, "times": times, "displacement": np.sin((3 + axis) * times)}
+        control = ss.control.spring_loaded(control, bodies, position[bodies], 0.3, **pull)
+    one = ss.control.rigid(periodic.control, [1, 2])
+    one = ss.control.spring_loaded(one, [9], periodic.grains.position[9], 0.2, times=[0, 1], displacement=[0, 0.5])
+    law = ss.laws.linear(mu=0.4, damping_n=0.1)
+    legs = [
+        Leg(periodic._replace(control=one), law, 0.02, 70, every=30),
+        Leg(open_space._replace(control=control, time=-0.3), law, 0.01, 101, drag=0.3, every=7),
+        Leg(periodic, law, 0.02, 0, every=1),
+    ]
+    for leg, (mine, samples) in zip(legs, run_legs(legs, Processor()), strict=True):
+        end, record, _ = ss.run(leg.state, law, leg.steps, leg.dt, drag=leg.drag, every=leg.every)
+        np.testing.assert_allclose(mine.grains.velocity, end.grains.velocity, rtol=0, atol=1e-11)
+        assert mine.time == end.time
+        for name in ("time", "kinetic_energy", "held_coordination", "cell", "group_force", "group_pull"):
+            np.testing.assert_allclose(getattr(samples, name), getattr(record, name), rtol=0, atol=1e-9, err_msg=name)
+
+
+def test_slow_bodies_are_in_the_list_before_they_touch():
+    gap, place = np.linspace(0.0, 0.12, 25), 3.0 * np.arange(25)
+    left, right = np.stack([place, 0 * gap], axis=1), np.stack([place + 1 + gap, 0 * gap], axis=1)
+    above = np.stack([place, -4.5 + gap], axis=1)
+    velocity = np.repeat([[0.05, 0], [-0.05, 0], [0, -0.05]], 25, axis=0)
+    velocity = np.pad(velocity, [(0, 0), (0, 1)])
+    grains = ss.disks(np.concatenate([left, right, above]), 0.5, velocity=velocity)
+    state = ss.assembly(grains, ss.flat_walls([[0, -5]], [[0, 1]]))
+    state = state._replace(control=ss.control.fixed(state.control, [75]))
+    end, _, _ = ss.run(state, ss.laws.linear(), 120, 0.02)
+    ((mine, _),) = run_legs([Leg(state, ss.laws.linear(), 0.02, 120)], Processor())
+    np.testing.assert_allclose(mine.grains.velocity, end.grains.velocity, rtol=0, atol=1e-12)
+
+
+def test_lists_grow_while_grains_gather():
+    position = np.random.default_rng(0).uniform(-9, 9, (200, 3))
+    state = ss.assembly(ss.spheres(position, 0.5, velocity=-0.1 * position))
+    leg = Leg(state, ss.laws.linear(mu=0.1, damping_n=0.5), 0.05, 160)
+    end, _, _ = ss.run(state, leg.law, leg.steps, leg.dt)
+    ((mine, _),) = run_legs([leg], Processor())
+    assert (end.contacts.mode != ss.OPEN).sum() > 600
+    np.testing.assert_allclose(mine.grains.position, end.grains.position, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("other", [{"damping_n": 0.0}, {"mu": 0.0}], ids=str)
+def test_laws_that_need_different_kernels_are_refused(other):
+    leg = free_spheres()._replace(law=ss.laws.hertz_mindlin(**{"mu": 0.5, "damping_n": 0.1} | other))
+    with pytest.raises(ValueError, match="different dimensions or laws"):
+        run_legs([leg, leg._replace(law=ss.laws.hertz_mindlin(mu=0.5, damping_n=0.1))], Processor())
+
+
+def crowd(number):
+    """A large sphere that small ones touch."""
+    side = np.random.default_rng(0).normal(size=(number, 3))
+    place = 5.2 * side / np.linalg.norm(side, axis=1)[:, None]
+    grains = ss.spheres(np.vstack([np.zeros(3), place]), [5.0, *np.full(number, 0.25)])
+    return Leg(ss.assembly(grains), ss.laws.hertz_mindlin(mu=0.5), 0.002, 20, every=10)
+
+
+def test_a_grain_may_have_256_neighbours():
+    leg = crowd(256)
+    end, record, _ = ss.run(leg.state, leg.law, leg.steps, leg.dt, every=leg.every)
+    ((mine, samples),) = run_legs([leg], Processor())
+    np.testing.assert_allclose(mine.grains.velocity, end.grains.velocity, rtol=0, atol=1e-12)
+    assert np.array_equal(samples.cell, record.cell)  # of open space
+    with pytest.raises(ValueError, match="more than 256 neighbours"):
+        run_legs([crowd(257)], Processor())
+
+
+def test_touching_grains_may_not_be_too_many_boxes_apart():
+    grains = ss.spheres([[0.0, 0.0, 0.0], [0.3, 0.9, 0.0]], 0.5)
+    state = ss.assembly(grains, cell=ss.box([2.1, 5, 5], periodic=[True] * 3))
+    control = ss.control.driven(ss.control.fixed(state.control, [0]), [1], [0.4, 0, 0, 0, 0, 0])
+    leg = Leg(state._replace(control=control), ss.laws.linear(mu=0.0), 1.0, 300)
+    (fine, _), apart = run_legs([leg, leg._replace(steps=400)], Processor())
+    assert fine.grains.position[1, 0] > 57 * 2.1
+    assert "64 or more periodic boxes apart" in str(apart)
+
+
+def test_a_batch_has_room_for_13_rigid_groups():
+    leg = free_spheres()
+    control = leg.state.control._replace(group=np.arange(len(leg.state.grains.radius)) % 14)
+    with pytest.raises(ValueError, match="14 rigid groups, but has room for 13"):
+        run_legs([leg._replace(state=leg.state._replace(control=control))], Processor())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"dt": -0.02}, "must be positive"), ({"radius": -1.0}, r"grains.radius\[0\] is -1")],
+    ids=str,
+)
+def test_run_batch_refuses_what_run_refuses(monkeypatch, change, message):
+    monkeypatch.setattr(device, "open_device", lambda name: Processor())
+    state, dt = free_spheres().state, change.get("dt", 0.02)
+    radius = np.full_like(state.grains.radius, change["radius"]) if "radius" in change else state.grains.radius
+    with pytest.raises(ValueError, match=message):
+        ss.protocols.run_batch([state._replace(grains=state.grains._replace(radius=radius))], ss.laws.linear(), 5, dt)
+
+
+def outcomes_together(legs, batches):
+    """Time at the end of the leg of each caller, or the error that it met."""
+
+    def call(leg):
+        try:
+            ((end, _),) = batches.engine.pieces(leg)
+            return end.time
+        except Exception as problem:
+            return problem
+        finally:
+            batches.leave()
+
+    with ThreadPoolExecutor(len(legs)) as pool:
+        return list(pool.map(call, legs))
+
+
+def test_a_leg_that_cannot_run_does_not_affect_the_others_of_a_batch():
+    leg = free_spheres()._replace(steps=10)
+    hot = leg.state._replace(grains=leg.state.grains._replace(velocity=1e6 * leg.state.grains.velocity))
+    legs = [leg, leg._replace(dt=50.0), leg._replace(state=hot), leg._replace(law=ss.laws.jkr(work=1e-3))]
+    fine, *wrong = outcomes_together(legs, Together(Processor(), len(legs)))
+    assert fine == pytest.approx(0.2)
+    for problem, message in zip(wrong, ("stable only up to", "than its radius in a step", "given jkr"), strict=True):
+        assert message in str(problem)
+
+
+def test_a_batch_that_was_stopped_runs_no_more_legs():
+    batches = Together(Processor(), 2)
+    batches.stopped = True
+    assert [str(problem) for problem in outcomes_together([free_spheres()] * 2, batches)] == ["the run was stopped"] * 2
+
+
+def test_a_device_without_memory_says_so():
+    class Full(Processor):
+        def allocate(self, arrays, law, sizes):
+            raise MemoryError
+
+    with pytest.raises(RuntimeError, match="1 systems of up to 64 bodies do not fit"):
+        run_legs([free_spheres()], Full())
 
 
 def test_the_kernels_give_the_same_bits(leg, emulator):

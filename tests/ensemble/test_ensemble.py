@@ -44,6 +44,22 @@ def test_results_do_not_depend_on_processes(workers):
     assert done[-1][0] == pytest.approx(1.0)
 
 
+def test_who_waits_for_members_in_threads_can_be_interrupted():
+    never = threading.Event()
+
+    def wait(first, report):
+        never.wait(0.1 if first else 60)
+
+    def interrupt(stage, share, text):
+        raise KeyboardInterrupt
+
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_members(wait, [(True,), (False,)], together=True, report=interrupt)
+    assert time.monotonic() - start < 30
+    never.set()
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_member_that_fails_is_a_sentence(workers):
     found = run_members(tasks.fail_at, [(k, 2) for k in range(4)], workers=workers)

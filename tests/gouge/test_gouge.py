@@ -9,9 +9,12 @@ import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import device
 from stickslip.core.dynamics.batch import Processor
+from stickslip.core.dynamics.run import own_engine
 from stickslip.core.laws.builtin import KEEPS_FORCE, LEVER, ROLLING, TWISTING
+from stickslip.core.progress import silent
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
+from stickslip.data.checkpoint import Checkpoint
 from stickslip.experiments.gouge import measures, statistics
 from stickslip.experiments.gouge.dimensionless import (
     Range,
@@ -21,9 +24,17 @@ from stickslip.experiments.gouge.dimensionless import (
     normalised_stiffness,
     stiffness,
 )
-from stickslip.experiments.gouge.protocol import Realization, Series, Test, _log_binned, _mean_overlap
+from stickslip.experiments.gouge.protocol import Realization, Series, Test, _LegRunner, _log_binned, _mean_overlap
 from stickslip.experiments.gouge.report import numbers
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, _shrink_apart, attach_spring, gouge_law, prepare_sample
+from stickslip.experiments.gouge.sample import (
+    BOTTOM,
+    TOP,
+    Gouge,
+    _shrink_apart,
+    attach_spring,
+    gouge_law,
+    prepare_sample,
+)
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 from stickslip.extras import MissingExtraError
@@ -86,6 +97,27 @@ def test_a_device_that_cannot_run_is_refused_in_one_sentence(monkeypatch):
         simulate_gouge(small(engine="lammps"), device="cuda")
     with pytest.raises(ValueError, match="without rolling resistance"):
         simulate_gouge(small(law=LAW | {"rolling": "spring", "k_roll": 1e6, "mu_roll": 0.2}), device="cuda")
+
+
+def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
+    """Pieces are longer on a device, on which an interrupted run may be resumed."""
+    scenario = small(preparation={"slip": 0.05, "steady": False, "approach": 10.0, "unbalanced": 0.03})
+    gouge, seconds = prepare_sample(scenario, 0), 11 * scenario.sample_every * scenario.dt
+    kept = Checkpoint(tmp_path, scenario.text, (Gouge, Series))
+
+    def stop(stage, share, text):
+        raise KeyboardInterrupt
+
+    def run(samples, report=silent, kept=kept):
+        engine = own_engine(threads=1)._replace(samples=samples)
+        return _LegRunner(scenario, engine, report, kept, seconds, "leg").run(gouge, 0.3, seconds, "slide")[1]
+
+    whole = run(100, kept=None)
+    for first, second in ((3, 5), (5, 3)):
+        with pytest.raises(KeyboardInterrupt):
+            run(first, stop)
+        np.testing.assert_allclose(run(second).time, whole.time, rtol=1e-9)
+        kept.clear()
 
 
 # --- scenarios -------------------------------------------------------------------------------------------------------

@@ -46,6 +46,17 @@ def test_a_plate_moves_as_one(n, direction):
     np.testing.assert_allclose(gained[free], (force / mass)[free], rtol=2e-2, atol=1e-6)
 
 
+def test_a_group_whose_members_joined_another_changes_nothing():
+    law, (state, high, _) = make_law("hertz_mindlin", "sharp"), plated(40)
+    empty = state._replace(control=ss.control.rigid(state.control, high))
+    assert np.unique(empty.control.group).tolist() == [-1, 1]
+    ends = [ss.run(one, law, 20, 0.05, every=10) for one in (state, empty)]
+    assert np.array_equal(ends[0][0].grains.position, ends[1][0].grains.position)
+    assert np.array_equal(ends[0][1].group_position[:, 0], ends[1][1].group_position[:, 1])
+    still = [ss.equilibrate(one, law)[0] for one in (state, empty)]
+    assert np.array_equal(still[0].grains.position, still[1].grains.position)
+
+
 def test_a_plate_does_not_depend_on_threads_or_on_the_way_through_the_list(monkeypatch):
     law, (state, *_) = make_law("hertz_mindlin", "sharp"), plated(300)
     single, double = (ss.run(state, law, 200, 0.05, threads=threads)[0] for threads in (1, 2))

@@ -52,7 +52,8 @@ __device__ void step() {
   if (begin >= grains) return;
   const int t = threadIdx.x, mine = t / PARTS, part = t % PARTS;
   const int count = begin + mine < grains ? slot.entries(begin + mine, list) : 0;
-  const int longest = __reduce_max_sync(0xffffffffu, count);
+  int longest = count;  // of the warp
+  for (int k = 16; k > 0; k /= 2) longest = max(longest, __shfl_xor_sync(0xffffffffu, longest, k));
   int many = 0;
   for (int from = 0; from < longest; from += AHEAD * PARTS) {
     bool touches[AHEAD];

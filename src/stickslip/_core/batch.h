@@ -377,7 +377,8 @@ inline Bin bin_at(const Slot &slot, int64_t bin, int64_t bins) {
   return {bound[bin + 1], bin + 2 <= bins ? bound[bin + 2] : int32_t(slot.number[SLOT_GRAINS])};
 }
 
-// Keys of all bodies within reach of grain a, unsorted. Returns their number, which may be larger than there is room for.
+// Keys of all bodies within reach of grain a, unsorted. Returns their number, which may be larger than there is room for,
+// or −1 if one is more periodic boxes apart than a key can hold.
 template <int DIM>
 inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
   const Batch &b = slot.batch;
@@ -411,6 +412,8 @@ inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
       if (c == a && !image[0] && !image[1] && !image[2]) continue;
       const double reach = own[3] + there[3] + skin;
       if (!(dot(r, r) < reach * reach)) continue;
+      for (int k = 0; k < 3; ++k)
+        if (image[k] < -IMAGE_HALF || image[k] >= IMAGE_HALF) return -1;
       if (many < b.most) key[many] = make_key(c, image[0], image[1], image[2]);
       ++many;
     }
@@ -429,9 +432,9 @@ template <int DIM>
 inline void build_list(const Slot &slot, int64_t a) {
   const int64_t old = slot.number[SLOT_LISTED], list = 1 - old, before = slot.entries(a, old);
   int64_t *entry = slot.entry(a, list), *former = slot.entry(a, old), many = find_partners<DIM>(slot, a, entry);
-  if (many > slot.batch.most) {
-    slot.number[SLOT_CHANGED] = many;  // tells that a list is full
-    many = slot.batch.most;
+  if (many < 0 || many > slot.batch.most) {
+    slot.number[SLOT_CHANGED] = many;  // tells that a list cannot be made, or is full
+    many = many < 0 ? 0 : slot.batch.most;
   }
   for (int64_t c = 1; c < many; ++c) {
     const int64_t key = entry[c];
@@ -456,7 +459,7 @@ inline void finish_list(const Slot &slot) {
   if (number[SLOT_PHASE] != LISTING) return;
   number[SLOT_LISTED] = 1 - number[SLOT_LISTED];
   number[SLOT_MOVED_FAR] = 0;
-  number[SLOT_PHASE] = number[SLOT_CHANGED] ? CROWDED : RUNNING;
+  number[SLOT_PHASE] = number[SLOT_CHANGED] ? (number[SLOT_CHANGED] < 0 ? APART : CROWDED) : RUNNING;
 }
 
 // ---- samples

@@ -325,13 +325,13 @@ constexpr int64_t POINT_WIDTH = 4, MOTION_WIDTH = 12;  // columns: position and 
 constexpr int64_t SLOT_PHASE = 0, SLOT_NOW = 1, SLOT_LISTED = 2, SLOT_STEP = 3, SLOT_NEXT = 4, SLOT_STOP = 5;
 constexpr int64_t SLOT_EVERY = 6, SLOT_ROWS = 7, SLOT_BODIES = 8, SLOT_GRAINS = 9, SLOT_SINGLE = 10, SLOT_MOVED_FAR = 11;
 constexpr int64_t SLOT_BROKEN = 12, SLOT_CHANGED = 13, SLOT_BINS = 14, SLOT_NUMBERS = 17;
-constexpr int64_t RUNNING = 0, SAMPLING = 1, BEGINNING = 2, LISTING = 3, FINISHED = 4, BROKE = 5, CROWDED = 6, VACANT = 7;
+constexpr int64_t RUNNING = 0, SAMPLING = 1, BEGINNING = 2, LISTING = 3, FINISHED = 4, BROKE = 5, CROWDED = 6, APART = 7;
 // columns of `Batch.value`: members of `Pace`; skin; time of the start, and that of the positions; lower bounds and
 // spacings of bins, in parts of the cell
 constexpr int64_t PACE_DT = 0, PACE_KEEP = 1, PACE_SLOW = 2, PACE_KEEP_T = 3, PACE_SLOW_T = 4, PACE_SKIN = 5;
 constexpr int64_t PACE_START = 6, PACE_CLOCK = 7, PACE_LOWEST = 8, PACE_DENSITY = 11, PACE_VALUES = 14;
 // bits of a word in a list: flags, image along each vector, and the first bit of the partner
-constexpr int64_t ENTRY_FLAGS = 3, ENTRY_IMAGE = 10, ENTRY_PARTNER = 33;
+constexpr int64_t ENTRY_FLAGS = 3, ENTRY_IMAGE = 7, ENTRY_PARTNER = 24;
 constexpr int64_t COLUMNS = 48, SUMS = 40;  // of all observables; sums over bodies for a sample
 
 struct Batch {  // S slots with room for R bodies, in each of which is a system or none

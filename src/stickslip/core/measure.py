@@ -219,7 +219,7 @@ def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
     number = np.where(held.all(axis=1), HELD_FAST, (held | (load != 0)).any(axis=1))
     number[len(state.grains.mass) :] = HELD_FAST
     unit = np.arange(state.n_bodies)
-    for members in groups(control):
+    for members in filter(len, groups(control)):
         unit[members], number[members] = members[0], number[members].max()
     return unit, number
 

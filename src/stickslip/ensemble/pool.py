@@ -4,11 +4,11 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from importlib import import_module
 from operator import attrgetter
-from threading import Lock
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ..core.arguments import checked
@@ -160,18 +160,22 @@ def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
 
 
 def _run_together(function, tasks: dict[int, tuple], keep, heard) -> None:
-    """Run all tasks at once in threads of this process."""
-    lock = Lock()
+    """Run all tasks at once in threads, which do not keep this process from ending."""
+    lock, ended = Lock(), SimpleQueue()
 
     def tell(*said) -> None:
         with lock:
             heard(*said)
 
-    with ThreadPoolExecutor(len(tasks)) as pool:
-        number = {pool.submit(_attempt, function, k, task, tell if heard else None): k for k, task in tasks.items()}
-        for future in as_completed(number):
-            with lock:
-                keep(number[future], future.result())
+    def run(k: int, task: tuple) -> None:
+        ended.put((k, _attempt(function, k, task, tell if heard else None)))
+
+    for started in tasks.items():
+        Thread(target=run, args=started, daemon=True).start()
+    for _ in tasks:
+        finished = ended.get()
+        with lock:
+            keep(*finished)
 
 
 def _attempt(function, k: int, task: tuple, heard) -> Member:

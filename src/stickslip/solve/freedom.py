@@ -102,7 +102,7 @@ def freedom(state: State) -> Freedom:
     mass[:, :3] = moving_masses(state)[:, None]
     mass[:n, 3:] = (grains.inertia / grains.radius**2)[:, None]
     leads = free.copy()
-    together = groups(state.control)
+    together = list(filter(len, groups(state.control)))
     for members in together:
         leads[members[1:]] = False
     cell = state.control.cell_free

@@ -15,8 +15,8 @@ import numpy as np
 
 from ...builtin_laws import NAMES
 from ..contacts.forces import check_materials, moving_masses
-from ..contacts.neighbors import grid_of, rebuild_list, with_neighbor_list
-from ..laws.builtin import MU, Law
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, with_neighbor_list
+from ..laws.builtin import MU, Law, damping_model
 from ..laws.compiled import FORCES, law_struct
 from ..laws.kinds import Kind
 from ..laws.properties import angular_columns, needs_rows
@@ -117,19 +117,27 @@ def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | Run
     ValueError
         with a one-sentence message, if a device cannot run a leg, or if a time step is too long.
     """
-    for leg in legs:
-        check_leg(leg)
-    systems = [_prepare(leg) for leg in legs]
+    return _run_systems([_prepare(leg) for leg in legs], device)
+
+
+def _run_systems(systems: list[_System], device: Device) -> list[tuple[State, Record] | RuntimeError]:
+    """Run systems side by side; see `run_legs`."""
     most = _entries(systems)
     while True:
         if most > core.MOST_ENTRIES:
             raise ValueError(f"a device was given a grain with more than {core.MOST_ENTRIES} neighbours: {STAY}")
         sizes = _sizes(systems, most)
-        device.allocate(_shapes(sizes), _law(legs[0].law), sizes)
+        try:
+            device.allocate(_shapes(sizes), law_struct(systems[0].leg.law, members=FORCES), sizes)
+        except MemoryError:
+            raise RuntimeError(
+                f"{sizes.slots} systems of up to {sizes.room} bodies do not fit into the memory of the device: run "
+                f"fewer at once"
+            ) from None
         for slot, system in enumerate(systems):
             for name, place, values in _pack(system, slot, sizes):
                 device.write(name, place, values)
-        number = _run(device, max(leg.steps for leg in legs))
+        number = _run(device, max(system.leg.steps for system in systems))
         if not (number[:, core.SLOT_PHASE] == core.CROWDED).any():
             return [_unpack(system, slot, device, number[slot]) for slot, system in enumerate(systems)]
         most = min(2 * most, max(most + 1, core.MOST_ENTRIES))
@@ -140,7 +148,7 @@ def _run(device: Device, wanted: int) -> np.ndarray:
     while True:
         number = device.run(wanted + 1)
         phase = number[:, core.SLOT_PHASE]
-        going = ~np.isin(phase, (core.FINISHED, core.BROKE))
+        going = ~np.isin(phase, (core.FINISHED, core.BROKE, core.APART))
         if not going.any() or (phase == core.CROWDED).any():
             return number
         wanted = int((number[:, core.SLOT_STOP] - number[:, core.SLOT_STEP])[going].max())
@@ -151,9 +159,10 @@ def check_law(law: Law) -> None:
     own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
     if own or needs_rows(law) or angular_columns(law):
         name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
+        more = "" if own else " with other lever arms, a memory of forces, rolling or twisting resistance"
         raise ValueError(
-            f"a device was given {name}, but evaluates linear and Hertz's springs with friction and dashpots only, "
-            f"with lever arms R and without rolling resistance: use one of these, or {STAY}"
+            f"a device was given {name}{more}, but evaluates linear and Hertz's springs with friction and dashpots "
+            f"only, with lever arms R and without rolling resistance: use one of these, or {STAY}"
         )
 
 
@@ -164,6 +173,8 @@ def check_leg(leg: Leg) -> None:
     check_law(leg.law)
     if (state.control.group[len(state.grains.radius) :] >= 0).any():
         raise ValueError(f"a device was given a wall in a rigid group: {STAY}")
+    if (groups := int(state.control.group.max(initial=-1)) + 1) > core.SUMS // 3:
+        raise ValueError(f"a device was given {groups} rigid groups, but has room for {core.SUMS // 3}: {STAY}")
     if needs_frame(state):
         raise ValueError(f"a device was given a cell that deforms, or rates with a time profile: {STAY}")
     if state.control.free[len(state.grains.radius) :, :3].any():
@@ -187,6 +198,7 @@ def _skin(state: State) -> float:
 
 def _prepare(leg: Leg) -> _System:
     """Evaluate the forces at the start of a leg, unless the state has them, and choose the order of its bodies."""
+    check_leg(leg)
     state, law = leg.state, leg.law
     plan, instant = make_plan(state, leg.drag, leg.drag, leg.dt), matching_instant(state, law, "difference")
     state = with_neighbor_list(state, law)
@@ -205,13 +217,20 @@ def _prepare(leg: Leg) -> _System:
 
 
 def _entries(systems: list[_System]) -> int:
-    """Room for the entries of a body: half as many more as the longest list has at the start."""
-    most = 1
+    """Room for the entries of a body: half as many more as the longest list has at the start, if that many may be."""
+    listed = touching = 0
     for system in systems:
-        contacts, count = system.state.contacts, int(system.state.contacts.count[0])
-        listed = np.bincount(np.concatenate([contacts.i[:count], contacts.j[:count]]), minlength=1)
-        most = max(most, int(1.5 * listed[: len(system.state.grains.radius)].max(initial=0)))
-    return 8 * (most // 8 + 1)
+        contacts, n = system.state.contacts, len(system.state.grains.radius)
+        rows = np.arange(contacts.count[0])
+        listed = max(listed, _longest(contacts, rows, n))
+        touching = max(touching, _longest(contacts, rows[contacts.mode[rows] != OPEN], n))
+    return max(touching, min(8 * (int(1.5 * listed) // 8 + 1), core.MOST_ENTRIES))
+
+
+def _longest(contacts: Contacts, rows: np.ndarray, grains: int) -> int:
+    """Largest number of pairs of a grain."""
+    pairs = np.concatenate([contacts.i[rows], contacts.j[rows]])
+    return int(np.bincount(pairs, minlength=1)[:grains].max(initial=0))
 
 
 def _sizes(systems: list[_System], most: int) -> Sizes:
@@ -229,20 +248,17 @@ def _sizes(systems: list[_System], most: int) -> Sizes:
         max(1, *(len(state.control.knots) for state in states)),
         max(1, *(state.control.course.shape[1] for state in states)),
         max(leg.steps // leg.every + 1 if leg.every else 0 for leg in legs),
-        2 if any((leg.law.table[..., MU] > 0).any() for leg in legs) else dim + 1, law.table.shape,
+        2 if _has_friction(law) else dim + 1, law.table.shape,
     )  # fmt: skip
 
 
 def _same(law: Law) -> tuple:
     """What laws of one batch share."""
-    return law.kind, law.coulomb, law.damping, law.properties, law.table.shape
+    return law.kind, law.coulomb, damping_model(law), law.properties, law.table.shape, _has_friction(law)
 
 
-def _law(law: Law) -> dict:
-    """Members of the struct of a law, without functions and table."""
-    return {name: None if name == "table" else value for name, value in law_struct(law, members=FORCES).items()} | {
-        "len_table": len(law.table), "width": law.table.shape[2],
-    }  # fmt: skip
+def _has_friction(law: Law) -> bool:
+    return bool((law.table[..., MU] > 0).any())
 
 
 def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
@@ -306,7 +322,7 @@ def _pack_loads(state: State, single: int, slot: int, sizes: Sizes):
         course[knots:, :courses] = control.course[-1]
         yield "knot", slot, knot
         yield "course", slot, course
-    yield "vectors", slot, grid.vectors
+    yield "vectors", slot, state.cell.vectors
     yield "inverse", slot, grid.inverse
     yield "periodic", slot, grid.periodic & (np.arange(3) < state.cell.dim)
 
@@ -356,15 +372,18 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
     value[core.PACE_DENSITY :] = bins / np.where(high > low, high - low, 1.0)
     yield "number", slot, number
     yield "value", slot, value
-    yield "table", slot, leg.law.table
+    yield "table", slot, law_struct(leg.law, members=FORCES)["table"]
 
 
 def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> tuple[State, Record] | RuntimeError:
     """Last state and record of a system, or why it became unstable."""
     leg, state, order, _ = system
+    ended = f"the run ended at time {state.time + number[core.SLOT_STEP] * leg.dt:.6g}"
     if number[core.SLOT_PHASE] == core.BROKE:
-        grain, time = order[number[core.SLOT_BROKEN] - 1], state.time + number[core.SLOT_STEP] * leg.dt
-        return RuntimeError(f"the run ended at time {time:.6g}: grain {grain} moved by more than its radius in a step")
+        grain = order[number[core.SLOT_BROKEN] - 1]
+        return RuntimeError(f"{ended}: grain {grain} moved by more than its radius in a step")
+    if number[core.SLOT_PHASE] == core.APART:
+        return RuntimeError(f"{ended}: {TOO_FAR}")
     now, b = int(number[core.SLOT_NOW]), len(order)
 
     def read(name: str, *place) -> np.ndarray:
@@ -379,6 +398,8 @@ def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> t
     )  # fmt: skip
     contacts = _unpack_contacts(system, slot, device, int(number[core.SLOT_LISTED]))
     contacts = rebuild_list(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
+    if contacts.count[0] < 0:
+        return RuntimeError(f"{ended}: {TOO_FAR}")
     core.store_reference(
         contacts, here.position, here.angle, here.radius, state.cell.vectors, 0, contacts.pair, contacts.roll
     )
@@ -425,6 +446,7 @@ class Together:
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members
         self.waiting: list[_Waiting] = []
+        self.stopped = False  # set it to run no more legs
         self.change = Condition()
 
     @property
@@ -439,8 +461,7 @@ class Together:
             self._run_when_complete()
 
     def _pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
-        check_leg(leg)
-        mine = _Waiting(leg)
+        mine = _Waiting(_prepare(leg))
         with self.change:
             self.waiting.append(mine)
             self._run_when_complete()
@@ -454,7 +475,9 @@ class Together:
             return
         waiting, self.waiting = self.waiting, []
         try:
-            outcomes = run_legs([one.leg for one in waiting], self.device)
+            if self.stopped:
+                raise RuntimeError("the run was stopped")
+            outcomes = _run_systems([one.system for one in waiting], self.device)
         except Exception as problem:  # each caller raises it
             outcomes = [problem] * len(waiting)
         for one, outcome in zip(waiting, outcomes, strict=True):
@@ -464,5 +487,5 @@ class Together:
 
 @dataclass
 class _Waiting:
-    leg: Leg
+    system: _System
     outcome: tuple[State, Record] | Exception | None = None

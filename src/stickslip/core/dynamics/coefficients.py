@@ -43,7 +43,7 @@ def driven_bodies(state: State) -> Bodies:
     work.rate[:] = np.where(control.cell_free, work.rate, control.cell_rate * factor[control.cell_follows])
     if state.cell.dim == 2:
         work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
-    for members in groups(control):
+    for members in filter(len, groups(control)):
         mass = np.concatenate([state.grains.mass, state.walls.mass])[members]
         mean = mass @ work.velocity[members] / mass.sum()
         work.velocity[members] = np.where(control.free[members, :3], mean, work.velocity[members])

@@ -1,7 +1,7 @@
 """A graphics processor on which batches run: kernels from the headers of the core, compiled by NVRTC through CuPy."""
 
 import ctypes
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from ..state import State
 from .batch import Device, Sizes, run_legs
 from .engine import Leg
 from .record import Record
+from .run import check_steps
 
 STEPS = 32  # between looks at what the systems wait for
 LONGEST = 1000  # launches between two looks from here
@@ -102,7 +103,14 @@ def open_device(name: str) -> Device:
 
 @checked
 def run_batch(
-    states: Sequence[State], law: Law, steps: int, dt: float, *, drag: float = 0.0, every: int = 0, device: str = "cuda"
+    states: list[State] | tuple[State, ...],
+    law: Law,
+    steps: int,
+    dt: float,
+    *,
+    drag: float = 0.0,
+    every: int = 0,
+    device: str = "cuda",
 ) -> list[tuple[State, Record]]:
     """Run many systems side by side on a graphics processor, as `run` would run one after another.
 
@@ -111,7 +119,8 @@ def run_batch(
 
     Parameters
     ----------
-    states : systems of the same dimension, in fixed cells, with walls that do not follow loads
+    states : systems of the same dimension, in fixed cells, with walls that do not follow loads, at most 13 rigid groups
+        each, and at most 256 neighbours of a grain
     law : Law; linear or Hertz's springs with friction and dashpots
     steps : int; dt : float [time]
     drag : float [1/time]
@@ -146,9 +155,9 @@ def run_batch(
     """
     if not states:
         raise ValueError("no states were given: a batch needs at least one")
-    if steps < 0 or every < 0:
-        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    check_steps(steps, dt, every)
     require_not_negative(drag=drag)
+    every = min(every, steps + 1)
     outcomes = run_legs([Leg(state, law, dt, steps, drag=drag, every=every) for state in states], open_device(device))
     for outcome in outcomes:
         if isinstance(outcome, Exception):

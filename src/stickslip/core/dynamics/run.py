@@ -175,10 +175,8 @@ def join_samples(samples: list[Record], leg: Leg) -> Record:
     return run(leg.state, leg.law, 0, leg.dt)[1]._replace(**each)
 
 
-def _check_arguments(
-    law: Law, steps: int, dt: float, every: int, ledger: bool | int, slip_update: str, threads: int | None
-) -> None:
-    """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
+def check_steps(steps: int, dt: float, every: int) -> None:
+    """Raise ValueError with a one-sentence message if these steps are not allowed."""
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt = {dt} was given: the time step must be positive")
     if steps < 0 or every < 0:
@@ -187,6 +185,13 @@ def _check_arguments(
         raise ValueError(f"steps = {float(steps):.4g} was given: at most {MOST_STEPS:g} are allowed")
     samples = float(steps // every) if every else 0.0
     require_sizes([Size(f"every = {float(every):.4g} makes", samples, "samples", "use a larger `every`")])
+
+
+def _check_arguments(
+    law: Law, steps: int, dt: float, every: int, ledger: bool | int, slip_update: str, threads: int | None
+) -> None:
+    """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
+    check_steps(steps, dt, every)
     if ledger and not every:
         raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
     if ledger < 0 or (ledger and every % ledger):

@@ -286,13 +286,14 @@ class _LegRunner:
         pieces = self.kept and self.kept.of(name)
 
         def run_pieces(place=place):
-            parts = []
-            for first in range(0, samples, self.engine.samples):
+            parts, first = [], 0
+            while first < samples:  # saved pieces are as long as those of the engine that ran them
                 steps, piece = min(self.engine.samples, samples - first) * every, f"{first:09d}"
                 leg = partial(self._run_leg, place, velocity, steps, f"{self.name}/{name}/{piece}")
                 place, part = load_or_compute(pieces, piece, leg)
                 parts.append(part)
-                self._report_progress(steps, part, stage)
+                first += len(part.time)
+                self._report_progress(len(part.time) * every, part, stage)
             return place, _concatenate(parts)
 
         before = self.done

@@ -157,7 +157,10 @@ class _Ensemble:
             finally:
                 batches.leave()
 
-        return run_realizations(run, tasks, stage=stage, report=report, together=True)
+        try:
+            return run_realizations(run, tasks, stage=stage, report=report, together=True)
+        finally:
+            batches.stopped = True
 
     def _save(self, member: GougeScenario, result: Realization) -> None:
         if self.folder:
