@@ -16,6 +16,13 @@ Density of states and response
     elastic_moduli      elastic moduli with their non-affine part
     transient_growth    largest transient amplification of a stable packing
 
+Response to forces, motions and noise
+    frequency_response  transfer function from drives to observables, with drag and dashpots
+    plane_wave          drives: forces of a wave
+    contact_slip, stress_change  observables
+    stationary_fluctuations  covariances under noise, and distance from instability
+    trigger_amplitude   how strong shaking or a pulse must be until a contact slides
+
 Matrices
     dynamical_matrix    −M^(−1/2) J M^(−1/2), sparse
     contact_blocks      derivatives of each contact force

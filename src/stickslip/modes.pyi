@@ -5,6 +5,7 @@ from .solve.density import density_of_states as density_of_states
 from .solve.density import participation_ratio as participation_ratio
 from .solve.equilibrate import UnstableEquilibriumWarning as UnstableEquilibriumWarning
 from .solve.fastest import fastest_pair as fastest_pair
+from .solve.fluctuations import stationary_fluctuations as stationary_fluctuations
 from .solve.freedom import assembled as assembled
 from .solve.freedom import backbone as backbone
 from .solve.freedom import displaced as displaced
@@ -12,7 +13,12 @@ from .solve.freedom import dynamical_matrix as dynamical_matrix
 from .solve.freedom import residual_vector as residual_vector
 from .solve.moduli import elastic_moduli as elastic_moduli
 from .solve.pairs import complex_pairs as complex_pairs
+from .solve.response import contact_slip as contact_slip
+from .solve.response import frequency_response as frequency_response
+from .solve.response import plane_wave as plane_wave
+from .solve.response import stress_change as stress_change
 from .solve.sensitivity import contact_sensitivity as contact_sensitivity
 from .solve.spectrum import damped_growth as damped_growth
 from .solve.spectrum import match_pairs as match_pairs
 from .solve.transient import transient_growth as transient_growth
+from .solve.trigger import trigger_amplitude as trigger_amplitude
