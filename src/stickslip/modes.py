@@ -6,6 +6,8 @@ Complex pairs
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair
+    eigenvalue_gradient  derivatives of the deciding eigenvalue to forces, radii, parameters, positions
+    verdict_probability  how sure the verdict is if positions have errors
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 
 With dashpots and drag

@@ -11,6 +11,8 @@ from .solve.freedom import backbone as backbone
 from .solve.freedom import displaced as displaced
 from .solve.freedom import dynamical_matrix as dynamical_matrix
 from .solve.freedom import residual_vector as residual_vector
+from .solve.gradient import eigenvalue_gradient as eigenvalue_gradient
+from .solve.gradient import verdict_probability as verdict_probability
 from .solve.moduli import elastic_moduli as elastic_moduli
 from .solve.pairs import complex_pairs as complex_pairs
 from .solve.response import contact_slip as contact_slip

@@ -150,7 +150,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     unit = -(free.length**2) / volume(state)
     affine = unit * matrix[cell][:, cell].toarray()
     pull = matrix[grain][:, cell].toarray()
-    motion = _solve_non_affine(matrix[grain][:, grain], pull, free)
+    motion = solve_resisted(matrix[grain][:, grain], pull, free)
     tensor = affine + unit * (matrix[cell][:, grain] @ motion)
     shape = (dim,) * 4
     moved = free.length * motion.reshape(len(grain), dim, dim)
@@ -173,7 +173,7 @@ def _grain_freedom(free: Freedom) -> Freedom:
     return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
 
 
-def _solve_non_affine(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
+def solve_resisted(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
     """Solve J x = −pull; translations and coordinates that nothing resists do not move."""
     size = np.abs(matrix).sum(axis=1)
     held = size > HELD_ABOVE * size.max(initial=0.0)

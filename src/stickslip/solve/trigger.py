@@ -134,7 +134,8 @@ def _first_limit(motion: ForcedMotion, ways: np.ndarray) -> tuple[float, tuple[i
     """Amplitude at which a contact first reaches the limit along displacements (K, N) per unit of the drive."""
     root = np.sqrt(motion.whole.mass)
     start = 1e-6 * motion.here.state.grains.radius.min() / np.abs(ways).max()
-    return first_changes(motion.here, motion.whole, lambda a: a * ways * root, start)[0]
+    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * ways * root, start)[0]
+    return float(amplitude), contact
 
 
 def _steady_ways(motion: ForcedMotion, drive: np.ndarray, frequency: float) -> np.ndarray:
