@@ -177,11 +177,14 @@ def test_friction_moves_noise_away_from_equipartition_and_the_instability_nearer
     assert noisy.distance < noisy.decay
 
 
+def near_its_limit(state):
+    """Law with less friction, so that the contact nearest to the limit bears 0.8 of it."""
+    return ss.laws.hertz_mindlin(mu=0.3 * np.nanmax(response.linearised(state, LAW).line.mobilisation) / 0.8)
+
+
 @pytest.mark.parametrize("how", ["shaking", "pulse"])
 def test_what_triggers_a_packing_is_predicted(packing, how):
-    """With less friction, so that the contact nearest to the limit bears 0.8 of it."""
-    here = response.linearised(packing, LAW)
-    law = ss.laws.hertz_mindlin(mu=0.3 * np.nanmax(here.line.mobilisation) / 0.8)
+    law = near_its_limit(packing)
     times = np.linspace(0, 8, 17)
     drives = {
         "shaking": {"frequency": 0.8}, "pulse": {"times": times, "factors": np.sin(np.pi * times / 8) ** 2},
@@ -189,3 +192,14 @@ def test_what_triggers_a_packing_is_predicted(packing, how):
     answer = ss.modes.trigger_amplitude(packing, law, push(packing, (3, 0)), drag=0.1, **drives[how])
     assert answer.contact == answer.first
     assert answer.measured == pytest.approx(answer.predicted, rel=0.03)  # forces are linear to the relative amplitude
+
+
+def test_a_shaken_grain_triggers_what_is_predicted(packing):
+    state, law = pinned(packing), near_its_limit(packing)
+    answer = ss.modes.trigger_amplitude(state, law, push(state, (0, 1)), frequency=0.9, drag=0.1)
+    assert answer.contact == answer.first
+    assert answer.measured == pytest.approx(answer.predicted, rel=0.03)
+    with pytest.raises(ValueError, match="torques"):
+        ss.modes.trigger_amplitude(state, law, push(state, (3, 4)), frequency=0.9, drag=0.1)
+    with pytest.raises(ValueError, match="never becomes steady"):
+        ss.modes.trigger_amplitude(state, law, push(state, (0, 1)), frequency=0.9)
