@@ -217,7 +217,7 @@ def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = si
     """(n, F) complex y of (A + iωD − ω²) y = b + iω c for mass-weighted forces b and c (n,)."""
     size = len(motion.free)
     out, solved = np.zeros((size, len(frequency)), complex), np.zeros(len(frequency), bool)
-    if size > DIRECT_UP_TO and motion.drag.diagonal().all():
+    if size > DIRECT_UP_TO and motion.drag.diagonal().any():
         for force, factor in ((still, np.ones(len(frequency))), (moving, 1j * frequency)):
             out += factor * _project(motion, frequency, force, report) if force.any() else 0.0
         b = still[:, None] + 1j * moving[:, None] * frequency
