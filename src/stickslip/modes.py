@@ -7,6 +7,7 @@ Complex pairs
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair
     eigenvalue_gradient  derivatives of the deciding eigenvalue to forces, radii, parameters, positions
+    modulus_gradient    the same of a modulus
     verdict_probability  how sure the verdict is if positions have errors
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 

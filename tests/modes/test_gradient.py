@@ -114,6 +114,44 @@ def test_measured_positions_and_the_contacts_that_carry_them(packing, slope):
     np.testing.assert_allclose(total, slope.by_position[4], atol=1e-6 * np.abs(slope.by_position).max())
 
 
+STRAIN = np.array([[0.3, 1.0], [0.2, -0.1]])
+
+
+def modulus(state, law=LAW):
+    return np.einsum("ab,abcd,cd", STRAIN, ss.modes.elastic_moduli(state, law).tensor, STRAIN)
+
+
+def test_moduli(packing):
+    """To forces, radii, stiffness and positions, against differences of equilibria."""
+    slope = ss.modes.modulus_gradient(packing, LAW, STRAIN)
+    assert slope.value == pytest.approx(modulus(packing), rel=1e-12)
+    grains, control = packing.grains, packing.control
+
+    def pushed(h):
+        force = control.force.copy()
+        force[4, 0], force[7, 0] = h, -h
+        return modulus(at_rest(packing._replace(control=control._replace(force=force))))
+
+    def resized(h):
+        radius = grains.radius.copy()
+        radius[4] += h
+        return modulus(at_rest(packing._replace(grains=grains._replace(radius=radius))))
+
+    def stiffer(h):
+        law = ss.laws.hertz_mindlin(1.0, 2 / 7 + h, 0.5)
+        return modulus(at_rest(packing, law), law)
+
+    def moved(h):
+        position = grains.position.copy()
+        position[4, 1] += h
+        return modulus(gradient.with_given_slips(packing._replace(grains=grains._replace(position=position))))
+
+    assert difference(pushed, 1e-5) == pytest.approx(slope.by_force[4, 0] - slope.by_force[7, 0], rel=1e-6)
+    assert difference(resized, 1e-5) == pytest.approx(slope.by_radius[4], rel=1e-6)
+    assert difference(stiffer, 1e-4) == pytest.approx(slope.by_parameter["kt"], rel=1e-6)
+    assert difference(moved, 1e-6) == pytest.approx(slope.by_position[4, 1], rel=1e-6)
+
+
 def test_growth_rate_of_a_pair_follows_its_eigenvalue(swinging):
     law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
     slope = ss.modes.eigenvalue_gradient(swinging, law)

@@ -1,4 +1,4 @@
-"""Derivatives, by the adjoint, of the eigenvalue that decides stability, and what errors of positions make of it."""
+"""Derivatives of eigenvalues and moduli by the adjoint, and what errors of positions make of a verdict."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,13 +7,13 @@ import numpy as np
 from scipy.linalg import eig
 from scipy.special import betaincinv
 
-from ..core.arguments import Seed, checked, require_positive
+from ..core.arguments import Numbers, Seed, checked, require_positive, require_shape
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.jacobian import blocks_of, linearise
+from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law, damping_model, parameter_names, with_values
 from ..core.laws.properties import angular_columns
-from ..core.measure import branch_vectors, overlaps
+from ..core.measure import branch_vectors, overlaps, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, STICK, State
@@ -21,7 +21,7 @@ from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibriu
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, displaced, freedom, incidence, stiffness_of, translations
 from .linear import suitable_threads
 from .linearised import LinearisedState, linearised
-from .moduli import solve_resisted
+from .moduli import adjoint_motion, elastic_moduli, solve_resisted
 from .stability import combine_stability, stability
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes
@@ -31,11 +31,11 @@ CONFIDENCE = 0.95  # of the interval of a probability
 
 
 @readable
-class EigenvalueGradient(NamedTuple):
-    """Derivatives of the eigenvalue λ of −M⁻¹J that decides stability."""
+class Gradient(NamedTuple):
+    """Derivatives of an eigenvalue or of a modulus."""
 
-    value: complex  # λ of the fastest growing mode, or else the smallest one that is not zero [1/time²]
-    condition: float  # ‖u‖‖v‖/|uᴴv| of its modes; derivatives diverge with it at the birth of a pair
+    value: complex  # λ [1/time²], or the modulus, which is real [force/length^(dim−1)]
+    condition: float  # ‖u‖‖v‖/|uᴴv| of λ; derivatives diverge with it at the birth of a pair; NaN for a modulus
     by_force: np.ndarray  # (N + W, 6) complex, to external forces and torques/R; grains and slips follow
     by_radius: np.ndarray  # (N,) complex, to radii at constant M; grains and slips follow
     by_parameter: dict[str, complex]  # to k_n, k_t, μ between all materials, where the law has them; grains follow
@@ -61,9 +61,33 @@ class _Mode(NamedTuple):
     left: np.ndarray  # (C, w) complex, with the factor −1/(uᴴv)
     right: np.ndarray  # (C, w) complex
 
+    def contributions(self, state: State, line: Linearisation, blocks: np.ndarray) -> np.ndarray:
+        """(C,) complex contributions of the contacts to λ, its modes fixed."""
+        return np.einsum("ca,cab,cb->c", self.left, blocks, self.right)
+
+
+class _Modulus(NamedTuple):
+    """E:C:E of a strain E, with the non-affine motion of the contacts to the left and to the right of J."""
+
+    value: float
+    strain: np.ndarray  # (3, 3) E
+    left: np.ndarray  # (C, 6)
+    right: np.ndarray  # (C, 6)
+    volume: float
+    condition: float = np.nan
+
+    def contributions(self, state: State, line: Linearisation, blocks: np.ndarray) -> np.ndarray:
+        """(C,) contributions of the contacts to the modulus, the non-affine motion fixed."""
+        force, branch = line.closed[:, None] * line.force, branch_vectors(state)
+        affine = np.hstack([branch @ self.strain.T, np.zeros_like(branch)])
+        stiff = np.einsum("ca,cab,cb->c", self.left + affine, blocks, self.right + affine)
+        work = np.einsum("ca,ab,cb->c", force, self.strain, (self.right + affine)[:, :3])
+        swells = np.trace(self.strain) * np.einsum("ca,ab,cb->c", force, self.strain, branch)
+        return -(stiff + work - swells) / self.volume
+
 
 @checked
-def eigenvalue_gradient(state: State, law: Law) -> EigenvalueGradient:
+def eigenvalue_gradient(state: State, law: Law) -> Gradient:
     """Derivatives of the eigenvalue that decides stability: dλ = −uᴴ dJ v/(uᴴ M v) at the equilibrium Pᵀf(q) = 0.
 
     A load, radius or stiffness p also moves the equilibrium, by dq = −J⁻¹ ∂f/∂p, and slips follow. One solve with Jᵀ
@@ -91,11 +115,58 @@ def eigenvalue_gradient(state: State, law: Law) -> EigenvalueGradient:
     (['kn', 'kt', 'mu'], (20, 6))
     """
     here = _balanced(state, law)
-    task = _Task(here, _deciding_mode(here), _steps(here.state), _colours(here.state))
-    state, free, whole = here.state, here.backbone, _every_coordinate(here.state)
-    by_end = np.zeros(
-        (2, 6, 2, len(here.line.closed)), complex
-    )  # slips follow or are given, axis, first or second body
+    return _gradient(here, _deciding_mode(here))
+
+
+@checked
+def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
+    """Derivatives of the modulus E:C:E of a displacement gradient E; see `elastic_moduli` and `eigenvalue_gradient`.
+
+    C_xyxy belongs to E = [[0, 1], [0, 0]], dim² times the bulk modulus to the unit matrix.
+
+    Parameters
+    ----------
+    strain : (dim, dim) E [1]
+
+    Raises
+    ------
+    ValueError
+        where `elastic_moduli` or `eigenvalue_gradient` raises it.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> shear = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
+    >>> slope = modulus_gradient(state, law, shear)
+    >>> found = ss.modes.elastic_moduli(state, law).tensor[0, 1, 0, 1]
+    >>> bool(abs(slope.value - found) < 1e-9)
+    True
+    """
+    here, dim = _balanced(state, law), state.cell.dim
+    strain = np.asarray(strain, float)
+    require_shape((dim, dim), strain=strain)
+    found = elastic_moduli(here.state, law)
+    right, left = np.einsum("ncd,cd->n", found.motion, strain), adjoint_motion(here.state, law, strain)
+    q, wide = incidence(here.state, len(here.line.closed), found.free).T, np.zeros((3, 3))
+    wide[:dim, :dim] = strain
+    value = float(np.einsum("ab,abcd,cd", strain, found.tensor, strain))
+    sides = [(q @ side).reshape(-1, 6) for side in (left, right)]
+    gradient = _gradient(here, _Modulus(value, wide, *sides, volume(here.state)))
+    real = [
+        np.real(part) for part in (gradient.by_force, gradient.by_radius, gradient.by_position, gradient.by_contact)
+    ]
+    by_parameter = {name: part.real for name, part in gradient.by_parameter.items()}
+    return Gradient(value, np.nan, *real[:2], by_parameter, *real[2:])
+
+
+def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
+    """Derivatives of a sum over contacts at the equilibrium, by one solve with Jᵀ."""
+    task = _Task(here, answer, _steps(here.state), _colours(here.state))
+    law, state, free, whole = here.law, here.state, here.backbone, _every_coordinate(here.state)
+    # by whether slips follow or are given, axis, first or second body, contact
+    by_end = np.zeros((2, 6, 2, len(here.line.closed)), complex)
     for axis in np.unique(whole.axis):
 
         def moved(h: np.ndarray, axis=axis) -> State:
@@ -113,26 +184,26 @@ def eigenvalue_gradient(state: State, law: Law) -> EigenvalueGradient:
         grains = still.grains._replace(radius=radius + h[: len(radius)])
         return task.contributions(still._replace(grains=grains), loads=pushed)
 
-    return EigenvalueGradient(
-        task.mode.value, task.mode.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
+    return Gradient(
+        answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
         task.by_body(task.by_end(resized))[: len(radius)], _by_parameter(task, pushed), given[:, :3],
         (by_end[1, :3, 0] - by_end[1, :3, 1]).T / 2,
     )  # fmt: skip
 
 
 class _Task(NamedTuple):
-    """A linearised state, its deciding mode, and what differences need."""
+    """A linearised state, what is differentiated, and what differences need."""
 
     here: LinearisedState
-    mode: _Mode
+    answer: _Mode | _Modulus
     steps: np.ndarray  # (B,) [length]
     colours: np.ndarray  # (B,) such that no pair in the list has two bodies of one colour
 
     def contributions(self, state: State, law: Law | None = None, loads=None) -> np.ndarray:
-        """(C,) complex contributions of the contacts to λ, its modes fixed, and to μᵀf for μ at the contacts (C, 6)."""
+        """(C,) complex contributions of the contacts to the answer, and to μᵀf for μ at the contacts (C, 6)."""
         law = law or self.here.law
         line = linearise(state, law)
-        out = np.einsum("ca,cab,cb->c", self.mode.left, blocks_of(state, law, line)[0], self.mode.right)
+        out = self.answer.contributions(state, line, blocks_of(state, law, line)[0])
         if loads is None:
             return out
         force = line.closed[:, None] * line.force
@@ -197,7 +268,7 @@ def _balanced(state: State, law: Law) -> LinearisedState:
     here = linearised(state, law)
     here = here.with_modes(modes_under(state, law, here.line))
     if damping_model(law) or angular_columns(law):
-        raise ValueError("a law with dashpots or moments was given: derivatives of eigenvalues take neither")
+        raise ValueError("a law with dashpots or moments was given: derivatives take neither")
     if state.control.cell_free.any() or (state.control.group >= 0).any():
         raise ValueError(
             "a cell that follows a stress, or a rigid group, was given: hold the cell and the grains apart"
