@@ -273,8 +273,10 @@ def _balanced(state: State, law: Law) -> LinearisedState:
         raise ValueError(
             "a cell that follows a stress, or a rigid group, was given: hold the cell and the grains apart"
         )
-    if not 0 < len(here.backbone) <= AT_MOST:
-        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take 1 to {AT_MOST}")
+    if not len(here.backbone):
+        raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
+    if len(here.backbone) > AT_MOST:
+        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {AT_MOST}")
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     return here
@@ -390,6 +392,8 @@ def verdict_probability(
         where `eigenvalue_gradient` raises it.
     """
     require_positive(position_error=position_error, samples=samples)
+    if position_error > 1:
+        raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
     slope, error = eigenvalue_gradient(state, law), position_error * state.grains.radius.mean()
     here = _balanced(state, law)
     by_position, by_contact = (

@@ -18,7 +18,7 @@ from ..core.measure import branch_vectors, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
-from ..core.state import State
+from ..core.state import State, as_rows
 from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message, with_modes_under
 from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiffness_of
 from .frontal import FrontalFactor, dissect
@@ -132,7 +132,7 @@ def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) 
     stiff, damp = stiffness_of(everything, here.line, blocks, whole), assembled(everything, dampers, whole)
     rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
     pull, resists = (mass_weighted(sparse.csr_array(part[inner][:, inner]), free) for part in (stiff, damp))
-    drags = sparse.csr_array(resists + sparse.diags_array(rate))
+    drags = sparse.csr_array(resists + sparse.diags_array(rate.astype(float)))
     return ForcedMotion(here, free, whole, inner, pull, drags, stiff, damp)
 
 
@@ -184,14 +184,16 @@ def frequency_response(
     >>> answer.matrix.shape, answer.worst_frequency
     ((2, 1, 1), 0.4)
     """
-    drive, bodies = as_patterns(state, drive=drive), state.n_bodies
+    drive, observe = as_patterns(state, drive=drive), None if observe is None else as_patterns(state, observe=observe)
     frequency = np.atleast_1d(np.asarray(frequency, float))
     for worst in frequency[~((frequency >= 0) & np.isfinite(frequency))]:
         raise ValueError(f"frequency = {worst:g} was given: it must be zero or positive")
     motion = forced_motion(state, law, drag, spin_drag)
-    rows = len(motion.free) if observe is None else len(as_patterns(state, observe=observe))
+    rows = len(motion.free) if observe is None else len(observe)
     size = 16.0 * len(frequency) * len(drive) * (rows + len(motion.free))
-    require_sizes([Size(f"{len(frequency)} frequencies of {bodies} bodies take", size, "bytes", "use fewer of them")])
+    require_sizes(
+        [Size(f"{len(frequency)} frequencies of {state.n_bodies} bodies take", size, "bytes", "use fewer of them")]
+    )
     still, moving, prescribed = motion.drives(drive)
     out = np.empty((len(frequency), rows, len(drive)), complex)
     for k in range(len(drive)):
@@ -200,7 +202,7 @@ def frequency_response(
             out[:, :, k] = (y / np.sqrt(motion.free.mass)[:, None]).T
         else:
             x = motion.all_coordinates(y, np.repeat(prescribed[:, k, None], len(frequency), axis=1))
-            out[:, :, k] = (_gather(motion.whole, as_patterns(state, observe=observe)) @ x).T
+            out[:, :, k] = (_gather(motion.whole, observe) @ x).T
     return FrequencyResponse(frequency, out, motion.free)
 
 
@@ -208,9 +210,8 @@ def as_patterns(state: State, **named) -> np.ndarray:
     """(k, B, 6) array of patterns over all bodies."""
     ((name, value),) = named.items()
     value = np.asarray(value, float)
-    value = value[None] if value.ndim == 2 else value
-    require_shape((len(value), state.n_bodies, 6), **{name: value})
-    return value
+    require_shape((*value.shape[: value.ndim == 3], state.n_bodies, 6), **{name: value})
+    return value.reshape(-1, state.n_bodies, 6)
 
 
 def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = silent) -> np.ndarray:
@@ -299,7 +300,7 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
     wavevector : (3,) or (2,) k [1/length]
     direction : (3,) or (2,) e, along k for a compressional wave, across for a shear wave
     """
-    k, e = (np.append(np.asarray(v, float), 0.0)[:3] for v in (wavevector, direction))
+    k, e = (as_rows(v, 1, 3)[0] for v in (wavevector, direction))
     n, out = len(state.grains.radius), np.zeros((2, state.n_bodies, 6))
     phase = state.grains.position @ k
     out[:, :n, :3] = (np.stack([np.cos(phase), np.sin(phase)]) * state.grains.mass)[:, :, None] * e
