@@ -68,8 +68,11 @@ def test_static_response_balances_the_force(packing):
     assert np.abs(left).max() < 1e-4 * small  # forces are linear to that relative change of the overlaps
 
 
-def test_a_shaken_floor_moves_disks_as_in_a_run():
-    law = ss.laws.for_pair(ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0), 0, 1)
+@pytest.mark.parametrize("damping", [{}, {"damping": "velocity", "damping_n": 0.3, "damping_t": 0.2}], ids=len)
+def test_a_shaken_floor_moves_disks_as_in_a_run(damping):
+    """Dashpots of contacts with the floor push, too."""
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, **damping)
+    law = ss.laws.for_pair(law, 0, 1)
     state, outcome = ss.relax(ss.packings.disk_array(4, press=5e-5), law, tolerance=1e-14)
     assert outcome.ok
     for axis in (0, 1):
