@@ -55,7 +55,8 @@ WORDS = {
     "events": "protocols.find_events", "avalanche": "protocols.find_events", "fire": "relax", "run_packing": "run",
     "moment_of_inertia": "packings.from_arrays", "inertial": "measure.inertial_number",
     "cell_strain": "packings.strained", "poisson": "modes.elastic_moduli, laws.elastic_constants",
-    "young": "laws.elastic_constants",
+    "young": "laws.elastic_constants", "gain": "modes.frequency_response", "lyapunov": "modes.stationary_fluctuations",
+    "shake": "modes.frequency_response, modes.trigger_amplitude", "noise": "modes.stationary_fluctuations",
 }  # fmt: skip
 
 

@@ -6,6 +6,9 @@ Complex pairs
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair
+    eigenvalue_gradient  derivatives of the deciding eigenvalue to forces, radii, parameters, positions
+    modulus_gradient    the same of a modulus
+    verdict_probability  how sure the verdict is if positions have errors
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 
 With dashpots and drag
@@ -15,6 +18,13 @@ Density of states and response
     density_of_states, participation_ratio  distribution of frequencies; extent of modes
     elastic_moduli      elastic moduli with their non-affine part
     transient_growth    largest transient amplification of a stable packing
+
+Response to forces, motions and noise
+    frequency_response  transfer function from drives to observables, with drag and dashpots
+    plane_wave          drives: forces of a wave
+    contact_slip, stress_change  observables
+    stationary_fluctuations  covariances under noise, and distance from instability
+    trigger_amplitude   how strong shaking or a pulse must be until a contact slides
 
 Matrices
     dynamical_matrix    −M^(−1/2) J M^(−1/2), sparse

@@ -183,7 +183,7 @@ def test_no_page_scrolls_sideways(built, width):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_the_cells_of_a_tutorial_run_in_an_empty_folder(page, tmp_path):
-    cells = re.findall(r"^```\{code-cell\}[^\n]*\n((?:^:.*\n)*)(.*?)^```", page.read_text(), flags=re.M | re.S)
+    cells = re.findall(r"^```\{code-cell\}[^\n]*\n((?:^:[^\n]*\n)*)(.*?)^```", page.read_text(), flags=re.M | re.S)
     script = "\n".join(code for _, code in cells)
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     away = os.environ | {"MPLBACKEND": "Agg", "PATH": path}

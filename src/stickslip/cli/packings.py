@@ -35,6 +35,7 @@ STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
     ("stability examples/sheared_spheres.npz --after", "bursts or runaway, and the contact that is lost first"),
+    ("stability examples/sheared_spheres.npz --position-error 1e-4", "how sure that is, and the contact that decides"),
     ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, decisive contacts"),
     (
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
@@ -157,6 +158,10 @@ def stability(
     after: Annotated[
         bool, typer.Option("--after", help="Also what follows the instability: bursts, or a contact that is lost.")
     ] = False,
+    position_error: Annotated[
+        float | None,
+        number_option("--position-error", help="Also how sure that is if positions have this error, in radii."),
+    ] = None,
     dashpots: Dashpots = True,
     output: Output,
     options: PackingOptions,
@@ -190,6 +195,9 @@ def stability(
 
                 more = compute_details(state, its_law, result, report=tell)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
+            sure = position_error is not None and stability_report.find_probability(
+                state, its_law, position_error, dashpots=dashpots, report=tell
+            )
         why, paths = [] if result.balanced else stability_report.likely_causes(result, options.values(), notes), []
         shape = stability_report.geometry(state) if stability_report.missing_parts(notes) else None
         if modes or (not output.as_json and result.balanced and result.modes.shape[1]):
@@ -201,6 +209,8 @@ def stability(
             print(f"stickslip: {line}", file=sys.stderr)
         verdict = stability_report.verdict(result, calm, notes)
         about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
+        if sure:
+            about |= {"position_error": stability_report.probability_dict(sure)}
         print(
             json_output.to_json(
                 about | stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape)
@@ -211,6 +221,8 @@ def stability(
     else:
         remedy = "" if settle else BARE if shape else REMEDY
         stability_report.show(result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape)
+        if sure:
+            stability_report.show_probability(sure)
         if paths:
             terminal.show_paths(paths)
     if stability_report.is_stable(result, notes) is None:

@@ -10,9 +10,11 @@ import numpy as np
 from rich.table import Table
 
 from ..builtin_laws import NAMES
+from ..core.arguments import require_positive
 from ..core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names, with_values
 from ..core.laws.kinds import Kind, find_user_law
 from ..core.measure import coordination, grain_volumes, mean_normal_force, overlaps, rattlers, touching, volume
+from ..core.progress import Report, silent
 from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
@@ -21,6 +23,7 @@ from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.birth import BirthForm, birth_form
 from ..solve.freedom import backbone
+from ..solve.gradient import VerdictProbability, verdict_probability
 from ..solve.stability import Stability
 from . import details as stability_more
 from .terminal import console, new_table, show_table
@@ -57,6 +60,42 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthFo
         return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
     except ValueError as problem:
         return str(problem)
+
+
+def find_probability(
+    state: State, law: Law, error: float, *, dashpots: bool = True, report: Report = silent
+) -> VerdictProbability | str:
+    """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
+    require_positive(position_error=error)
+    law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
+    try:
+        return verdict_probability(state, law, position_error=error, report=report)
+    except ValueError as problem:
+        return str(problem)
+
+
+def probability_dict(sure: VerdictProbability | str) -> dict:
+    """Return the JSON object of a probability."""
+    if isinstance(sure, str):
+        return {"reason": sure}
+    out = sure._asdict() | {"probability": sure.probability, "contact": list(sure.contact)}
+    value = out.pop("eigenvalue")
+    return out | {"re_lambda": value.real, "im_lambda": value.imag}
+
+
+def show_probability(sure: VerdictProbability | str) -> None:
+    """Print the probability that a packing is stable, and the contact that decides."""
+    if isinstance(sure, str):
+        console.print(f"what errors of the positions change is not known: {sure}")
+        return
+    part, i, j = ("Im λ" if sure.eigenvalue.imag else "λ"), *sure.contact
+    value = sure.eigenvalue.imag or sure.eigenvalue.real
+    console.print(
+        f"with these errors of the positions it is stable in {sure.stable} of {sure.samples} samples (probability "
+        f"{sure.low:.2g} to {sure.high:.2g}); {with_unit(f'{part} = {value:.4g} ± {sure.deviation:.2g}', '1/time^2')}, "
+        f"most of it from the contact of grains {i} and {j} ({100 * sure.share:.2g} % of the variance)",
+        style="bold",
+    )
 
 
 def let_settle(state: State, law: Law) -> tuple[State, Settling]:

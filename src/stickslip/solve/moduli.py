@@ -135,6 +135,27 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)
     """
+    state, matrix, free, grain, cell = _with_free_cell(state, law)
+    dim = state.cell.dim
+    unit = -(free.length**2) / volume(state)
+    affine = unit * matrix[cell][:, cell].toarray()
+    pull = matrix[grain][:, cell].toarray()
+    motion = solve_resisted(matrix[grain][:, grain], pull, free)
+    tensor = affine + unit * (matrix[cell][:, grain] @ motion)
+    shape = (dim,) * 4
+    moved = free.length * motion.reshape(len(grain), dim, dim)
+    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grain_freedom(free))
+
+
+def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
+    """(n,) motion of the grains that J_ggᵀ gives for a strain (dim, dim), as J_gg gives `ElasticModuli.motion`."""
+    _, matrix, free, grain, cell = _with_free_cell(state, law)
+    pull = free.length * (matrix[cell][:, grain].T @ strain.ravel())
+    return solve_resisted(matrix[grain][:, grain].T.tocsr(), pull[:, None], free)[:, 0]
+
+
+def _with_free_cell(state: State, law: Law):
+    """State with a cell that is free under its own stress, its J and coordinates, and those of grains and cell."""
     _check_cell(state)
     dim = state.cell.dim
     free_cell = np.zeros((3, 3), bool)
@@ -145,16 +166,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     free = backbone(state, law)
     if (free.axis == 6).all():
         raise ValueError("the packing has only rattlers: elastic moduli need grains that support each other")
-    matrix = jacobian(state, law, free)
-    grain, cell = np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
-    unit = -(free.length**2) / volume(state)
-    affine = unit * matrix[cell][:, cell].toarray()
-    pull = matrix[grain][:, cell].toarray()
-    motion = _solve_non_affine(matrix[grain][:, grain], pull, free)
-    tensor = affine + unit * (matrix[cell][:, grain] @ motion)
-    shape = (dim,) * 4
-    moved = free.length * motion.reshape(len(grain), dim, dim)
-    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grain_freedom(free))
+    return state, jacobian(state, law, free), free, np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
 
 
 def _check_cell(state: State) -> None:
@@ -173,7 +185,7 @@ def _grain_freedom(free: Freedom) -> Freedom:
     return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
 
 
-def _solve_non_affine(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
+def solve_resisted(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
     """Solve J x = −pull; translations and coordinates that nothing resists do not move."""
     size = np.abs(matrix).sum(axis=1)
     held = size > HELD_ABOVE * size.max(initial=0.0)

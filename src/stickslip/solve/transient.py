@@ -129,7 +129,7 @@ def transient_growth(
         raise ValueError(
             f"{len(free)} coordinates were given: transient growth needs all modes and takes at most {AT_MOST}"
         )
-    basis, pull, drag = _reduced_matrices(state, law, free)
+    basis, pull, drag = reduced_matrices(state, law, free)
     with suitable_threads(len(pull)):
         motion, root = _modal_motion(pull, drag, norm)
         bound = _amplitude_bound(motion)
@@ -168,10 +168,10 @@ def _from_energy_norm(root: np.ndarray, u: np.ndarray) -> np.ndarray:
     return solve_triangular(root, u)
 
 
-def _reduced_matrices(state: State, law: Law, free: Freedom):
+def reduced_matrices(state: State, law: Law, free: Freedom):
     """Orthonormal basis (n, r) of resisted motions without translations, and −A and the dashpots in this basis."""
     if not len(free):
-        raise ValueError("the packing has only rattlers: transient growth needs grains that support each other")
+        raise ValueError("the packing has only rattlers: its motion needs grains that support each other")
     matrix = dynamical_matrix(state, law, free)
     rigid, size = translations(matrix, free), np.abs(matrix).sum(axis=1)
     held = size > REAL_BELOW * size.max()  # rotations without friction are not resisted
@@ -212,12 +212,12 @@ def _undamped_modes(pull: np.ndarray):
     else:
         values, vectors = eig(pull)
         if (np.abs(values.imag) > REAL_BELOW * np.abs(values).max()).any():
-            _raise_unstable(float(np.abs(np.sqrt(values).imag).max()))
+            raise_unstable(float(np.abs(np.sqrt(values).imag).max()))
         order = np.argsort(values.real)
         values, vectors = values.real[order], vectors.real[:, order]
         inverse = _invert(vectors)
     if values[0] < -ZERO_BELOW * scale:
-        _raise_unstable(float(np.sqrt(-values[0])))
+        raise_unstable(float(np.sqrt(-values[0])))
     if values[0] < ZERO_BELOW * scale:
         raise ValueError(
             "the packing has floppy modes, which move without limit: transient growth needs a rigid packing"
@@ -232,7 +232,7 @@ def _damped_modes(pull: np.ndarray, drag: np.ndarray):
     form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull / unit**2, drag / unit]])  # both blocks are of order one
     values, vectors = eig(form)
     if values.real.max() > REAL_BELOW:
-        _raise_unstable(float(unit * values.real.max()))
+        raise_unstable(float(unit * values.real.max()))
     if np.abs(values).min() ** 2 < ZERO_BELOW:
         raise ValueError(
             "the packing has floppy modes, which move without limit: transient growth needs a rigid packing"
@@ -251,8 +251,9 @@ def _invert(vectors: np.ndarray) -> np.ndarray:
         return np.full_like(vectors, UNCERTAIN)  # rejected by the resulting bound
 
 
-def _raise_unstable(rate: float) -> None:
-    raise ValueError(f"the packing is unstable and grows as exp({rate:.4g} t): transient growth needs a stable packing")
+def raise_unstable(rate: float) -> None:
+    """Raise ValueError for a growing mode."""
+    raise ValueError(f"the packing is unstable and grows as exp({rate:.4g} t): a stable packing is needed")
 
 
 def _normalise_modes(exponents, modes, norms, parts) -> _ModalMotion:

@@ -1,0 +1,422 @@
+"""Derivatives of eigenvalues and moduli by the adjoint, and what errors of positions make of a verdict."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import eig
+from scipy.special import betaincinv
+
+from ..core.arguments import Numbers, Seed, checked, require_positive, require_shape
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
+from ..core.contacts.neighbors import with_neighbor_list
+from ..core.laws.builtin import Law, damping_model, parameter_names, with_values
+from ..core.laws.properties import angular_columns
+from ..core.measure import branch_vectors, overlaps, volume
+from ..core.progress import Report, silent
+from ..core.readable import readable
+from ..core.state import OPEN, STICK, State
+from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
+from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, displaced, freedom, incidence, stiffness_of, translations
+from .linear import suitable_threads
+from .linearised import LinearisedState, linearised
+from .moduli import adjoint_motion, elastic_moduli, solve_resisted
+from .stability import combine_stability, stability
+
+AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))  # central differences of fourth order
+SMALL, LEAST = 0.02, 1e-3  # step over the smallest slip of a body, and smallest slip considered, over the overlap
+CONFIDENCE = 0.95  # of the interval of a probability
+
+
+@readable
+class Gradient(NamedTuple):
+    """Derivatives of an eigenvalue or of a modulus."""
+
+    value: complex  # λ [1/time²], or the modulus, which is real [force/length^(dim−1)]
+    condition: float  # ‖u‖‖v‖/|uᴴv| of λ; derivatives diverge with it at the birth of a pair; NaN for a modulus
+    by_force: np.ndarray  # (N + W, 6) complex, to external forces and torques/R; grains and slips follow
+    by_radius: np.ndarray  # (N,) complex, to radii at constant M; grains and slips follow
+    by_parameter: dict[str, complex]  # to k_n, k_t, μ between all materials, where the law has them; grains follow
+    by_position: np.ndarray  # (N + W, 3) complex, to positions in which slips are given: errors of measurement
+    by_contact: np.ndarray  # (C, 3) complex, the same to the vector r_i − r_j of each pair in the list
+
+    @property
+    def growth_rate(self) -> float:
+        """ω_i = |Im √λ| [1/time]."""
+        return abs(np.sqrt(complex(self.value)).imag)
+
+    def growth_derivative(self, derivative: np.ndarray) -> np.ndarray:
+        """Derivative of the growth rate |Im √λ| for a derivative of λ."""
+        root = np.sqrt(complex(self.value))
+        return np.sign(root.imag) * np.imag(derivative / (2 * root))
+
+
+class _Mode(NamedTuple):
+    """λ and its modes at each contact: dλ = left · dB right, summed over contacts."""
+
+    value: complex
+    condition: float
+    left: np.ndarray  # (C, w) complex, with the factor −1/(uᴴv)
+    right: np.ndarray  # (C, w) complex
+
+    def contributions(self, state: State, line: Linearisation, blocks: np.ndarray) -> np.ndarray:
+        """(C,) complex contributions of the contacts to λ, its modes fixed."""
+        return np.einsum("ca,cab,cb->c", self.left, blocks, self.right)
+
+
+class _Modulus(NamedTuple):
+    """E:C:E of a strain E, with the non-affine motion of the contacts to the left and to the right of J."""
+
+    value: float
+    strain: np.ndarray  # (3, 3) E
+    left: np.ndarray  # (C, 6)
+    right: np.ndarray  # (C, 6)
+    volume: float
+    condition: float = np.nan
+
+    def contributions(self, state: State, line: Linearisation, blocks: np.ndarray) -> np.ndarray:
+        """(C,) contributions of the contacts to the modulus, the non-affine motion fixed."""
+        force, branch = line.closed[:, None] * line.force, branch_vectors(state)
+        affine = np.hstack([branch @ self.strain.T, np.zeros_like(branch)])
+        stiff = np.einsum("ca,cab,cb->c", self.left + affine, blocks, self.right + affine)
+        work = np.einsum("ca,ab,cb->c", force, self.strain, (self.right + affine)[:, :3])
+        swells = np.trace(self.strain) * np.einsum("ca,ab,cb->c", force, self.strain, branch)
+        return -(stiff + work - swells) / self.volume
+
+
+@checked
+def eigenvalue_gradient(state: State, law: Law) -> Gradient:
+    """Derivatives of the eigenvalue that decides stability: dλ = −uᴴ dJ v/(uᴴ M v) at the equilibrium Pᵀf(q) = 0.
+
+    A load, radius or stiffness p also moves the equilibrium, by dq = −J⁻¹ ∂f/∂p, and slips follow. One solve with Jᵀ
+    for the adjoint μ, Jᵀμ = −∂λ/∂q, gives dλ/dp = ∂λ/∂p + μᵀ ∂f/∂p for all p. The blocks of contacts are differentiated
+    by central differences, all grains of one colour of the contact network at once.
+
+    Raises
+    ------
+    ValueError
+        beyond 2500 coordinates; if the forces do not balance; for laws with dashpots or moments, and for cells that
+        follow a stress.
+
+    Source
+    ------
+    Seyranian & Mailybaev, doi:10.1142/5305, Ch. 2, for eigenvalues; Cao, Li, Petzold & Serban,
+    doi:10.1137/S1064827501380630, for adjoints.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> slope = eigenvalue_gradient(state, law)
+    >>> sorted(slope.by_parameter), slope.by_force.shape
+    (['kn', 'kt', 'mu'], (20, 6))
+    """
+    here = _balanced(state, law)
+    return _gradient(here, _deciding_mode(here))
+
+
+@checked
+def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
+    """Derivatives of the modulus E:C:E of a displacement gradient E; see `elastic_moduli` and `eigenvalue_gradient`.
+
+    C_xyxy belongs to E = [[0, 1], [0, 0]], dim² times the bulk modulus to the unit matrix.
+
+    Parameters
+    ----------
+    strain : (dim, dim) E [1]
+
+    Raises
+    ------
+    ValueError
+        where `elastic_moduli` or `eigenvalue_gradient` raises it.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> shear = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
+    >>> slope = modulus_gradient(state, law, shear)
+    >>> found = ss.modes.elastic_moduli(state, law).tensor[0, 1, 0, 1]
+    >>> bool(abs(slope.value - found) < 1e-9)
+    True
+    """
+    here, dim = _balanced(state, law), state.cell.dim
+    strain = np.asarray(strain, float)
+    require_shape((dim, dim), strain=strain)
+    found = elastic_moduli(here.state, law)
+    right, left = np.einsum("ncd,cd->n", found.motion, strain), adjoint_motion(here.state, law, strain)
+    q, wide = incidence(here.state, len(here.line.closed), found.free).T, np.zeros((3, 3))
+    wide[:dim, :dim] = strain
+    value = float(np.einsum("ab,abcd,cd", strain, found.tensor, strain))
+    sides = [(q @ side).reshape(-1, 6) for side in (left, right)]
+    gradient = _gradient(here, _Modulus(value, wide, *sides, volume(here.state)))
+    real = [
+        np.real(part) for part in (gradient.by_force, gradient.by_radius, gradient.by_position, gradient.by_contact)
+    ]
+    by_parameter = {name: part.real for name, part in gradient.by_parameter.items()}
+    return Gradient(value, np.nan, *real[:2], by_parameter, *real[2:])
+
+
+def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
+    """Derivatives of a sum over contacts at the equilibrium, by one solve with Jᵀ."""
+    task = _Task(here, answer, _steps(here.state), _colours(here.state))
+    law, state, free, whole = here.law, here.state, here.backbone, _every_coordinate(here.state)
+    # by whether slips follow or are given, axis, first or second body, contact
+    by_end = np.zeros((2, 6, 2, len(here.line.closed)), complex)
+    for axis in np.unique(whole.axis):
+
+        def moved(h: np.ndarray, axis=axis) -> State:
+            return displaced(state, whole, h[whole.body] * (whole.axis == axis))
+
+        by_end[0, axis] = task.by_end(lambda h, moved=moved: task.contributions(_with_trial_slips(moved(h), law)))
+        if axis < 3:
+            by_end[1, axis] = task.by_end(lambda h, moved=moved: task.contributions(with_given_slips(moved(h))))
+    follow, given = (np.stack([task.by_body(side) for side in kind], axis=1) for kind in by_end)
+    mu = _adjoint(here, free, follow.ravel()[free.component])
+    pushed = (incidence(state, len(here.line.closed), free).T @ mu).reshape(-1, 6)
+    radius, still = state.grains.radius, _without_angles(state)
+
+    def resized(h: np.ndarray) -> np.ndarray:
+        grains = still.grains._replace(radius=radius + h[: len(radius)])
+        return task.contributions(still._replace(grains=grains), loads=pushed)
+
+    return Gradient(
+        answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
+        task.by_body(task.by_end(resized))[: len(radius)], _by_parameter(task, pushed), given[:, :3],
+        (by_end[1, :3, 0] - by_end[1, :3, 1]).T / 2,
+    )  # fmt: skip
+
+
+class _Task(NamedTuple):
+    """A linearised state, what is differentiated, and what differences need."""
+
+    here: LinearisedState
+    answer: _Mode | _Modulus
+    steps: np.ndarray  # (B,) [length]
+    colours: np.ndarray  # (B,) such that no pair in the list has two bodies of one colour
+
+    def contributions(self, state: State, law: Law | None = None, loads=None) -> np.ndarray:
+        """(C,) complex contributions of the contacts to the answer, and to μᵀf for μ at the contacts (C, 6)."""
+        law = law or self.here.law
+        line = linearise(state, law)
+        out = self.answer.contributions(state, line, blocks_of(state, law, line)[0])
+        if loads is None:
+            return out
+        force = line.closed[:, None] * line.force
+        return out + (loads * np.hstack([force, np.cross(force, line.normal)])).sum(axis=1)
+
+    def by_end(self, function: Callable) -> np.ndarray:
+        """(2, C) derivatives of each contact's contribution to a property of its first and of its second body.
+
+        function(h) gives the contributions (C,) if the properties of bodies change by h (B,).
+        """
+        ends = self.ends
+        out = np.zeros(ends.shape, complex)
+        for colour in range(self.colours.max() + 1):
+            h = np.where(self.colours == colour, self.steps, 0.0)
+            slope = sum(weight * function(k * h) for k, weight in STENCIL)
+            out += np.where(self.colours[ends] == colour, slope / self.steps[ends], 0.0)
+        return out
+
+    def by_body(self, by_end: np.ndarray) -> np.ndarray:
+        """(B,) sums over the contacts of each body."""
+        out = np.zeros(len(self.steps), complex)
+        np.add.at(out, self.ends, by_end)
+        return out
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(2, C) bodies of each contact."""
+        contacts, count = self.here.state.contacts, len(self.here.line.closed)
+        return np.stack([contacts.i[:count], contacts.j[:count]])
+
+
+def _adjoint(here: LinearisedState, free: Freedom, slope: np.ndarray) -> np.ndarray:
+    """(n,) complex μ of Jᵀμ = −slope; translations that nothing resists change nothing, up to errors of differences."""
+    matrix = stiffness_of(here.state, here.line, blocks_of(here.state, here.law, here.line)[0], free)
+    rigid, _ = np.linalg.qr(translations(here.dynamical_matrix(free), free) / np.sqrt(free.mass)[:, None])
+    slope = slope - rigid @ (rigid.T @ slope)
+    size = np.abs(slope).max(initial=1e-300)
+    return size * (solve_resisted(matrix.T.tocsr(), np.stack([slope.real, slope.imag], axis=1) / size, free) @ [1, 1j])
+
+
+def _by_parameter(task: _Task, pushed: np.ndarray) -> dict[str, complex]:
+    """Derivatives to k_n, k_t and μ, each in the table of the law, equal between all materials and not zero."""
+    law, out = task.here.law, {}
+    for name in ("kn", "kt", "mu"):
+        values = law.table[..., parameter_names(law).index(name)] if name in parameter_names(law) else np.zeros(1)
+        value, step = float(values.flat[0]), 1e-3 * float(values.flat[0])
+        if value > 0 and (values == value).all():
+            terms = [
+                weight * task.contributions(task.here.state, with_values(law, **{name: value + k * step}), pushed).sum()
+                for k, weight in STENCIL
+            ]
+            out[name] = complex(sum(terms) / step)
+    return out
+
+
+def _with_trial_slips(state: State, law: Law) -> State:
+    return accept(state, forces(state, law)[1])
+
+
+def _balanced(state: State, law: Law) -> LinearisedState:
+    """Linearised state, if its eigenvalues have derivatives that are implemented."""
+    here = linearised(state, law)
+    here = here.with_modes(modes_under(state, law, here.line))
+    if damping_model(law) or angular_columns(law):
+        raise ValueError("a law with dashpots or moments was given: derivatives take neither")
+    if state.control.cell_free.any() or (state.control.group >= 0).any():
+        raise ValueError(
+            "a cell that follows a stress, or a rigid group, was given: hold the cell and the grains apart"
+        )
+    if not len(here.backbone):
+        raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
+    if len(here.backbone) > AT_MOST:
+        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {AT_MOST}")
+    if (residual := force_imbalance(here)) > BALANCED_BELOW:
+        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
+    return here
+
+
+def _deciding_mode(here: LinearisedState) -> _Mode:
+    free = here.backbone
+    with suitable_threads(len(free)):
+        values, left, right = eig(here.dynamical_matrix(free).toarray(), left=True)
+    scale = np.abs(values).max()
+    values = np.where(np.abs(values.imag) <= PAIR_ABOVE * scale, values.real, values)
+    grows = np.where(np.abs(values) < ZERO_BELOW * scale, -np.inf, np.abs(np.sqrt(values.astype(complex)).imag))
+    k = int(np.argmax(grows))
+    if grows[k] <= 0:
+        k = int(np.argmin(np.where(np.isfinite(grows), values.real, np.inf)))
+    k = k if values[k].imag >= 0 else int(np.argmin(np.abs(values - values[k].conj())))
+    u, v, root = left[:, k], right[:, k], np.sqrt(free.mass)
+    product, q = np.vdot(u, v), incidence(here.state, len(here.line.closed), free).T
+    at_contacts = [(q @ (side / root)).reshape(-1, 6) for side in (u.conj() / -product, v)]
+    return _Mode(complex(values[k]), float(1 / abs(product)), *at_contacts)
+
+
+def _every_coordinate(state: State) -> Freedom:
+    """Freedom with every component of every body free."""
+    return freedom(state._replace(control=state.control._replace(free=np.ones_like(state.control.free))))
+
+
+def _steps(state: State) -> np.ndarray:
+    """(B,) steps of differences, small against the overlaps, gaps and slips of a body."""
+    contacts, size = state.contacts, np.abs(overlaps(state))
+    slip = np.linalg.norm(contacts.slip[: len(size)], axis=1)
+    size = np.clip(slip, LEAST * size, size)
+    least = np.full(state.n_bodies, state.grains.radius.min())
+    for end in (contacts.i, contacts.j):
+        np.minimum.at(least, end[: len(size)], size)
+    return SMALL * least
+
+
+def _colours(state: State) -> np.ndarray:
+    """(B,) colours such that no pair in the list has two bodies of one colour."""
+    near: list[set[int]] = [set() for _ in range(state.n_bodies)]
+    count = int(state.contacts.count[0])
+    for a, b in zip(state.contacts.i[:count].tolist(), state.contacts.j[:count].tolist(), strict=True):
+        near[a].add(b)
+        near[b].add(a)
+    out = np.full(len(near), -1)
+    for body in sorted(range(len(near)), key=lambda k: -len(near[k])):
+        taken = {int(out[other]) for other in near[body]}
+        out[body] = next(colour for colour in range(len(near)) if colour not in taken)
+    return out
+
+
+def _without_angles(state: State) -> State:
+    """The same accepted state with all angles zero, so that a change of the radii does not turn the memory."""
+    grains, contacts = state.grains, state.contacts
+    return state._replace(
+        grains=grains._replace(angle=np.zeros_like(grains.angle)),
+        contacts=contacts._replace(roll=np.zeros_like(contacts.roll)),
+    )
+
+
+def with_given_slips(state: State) -> State:
+    """State in which moved grains have the slips that were given; pairs that now touch stick, without slip."""
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    branch, over = branch_vectors(state), overlaps(state)
+    normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
+    pair, slip, mode = contacts.pair.copy(), contacts.slip.copy(), contacts.mode.copy()
+    pair[:count] = branch
+    slip[:count] -= np.einsum("ck,ck->c", slip[:count], normal)[:, None] * normal
+    mode[:count] = np.where(over <= 0, OPEN, np.where(mode[:count] == OPEN, STICK, mode[:count]))
+    slip[:count][over <= 0] = 0.0
+    return state._replace(contacts=contacts._replace(pair=pair, slip=slip, mode=mode))
+
+
+@readable
+class VerdictProbability(NamedTuple):
+    """How sure the verdict on a packing is whose positions have errors."""
+
+    stable: int  # samples without a growing mode
+    samples: int
+    low: float  # bounds of the probability that it is stable, with a confidence of 95 %
+    high: float
+    eigenvalue: complex  # λ that decides the verdict on the packing as it was given [1/time²]
+    deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
+    contact: tuple[int, int]  # bodies of the contact that contributes most to it
+    share: float  # its share of the variance
+
+    @property
+    def probability(self) -> float:
+        """Share of the samples that are stable."""
+        return self.stable / self.samples
+
+
+@checked
+def verdict_probability(
+    state: State, law: Law, *, position_error: float, samples: int = 100, seed: Seed = 0, report: Report = silent
+) -> VerdictProbability:
+    """Probability that a packing is stable if its positions have errors of measurement, and the contact that decides.
+
+    Normal errors are added to all positions; slips stay those that were given. Errors of X-ray or photoelastic data
+    are much larger than the displacements to which forces are sensitive, so no balance is asked of the samples: forces
+    that balance the given positions are thought to be there. The contact that decides is the one whose distance
+    contributes most to the variance of λ to first order.
+
+    Parameters
+    ----------
+    position_error : standard deviation of each coordinate over the mean radius
+    samples : number of packings
+
+    Raises
+    ------
+    ValueError
+        where `eigenvalue_gradient` raises it.
+    """
+    require_positive(position_error=position_error, samples=samples)
+    if position_error > 1:
+        raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
+    slope, error = eigenvalue_gradient(state, law), position_error * state.grains.radius.mean()
+    here = _balanced(state, law)
+    by_position, by_contact = (
+        part.imag if slope.value.imag else part.real for part in (slope.by_position, slope.by_contact)
+    )
+    parts = (by_contact**2).sum(axis=1)
+    worst = int(np.argmax(parts))
+    rng, dim, stable = np.random.default_rng(seed), state.cell.dim, 0
+    for k in range(samples):
+        report("position error", k / samples, f"{stable} of {k} stable")
+        stable += _is_stable_with(here.state, law, error * rng.normal(size=(len(state.grains.radius), dim)))
+    tail = (1 - CONFIDENCE) / 2
+    low = betaincinv(stable, samples - stable + 1, tail) if stable else 0.0
+    high = betaincinv(stable + 1, samples - stable, 1 - tail) if stable < samples else 1.0
+    deviation = error * np.linalg.norm(by_position[: len(state.grains.radius)])
+    contact = int(state.contacts.i[worst]), int(state.contacts.j[worst])
+    share = float(parts[worst] / max(parts.sum(), 1e-300))
+    return VerdictProbability(stable, samples, float(low), float(high), slope.value, float(deviation), contact, share)
+
+
+def _is_stable_with(state: State, law: Law, move: np.ndarray) -> bool:
+    position = state.grains.position.copy()
+    position[:, : move.shape[1]] += move
+    moved = with_neighbor_list(state._replace(grains=state.grains._replace(position=position)), law)
+    result = stability(with_given_slips(moved), law, method="all")
+    return bool(combine_stability(result.grows, result.if_stuck))

@@ -1,0 +1,353 @@
+"""Response of a packing to periodic forces and motions: the transfer function of its linearised dynamics.
+
+Drives and observables are arrays (…, N + W, 6) over the components x, y, z and R·angle of all bodies. A drive is a
+force or torque/R on a component that is free, and a displacement of one that is prescribed. An observable is a weighted
+sum of displacements.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import LinAlgError, eig
+
+from ..core.arguments import Numbers, Values, checked, require_index, require_not_negative, require_shape
+from ..core.contacts.jacobian import blocks_of, cross_matrix
+from ..core.laws.builtin import Law
+from ..core.measure import branch_vectors, volume
+from ..core.progress import Report, silent
+from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
+from ..core.state import State, as_rows
+from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message, with_modes_under
+from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiffness_of
+from .frontal import FrontalFactor, dissect
+from .linear import one_thread
+from .linearised import LinearisedState, linearised
+
+DIRECT_UP_TO = 300  # coordinates up to which each frequency is solved by LAPACK
+STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
+SOLVED = 1e-8  # largest relative residual of a solution
+WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, beyond which round-off decides
+
+
+@readable
+class FrequencyResponse(NamedTuple):
+    """Transfer function of a packing: complex amplitudes of observables per unit of each drive."""
+
+    frequency: np.ndarray  # (F,) ω, in the order given [1/time]
+    matrix: np.ndarray  # (F, m, k) complex: for drives Re d exp(iωt), the observables are Re (matrix @ d) exp(iωt)
+    free: Freedom  # coordinates that respond, without rattlers; the observables if none were given
+
+    @property
+    def gain(self) -> np.ndarray:
+        """(F,) largest amplitude of the observables over that of the drives: the largest singular value."""
+        return np.linalg.norm(self.matrix, 2, axis=(1, 2))
+
+    @property
+    def worst_frequency(self) -> float:
+        """Frequency of the largest gain [1/time]."""
+        return float(self.frequency[np.argmax(self.gain)])
+
+    @property
+    def worst_drive(self) -> np.ndarray:
+        """(k,) complex unit combination of the drives with the largest gain."""
+        return np.linalg.svd(self.matrix[np.argmax(self.gain)], full_matrices=False)[2][0].conj()
+
+    @property
+    def worst_answer(self) -> np.ndarray:
+        """(m,) complex observables for `worst_drive` at `worst_frequency`."""
+        return self.matrix[np.argmax(self.gain)] @ self.worst_drive
+
+
+class ForcedMotion(NamedTuple):
+    """ÿ = −A y − D ẏ + b of the mass-weighted free coordinates, with what couples them to prescribed ones."""
+
+    here: LinearisedState
+    free: Freedom  # without rattlers
+    whole: Freedom  # all coordinates, also prescribed ones
+    inner: np.ndarray  # (n,) place of the free coordinates among all
+    pull: sparse.csr_array  # (n, n) A [1/time²]
+    drag: sparse.csr_array  # (n, n) D [1/time]
+    stiff: sparse.csr_array  # J of all coordinates
+    damp: sparse.csr_array  # ∂f/∂q̇ of all coordinates
+
+    def drives(self, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Forces (n, k) per displacement and per velocity of drives (k, B, 6), and prescribed motions of all (N, k).
+
+        The forces are mass-weighted.
+        """
+        flat, prescribed = _gather(self.whole, drive), ~self.here.state.control.free.ravel()
+        prescribed = np.append(prescribed, np.zeros(9, bool))[self.whole.component]
+        lead = np.hstack([drive.reshape(len(drive), -1), np.zeros((len(drive), 9))])[:, self.whole.component]
+        motion, root = np.where(prescribed, lead, 0.0).T, np.sqrt(self.free.mass)[:, None]
+        forces = flat.T[self.inner] + (self.stiff @ motion)[self.inner]
+        resists = (self.damp @ motion)[self.inner]
+        if not (forces.any(axis=0) | resists.any(axis=0)).all():
+            raise ValueError(
+                "a drive that moves nothing was given: it needs a force on a grain that is held by others, or a motion "
+                "of a prescribed body that touches one"
+            )
+        return forces / root, resists / root, motion
+
+    def matrix(self, frequency: float):
+        """(n, n) sparse A + iωD − ω²."""
+        return sparse.csr_array(
+            self.pull + 1j * frequency * self.drag - frequency**2 * sparse.eye_array(len(self.free), format="csr")
+        )
+
+    def all_coordinates(self, y: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        """(N, …) displacements of all coordinates for y (n, …) and prescribed motions (N, …)."""
+        out = motion.astype(y.dtype)
+        out[self.inner] += y / np.sqrt(self.free.mass).reshape(-1, *np.ones(y.ndim - 1, int))
+        return out
+
+
+def _gather(whole: Freedom, weights: np.ndarray) -> np.ndarray:
+    """(k, N) generalised components of weights (k, B, 6), summed over the members of rigid groups."""
+    place = whole.place[:-9]
+    out = np.zeros((len(weights), len(whole) + 1))
+    np.add.at(out, (slice(None), place), weights.reshape(len(weights), -1))
+    return out[:, :-1]
+
+
+def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) -> ForcedMotion:
+    """Linearised motion of a balanced packing with drag and dashpots."""
+    require_not_negative(drag=drag, spin_drag=spin_drag)
+    here = linearised(state, law)
+    here = here.with_modes(modes_under(state, law, here.line))
+    state = here.state
+    if (residual := force_imbalance(here)) > BALANCED_BELOW:
+        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
+    free = here.backbone
+    if not len(free):
+        raise ValueError(
+            "nothing is held by contacts and free to move: a response needs grains that support each other"
+        )
+    control = state.control
+    everything = state._replace(control=control._replace(free=np.ones_like(control.free)))
+    whole = freedom(everything)
+    inner = np.searchsorted(whole.component, free.component)
+    blocks, dampers = blocks_of(state, law, here.line)
+    stiff, damp = stiffness_of(everything, here.line, blocks, whole), assembled(everything, dampers, whole)
+    rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
+    pull, resists = (mass_weighted(sparse.csr_array(part[inner][:, inner]), free) for part in (stiff, damp))
+    drags = sparse.csr_array(resists + sparse.diags_array(rate.astype(float)))
+    return ForcedMotion(here, free, whole, inner, pull, drags, stiff, damp)
+
+
+@checked
+def frequency_response(
+    state: State, law: Law, drive: Numbers, frequency: Values, *, observe: Numbers | None = None, drag: float = 0.0,
+    spin_drag: float | None = None, report: Report = silent,
+) -> FrequencyResponse:  # fmt: skip
+    """Transfer function C (A + iωD − ω²)⁻¹ B of the motion M q̈ = J q + C q̇ − M ν q̇ around an equilibrium.
+
+    The steady response to small drives Re d exp(iωt), with each contact held in its mode. If a mode grows, the function
+    exists, but no motion settles to it: see `damped_growth`. Rattlers do not move.
+
+    Parameters
+    ----------
+    drive : (N + W, 6), or (k, N + W, 6) for k drives: forces and torques/R on free components, displacements of
+        prescribed ones (walls, fixed grains). Shaking of a wall along x is a one at [wall, 0], a push on a grain at
+        [grain, 0], and waves come from `plane_wave`
+    frequency : ω, or (F,) of them, zero or positive [1/time]
+    observe : (N + W, 6) or (m, N + W, 6), weights of the displacements in each observable: see `contact_slip` and
+        `stress_change`; default: the displacements of `free`
+    drag, spin_drag : ν of translations and of rotations, as in `run`; spin_drag defaults to drag [1/time]
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    ValueError
+        if the forces do not balance; if a frequency is negative, or that of a resonance without damping; if a drive
+        moves nothing.
+
+    Source
+    ------
+    Trefethen & Embree, Spectra and Pseudospectra (Princeton 2005), § 17, for the largest singular value. Large packings
+    are projected on one Krylov space for all frequencies: Ruhe, doi:10.1016/0024-3795(84)90221-0.
+
+    Examples
+    --------
+    A push on one grain, and its own displacement:
+
+    >>> import numpy as np
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> push = np.zeros((20, 6))
+    >>> push[3, 0] = 1
+    >>> answer = frequency_response(
+    ...     state, law, push, [0.2, 0.4], observe=push, drag=0.1
+    ... )
+    >>> answer.matrix.shape, answer.worst_frequency
+    ((2, 1, 1), 0.4)
+    """
+    drive, observe = as_patterns(state, drive=drive), None if observe is None else as_patterns(state, observe=observe)
+    frequency = np.atleast_1d(np.asarray(frequency, float))
+    for worst in frequency[~((frequency >= 0) & np.isfinite(frequency))]:
+        raise ValueError(f"frequency = {worst:g} was given: it must be zero or positive")
+    motion = forced_motion(state, law, drag, spin_drag)
+    rows = len(motion.free) if observe is None else len(observe)
+    size = 16.0 * len(frequency) * len(drive) * (rows + len(motion.free))
+    require_sizes(
+        [Size(f"{len(frequency)} frequencies of {state.n_bodies} bodies take", size, "bytes", "use fewer of them")]
+    )
+    still, moving, prescribed = motion.drives(drive)
+    out = np.empty((len(frequency), rows, len(drive)), complex)
+    for k in range(len(drive)):
+        y = solve_at(motion, frequency, still[:, k], moving[:, k], report)
+        if observe is None:
+            out[:, :, k] = (y / np.sqrt(motion.free.mass)[:, None]).T
+        else:
+            x = motion.all_coordinates(y, np.repeat(prescribed[:, k, None], len(frequency), axis=1))
+            out[:, :, k] = (_gather(motion.whole, observe) @ x).T
+    return FrequencyResponse(frequency, out, motion.free)
+
+
+def as_patterns(state: State, **named) -> np.ndarray:
+    """(k, B, 6) array of patterns over all bodies."""
+    ((name, value),) = named.items()
+    value = np.asarray(value, float)
+    require_shape((*value.shape[: value.ndim == 3], state.n_bodies, 6), **{name: value})
+    return value.reshape(-1, state.n_bodies, 6)
+
+
+def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = silent) -> np.ndarray:
+    """(n, F) complex y of (A + iωD − ω²) y = b + iω c for mass-weighted forces b and c (n,)."""
+    size = len(motion.free)
+    out, solved = np.zeros((size, len(frequency)), complex), np.zeros(len(frequency), bool)
+    if size > DIRECT_UP_TO and motion.drag.diagonal().any():
+        for force, factor in ((still, np.ones(len(frequency))), (moving, 1j * frequency)):
+            out += factor * _project(motion, frequency, force, report) if force.any() else 0.0
+        b = still[:, None] + 1j * moving[:, None] * frequency
+        left = motion.pull @ out + 1j * (motion.drag @ out) * frequency - out * frequency**2 - b
+        solved = np.linalg.norm(left, axis=0) <= SOLVED * np.linalg.norm(b, axis=0)
+    order, missing = None, np.flatnonzero(~solved)
+    for k, row in enumerate(missing):
+        report("frequency response", k / len(missing), f"frequency {frequency[row]:.4g}")
+        if order is None and size > DIRECT_UP_TO:
+            order = dissect(motion.here.state, motion.free, np.arange(size), motion.pull)
+        out[:, row] = _solve_directly(motion, frequency[row], still + 1j * frequency[row] * moving, order)
+    return out
+
+
+def _solve_directly(motion: ForcedMotion, frequency: float, b: np.ndarray, order) -> np.ndarray:
+    """Solve at one frequency by factorisation."""
+    matrix = motion.matrix(frequency)
+    try:
+        if order is None:
+            with one_thread():
+                y = np.linalg.solve(matrix.toarray(), b)
+        else:
+            y = FrontalFactor(matrix, order).solve(b[:, None])[:, 0]
+    except LinAlgError:
+        y = np.full(len(b), np.inf)
+    scale = np.abs(motion.pull.data).max()
+    if not np.linalg.norm(y) * scale < WITHOUT_LIMIT * np.linalg.norm(b):
+        raise ValueError(
+            f"frequency = {frequency:.9g} was given, at which the packing moves without limit, as at a resonance "
+            "without damping: give drag, a law with dashpots, or another frequency"
+        )
+    return y
+
+
+def _project(motion: ForcedMotion, frequency, force, report: Report) -> np.ndarray:
+    """(n, F) approximate y for a force, from one Krylov space of the first-order form for all frequencies.
+
+    Time is measured in units in which both blocks of the form are of order one.
+    """
+    n, unit = len(force), np.sqrt(np.abs(motion.pull.data).max())
+    pull, drag, shifts = motion.pull / unit**2, motion.drag / unit, 1j * frequency / unit
+    most = min(STEPS * ROUNDS, 2 * n)
+    basis, h = np.empty((most + 1, 2 * n)), np.zeros((most + 1, most))
+    size = np.linalg.norm(force)
+    basis[0] = np.append(0 * force, force / size)
+    for step in range(most):
+        z = np.append(basis[step, n:], -(pull @ basis[step, :n]) - drag @ basis[step, n:])
+        for _ in range(2):
+            part = basis[: step + 1] @ z
+            z -= part @ basis[: step + 1]
+            h[: step + 1, step] += part
+        h[step + 1, step] = np.linalg.norm(z)
+        ends = h[step + 1, step] <= 1e-14
+        if not ends:
+            basis[step + 1] = z / h[step + 1, step]
+        if ends or (step + 1) % STEPS == 0 or step + 1 == most:
+            report("frequency response", (step + 1) / most, f"{step + 1} vectors")
+            y = _solve_projected(h[: step + 1, : step + 1], shifts)
+            if ends or np.abs(h[step + 1, step] * y[-1]).max() <= 0.1 * SOLVED:
+                break
+    return (size / unit**2) * (basis[: len(y), :n].T @ y)
+
+
+def _solve_projected(h: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """(k, F) solutions of (s − H) y = e₁."""
+    with one_thread():
+        values, vectors = eig(h)
+        first = np.linalg.solve(vectors, np.eye(len(h))[:, 0].astype(complex))
+    distance = shifts - values[:, None]
+    return vectors @ (first[:, None] / np.where(distance == 0, 1e-300, distance))
+
+
+@checked
+def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndarray:
+    """(2, N + W, 6) forces m e cos(k·r) and m e sin(k·r) on the grains: body forces per unit of acceleration.
+
+    Parameters
+    ----------
+    wavevector : (3,) or (2,) k [1/length]
+    direction : (3,) or (2,) e, along k for a compressional wave, across for a shear wave
+    """
+    k, e = (as_rows(v, 1, 3)[0] for v in (wavevector, direction))
+    n, out = len(state.grains.radius), np.zeros((2, state.n_bodies, 6))
+    phase = state.grains.position @ k
+    out[:, :n, :3] = (np.stack([np.cos(phase), np.sin(phase)]) * state.grains.mass)[:, :, None] * e
+    return out
+
+
+@checked
+def contact_slip(state: State, contact: int) -> np.ndarray:
+    """(dim − 1, N + W, 6) weights of the tangential displacement of body i relative to j at a contact.
+
+    Parameters
+    ----------
+    contact : row of the contact list, see `measure.touching`
+    """
+    require_index(int(state.contacts.count[0]), contact=contact)
+    normal = branch_vectors(state)[contact]
+    normal = normal / np.linalg.norm(normal)
+    tangents = np.linalg.svd(normal[None])[2][1:]
+    if state.cell.dim == 2:
+        tangents = np.array([[-normal[1], normal[0], 0.0]])
+    out = np.zeros((len(tangents), state.n_bodies, 6))
+    for body, sign in ((state.contacts.i[contact], 1.0), (state.contacts.j[contact], -1.0)):
+        out[:, body, :3] += sign * tangents
+        out[:, body, 3:] += tangents @ cross_matrix(normal[None])[0]
+    return out
+
+
+@checked
+def stress_change(state: State, law: Law) -> np.ndarray:
+    """(dim², N + W, 6) weights of the change of the stress σ_xx, σ_xy, …, row by row; compression positive.
+
+    Raises
+    ------
+    ValueError
+        if the cell is not periodic in all its dimensions.
+    """
+    dim = state.cell.dim
+    if len(state.walls.mass) or not state.cell.periodic[:dim].all():
+        raise ValueError(
+            "a packing with walls or open sides was given: a stress needs a cell periodic in all dimensions"
+        )
+    free_cell = np.zeros((3, 3), bool)
+    free_cell[:dim, :dim] = True
+    control = state.control._replace(cell_free=free_cell, free=np.ones_like(state.control.free))
+    whole = freedom(strained := with_modes_under(state, law)._replace(control=control))
+    rows = jacobian(strained, law, whole)[np.flatnonzero(whole.axis == 6)].toarray()
+    rows[:, whole.axis == 6] = 0.0
+    out = np.zeros((dim**2, 6 * state.n_bodies + 9))
+    out[:, whole.component] = rows * whole.length / volume(state)
+    return out[:, :-9].reshape(dim**2, -1, 6)

@@ -1,0 +1,236 @@
+"""Amplitude of shaking or of a pulse at which a contact first reaches the Coulomb limit, in theory and in dynamics."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ..core.arguments import Numbers, Series, checked, require_positive
+from ..core.dynamics.run import run
+from ..core.dynamics.timestep import stable_time_step
+from ..core.laws.builtin import SHARP, Law
+from ..core.readable import pluralize, readable
+from ..core.sizes import Size, require_sizes
+from ..core.state import State
+from .birth import PHASES, first_changes
+from .frontal import FrontalFactor, dissect
+from .response import ForcedMotion, as_patterns, forced_motion, solve_at
+
+SOFT = 1e-9  # stiffness of the springs that exert forces, over that of contacts
+FINE = 0.1  # time step over the largest stable one
+SNAPSHOTS = 200  # times of a pulse at which contacts are examined
+SLOWLY = 200  # decay times in which slowly raised shaking reaches the predicted amplitude
+NARROW = 1e-3  # relative accuracy of the amplitude found by pulses
+MOST_RUNS = 60  # of pulses until they trigger
+
+
+@readable
+class Trigger(NamedTuple):
+    """Amplitude at which the first contact that sticks reaches the Coulomb limit or opens."""
+
+    predicted: float  # from the linear response and the exact law of the contacts; inf if none was found [of the drive]
+    contact: tuple[int, int]  # its bodies; (−1, −1) if none
+    measured: float  # from dynamics; NaN if not computed [of the drive]
+    first: tuple[int, int]  # bodies of the first contact at the limit in dynamics; (−1, −1) if not computed
+
+
+@checked
+def trigger_amplitude(
+    state: State, law: Law, drive: Numbers, *, frequency: float | None = None, times: Series | None = None,
+    factors: Series | None = None, duration: float | None = None, drag: float = 0.0, spin_drag: float | None = None,
+    dynamics: bool = True,
+) -> Trigger:  # fmt: skip
+    """Smallest amplitude of a drive at which a contact first reaches the Coulomb limit: how strong must a wave be?
+
+    The prediction moves the grains along the linear response, and finds the first contact that slides under the exact
+    law. Dynamics raises steady shaking slowly, over 200 decay times, or repeats a pulse with bisected amplitudes, and
+    notes the first contact at the limit.
+
+    Parameters
+    ----------
+    drive : (N + W, 6), as in `frequency_response`; dynamics takes no torques
+    frequency : ω of steady shaking [1/time]
+    times, factors : (K,) increasing times from zero, and the factor of the drive, interpolated linearly and zero
+        afterwards; instead of a frequency
+    duration : time during which contacts are watched after the start of a pulse; default: twice its length [time]
+    drag, spin_drag : ν of translations and of rotations [1/time]
+    dynamics : if False, only the prediction is computed
+
+    Raises
+    ------
+    ValueError
+        if the law has no sharp friction, or a contact is at the limit already; if neither or both of frequency and
+        pulse are given; where `frequency_response` raises it.
+
+    Source
+    ------
+    Charan, Pomyalov & Procaccia, doi:10.48550/arXiv.2106.11616, for the question and pulses.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> push = np.zeros((20, 6))
+    >>> push[3, 0] = 1
+    >>> found = trigger_amplitude(
+    ...     state, law, push, frequency=0.3, drag=0.1, dynamics=False
+    ... )
+    >>> 0 < found.predicted < 0.1
+    True
+    """
+    drive = as_patterns(state, drive=drive)
+    _check_drive(drive, frequency, times, factors)
+    if law.coulomb != SHARP:
+        raise ValueError("a law without sharp friction was given: contacts reach no limit, use coulomb='sharp'")
+    motion = forced_motion(state, law, drag, spin_drag)
+    if count := len(motion.here.at_limit):
+        raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance moves them")
+    if frequency is not None:
+        if dynamics and not motion.drag.diagonal().any():
+            raise ValueError("nothing damps the motion, and shaking never becomes steady: give drag, or dynamics=False")
+        ways = _steady_ways(motion, drive, frequency)
+        duration = 2 * np.pi / frequency
+    else:
+        times, factors = np.asarray(times, float), np.asarray(factors, float)
+        duration = 2 * times[-1] if duration is None else duration
+        require_positive(duration=duration)
+        ways = _pulse_ways(motion, drive, times, factors, duration, FINE * stable_time_step(state, law))
+    amplitude, contact = _first_limit(motion, ways)
+    if not dynamics or not np.isfinite(amplitude):
+        return Trigger(amplitude, contact, np.nan, (-1, -1))
+    _check_dynamics(state, drive)
+    drags = {"drag": drag, "spin_drag": spin_drag}
+    if frequency is not None:
+        return Trigger(amplitude, contact, *_raise_slowly(motion, law, drive[0], frequency, amplitude, drags))
+    return Trigger(
+        amplitude, contact, *_bisect_pulses(motion, law, drive[0], times, factors, duration, amplitude, drags)
+    )
+
+
+def _check_drive(drive, frequency, times, factors) -> None:
+    if len(drive) != 1:
+        raise ValueError(f"{len(drive)} drives were given where one is needed: combine them first")
+    if (frequency is None) == (times is None) or (times is None) != (factors is None):
+        raise ValueError("give either a frequency, or the times and factors of a pulse")
+    if frequency is not None:
+        require_positive(frequency=frequency)
+        return
+    if np.shape(times) != np.shape(factors) or len(times) < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
+        raise ValueError("a pulse needs as many factors as times, and times that increase from zero")
+
+
+def _check_dynamics(state: State, drive: np.ndarray) -> None:
+    control, free = state.control, state.control.free
+    if control.spring.any() or len(control.knots) or (drive[0] * free)[:, 3:].any() or (control.group >= 0).any():
+        raise ValueError(
+            "torques, springs, rigid groups or time profiles were given, which dynamics of a trigger does not take: "
+            "use dynamics=False"
+        )
+
+
+def _first_limit(motion: ForcedMotion, ways: np.ndarray) -> tuple[float, tuple[int, int]]:
+    """Amplitude at which a contact first reaches the limit along displacements (K, N) per unit of the drive."""
+    root = np.sqrt(motion.whole.mass)
+    start = 1e-6 * motion.here.state.grains.radius.min() / np.abs(ways).max()
+    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * ways * root, start)[0]
+    return float(amplitude), contact
+
+
+def _steady_ways(motion: ForcedMotion, drive: np.ndarray, frequency: float) -> np.ndarray:
+    """(PHASES, N) displacements in the course of a period of steady shaking."""
+    still, moving, prescribed = motion.drives(drive)
+    y = solve_at(motion, [frequency], still[:, 0], moving[:, 0])
+    x = motion.all_coordinates(y, prescribed)[:, 0]
+    return (np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None] * x).real
+
+
+def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt: float) -> np.ndarray:
+    """(K, N) displacements after the start of a pulse, by the trapezoidal rule."""
+    still, moving, prescribed = (part[:, 0] for part in motion.drives(drive))
+    steps = int(np.ceil(duration / dt))
+    require_sizes([Size(f"duration = {duration:g} takes", steps, "time steps", "use a shorter one")])
+    grid = dt * np.arange(steps + 1)
+    factor = np.interp(grid, times, factors, right=0.0)
+    rate = np.gradient(factor, dt)
+    matrix = sparse.csr_array(motion.pull + motion.drag * (2 / dt) + sparse.eye_array(len(motion.free)) * (4 / dt**2))
+    solve = FrontalFactor(matrix, dissect(motion.here.state, motion.free, np.arange(len(motion.free)), matrix)).solve
+    y, v = np.zeros((2, len(motion.free)))
+    a, out = factor[0] * still + rate[0] * moving, []
+    for k in range(steps + 1):
+        if k % max(steps // SNAPSHOTS, 1) == 0:
+            out.append(motion.all_coordinates(y, factor[k] * prescribed))
+        if k < steps:
+            b = (
+                factor[k + 1] * still
+                + rate[k + 1] * moving
+                + a
+                + (4 / dt) * v
+                + (4 / dt**2) * y
+                + motion.drag @ (v + (2 / dt) * y)
+            )
+            old, y = y, solve(b[:, None])[:, 0]
+            v, a = (2 / dt) * (y - old) - v, (4 / dt**2) * (y - old) - (4 / dt) * v - a
+    return np.array(out)
+
+
+def _raise_slowly(motion, law, drive, frequency, predicted: float, drags) -> tuple[float, tuple[int, int]]:
+    """Amplitude of steady shaking, raised in proportion to time, at the first contact that reaches the limit."""
+    reach = SLOWLY * max(2 / motion.drag.diagonal().mean(), 2 * np.pi / frequency)
+    grid = np.arange(0.0, 2 * reach, 2 * np.pi / frequency / 64)
+    factor = predicted * grid / reach * np.cos(frequency * grid)
+    event = _first_event(motion, law, drive, grid, factor, drags)
+    if event is None:
+        return np.inf, (-1, -1)
+    return predicted * event[0] / reach, event[1]
+
+
+def _bisect_pulses(motion, law, drive, times, factors, duration, predicted: float, drags):
+    """Smallest amplitude of a pulse at which a contact reaches the limit, and its bodies."""
+    grid = np.linspace(0.0, duration, 1 + 16 * max(int(duration / np.diff(times).min()), 1))
+    shape = np.interp(grid, times, factors, right=0.0)
+    low, high, contact = 0.0, predicted, (-1, -1)
+    for _ in range(MOST_RUNS):
+        middle = 0.5 * (low + high) if contact[0] >= 0 else high
+        event = _first_event(motion, law, drive, grid, middle * shape, drags)
+        if event:
+            high, contact = middle, event[1]
+        else:
+            low, high = middle, high if contact[0] >= 0 else 1.5 * middle
+        if contact[0] >= 0 and high - low <= NARROW * high:
+            return high, contact
+    return np.inf, (-1, -1)
+
+
+def _first_event(motion: ForcedMotion, law: Law, drive, grid, factor, drags) -> tuple[float, tuple[int, int]] | None:
+    """Time since the start, and bodies, of the first contact that slides or opens, without those of rattlers."""
+    state = with_drive(motion, drive, grid, factor)
+    dt = FINE * stable_time_step(state, law)
+    events = run(state, law, int(grid[-1] / dt), dt, events=True, **drags)[1].events
+    loose = np.append(motion.here.loose, np.zeros(len(state.walls.mass), bool))
+    events = events[(events["kind"] != "closed") & ~loose[events["i"]] & ~loose[events["j"]]]
+    if not len(events):
+        return None
+    return float(events["time"][0] - state.time), (int(events["i"][0]), int(events["j"][0]))
+
+
+def with_drive(motion: ForcedMotion, drive: np.ndarray, grid, factor) -> State:
+    """State whose control exerts a drive (B, 6) times a factor, given on a grid of times after the state's.
+
+    Forces are those of springs so soft, with load points so far away, that motion does not change them.
+    """
+    state = motion.here.state
+    control, force = state.control, (drive * state.control.free)[:, :3]
+    far = max(np.abs(force).max() / (SOFT * motion.here.mean_stiffness), 1e-300)
+    rate = drive * ~control.free
+    rate[: len(state.grains.radius), 3:] /= state.grains.radius[:, None]
+    course = np.stack([far * factor, -far * factor, np.gradient(factor, grid)], axis=1)
+    return state._replace(
+        control=control._replace(
+            knots=state.time + grid, course=course, spring=np.abs(force) / far, rate=rate,
+            anchor=np.concatenate([state.grains.position, state.walls.point]),
+            leads=np.select([force > 0, force < 0], [0, 1], -1).astype(control.leads.dtype),
+            follows=np.where(rate != 0, 2, -1).astype(control.follows.dtype),
+        )
+    )  # fmt: skip
