@@ -15,7 +15,6 @@ from stickslip.core.dynamics.batch import Processor, Together, run_legs
 from stickslip.core.dynamics.engine import Leg
 from stickslip.core.dynamics.record import OBSERVABLES
 
-
 GROUPS = "group_position", "group_velocity", "group_force", "group_pull"
 
 
