@@ -319,7 +319,6 @@ def _pack_loads(state: State, single: int, slot: int, sizes: Sizes):
     if knots and courses:
         knot, course = np.full(sizes.knots, np.inf), np.zeros((sizes.knots, sizes.courses))
         knot[:knots], course[:knots, :courses] = control.knots, control.course
-        course[knots:, :courses] = control.course[-1]
         yield "knot", slot, knot
         yield "course", slot, course
     yield "vectors", slot, state.cell.vectors
