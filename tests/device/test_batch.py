@@ -309,3 +309,14 @@ def test_the_kernels_give_the_same_bits(leg, emulator):
     legs = [leg, leg._replace(steps=90)]
     for mine, known in zip(run_legs(legs, Emulated(emulator)), run_legs(legs, Processor()), strict=True):
         assert not differences(mine, known)
+
+
+def test_the_first_grain_that_is_too_fast_is_named(emulator):
+    leg = free_spheres()
+    velocity = leg.state.grains.velocity.copy()
+    velocity[[3, 41]] = 2.0 / leg.dt
+    fast = leg._replace(state=leg.state._replace(grains=leg.state.grains._replace(velocity=velocity)))
+    for where in (Processor(), Emulated(emulator)):
+        broken, whole = run_legs([fast, leg], where)
+        assert str(broken) == "the run ended at time 0.02: grain 3 moved by more than its radius in a step"
+        assert isinstance(whole, tuple)

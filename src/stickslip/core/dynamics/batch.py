@@ -378,9 +378,6 @@ def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> t
     """Last state and record of a system, or why it became unstable."""
     leg, state, order, _ = system
     ended = f"the run ended at time {state.time + number[core.SLOT_STEP] * leg.dt:.6g}"
-    if number[core.SLOT_PHASE] == core.BROKE:
-        grain = order[number[core.SLOT_BROKEN] - 1]
-        return RuntimeError(f"{ended}: grain {grain} moved by more than its radius in a step")
     if number[core.SLOT_PHASE] == core.APART:
         return RuntimeError(f"{ended}: {TOO_FAR}")
     now, b = int(number[core.SLOT_NOW]), len(order)
@@ -391,6 +388,10 @@ def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> t
         return out
 
     motion, here = read("motion", now), bodies_at_start(state, state.instant)
+    if number[core.SLOT_PHASE] == core.BROKE:
+        far = np.linalg.norm(motion[:, : state.cell.dim], axis=1) * leg.dt
+        grain = int(np.argmin(far <= here.radius))  # the first that does not, NaN included; walls come last
+        return RuntimeError(f"{ended}: grain {grain} moved by more than its radius in a step")
     here = here._replace(
         position=np.ascontiguousarray(read("point", now)[:, :3]), angle=read("angle"),
         velocity=np.ascontiguousarray(motion[:, :3]), spin=np.ascontiguousarray(motion[:, 3:6]),
