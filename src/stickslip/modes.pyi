@@ -25,3 +25,7 @@ from .solve.spectrum import damped_growth as damped_growth
 from .solve.spectrum import match_pairs as match_pairs
 from .solve.transient import transient_growth as transient_growth
 from .solve.trigger import trigger_amplitude as trigger_amplitude
+from .solve.waves import allowed_wavevectors as allowed_wavevectors
+from .solve.waves import dispersion as dispersion
+from .solve.waves import elastic_speeds as elastic_speeds
+from .solve.waves import wave_spectrum as wave_spectrum

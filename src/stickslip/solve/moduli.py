@@ -156,7 +156,7 @@ def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
 
 def _with_free_cell(state: State, law: Law):
     """State with a cell that is free under its own stress, its J and coordinates, and those of grains and cell."""
-    _check_cell(state)
+    check_cell(state, "elastic moduli")
     dim = state.cell.dim
     free_cell = np.zeros((3, 3), bool)
     free_cell[:dim, :dim] = True
@@ -169,11 +169,12 @@ def _with_free_cell(state: State, law: Law):
     return state, jacobian(state, law, free), free, np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
 
 
-def _check_cell(state: State) -> None:
+def check_cell(state: State, what: str) -> None:
+    """Raise ValueError if a cell cannot be strained as a whole, with what needs that."""
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
-            "a packing with walls, rigid groups, springs or open sides was given: elastic moduli need a cell that is "
+            f"a packing with walls, rigid groups, springs or open sides was given: {what} need a cell that is "
             "periodic in all its dimensions and can be strained as a whole"
         )
 
