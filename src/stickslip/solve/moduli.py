@@ -135,7 +135,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)
     """
-    state, matrix, free, grain, cell = _with_free_cell(state, law)
+    state, matrix, free, grain, cell = with_free_cell(state, law)
     dim = state.cell.dim
     unit = -(free.length**2) / volume(state)
     affine = unit * matrix[cell][:, cell].toarray()
@@ -149,12 +149,12 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
 
 def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
     """(n,) motion of the grains that J_ggᵀ gives for a strain (dim, dim), as J_gg gives `ElasticModuli.motion`."""
-    _, matrix, free, grain, cell = _with_free_cell(state, law)
+    _, matrix, free, grain, cell = with_free_cell(state, law)
     pull = free.length * (matrix[cell][:, grain].T @ strain.ravel())
     return solve_resisted(matrix[grain][:, grain].T.tocsr(), pull[:, None], free)[:, 0]
 
 
-def _with_free_cell(state: State, law: Law):
+def with_free_cell(state: State, law: Law):
     """State with a cell that is free under its own stress, its J and coordinates, and those of grains and cell."""
     check_cell(state, "elastic moduli")
     dim = state.cell.dim
