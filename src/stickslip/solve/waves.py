@@ -19,10 +19,9 @@ from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State, as_rows
 from .freedom import Freedom
-from .frontal import FrontalFactor, dissect
-from .linear import suitable_threads
+from .linear import factorised, suitable_threads
 from .moduli import check_cell, elastic_moduli
-from .response import DIRECT_UP_TO, ForcedMotion, forced_motion
+from .response import ForcedMotion, forced_motion
 from .spectrum import REAL_BELOW
 from .transient import reduced_matrices
 
@@ -33,7 +32,7 @@ NAMES = {2: ("P", "S", "R"), 3: ("P", "S", "S", "R", "R", "R")}
 
 @readable
 class Dispersion(NamedTuple):
-    """Branches of waves, exp(st + ik·r), in the order of `names`."""
+    """Branches of waves, exp(st + ik·r), in the order of `names`; of two shear waves the faster one is first."""
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (K, p) complex s = −damping ± iω; p = 3 in two dimensions, 6 in three [1/time]
@@ -114,10 +113,11 @@ def dispersion(
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
 
     For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators,
-    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀ = √⟨P|A|P⟩; the branches are its poles. In a
-    lattice plane waves are closed under A and D, and the poles are exact. In a disordered packing, where a wave is a
-    group of modes, they are the frequency and the decay of the group; s₀ is as far from the modes as the wave is fast,
-    so that single modes do not matter. One sparse factorisation for each k.
+    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀, √⟨P|A|P⟩ for P and S and √⟨R|A|R⟩ for R.
+    The branches are its poles. In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the
+    poles are exact. In a disordered packing a wave is a group of modes, and the poles are frequency and decay of the
+    group: s₀ is as far from the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse
+    factorisations.
 
     Parameters
     ----------
@@ -159,12 +159,9 @@ def dispersion(
         pulled = motion.pull @ waves
         left = pulled - waves @ (waves.conj().T @ pulled)
         scattered.append(np.linalg.norm(left) / np.linalg.norm(pulled))
-        at = np.sqrt((waves[:, 0].conj() @ (motion.pull + transposed) @ waves[:, 0]).real / 2)
-        s, vectors = _poles(*_oscillators(motion, waves, at))
-        weight = np.abs(vectors) ** 2 / (np.abs(vectors) ** 2).sum(axis=0)
-        order = scipy.optimize.linear_sum_assignment(-weight)[1]
-        exponents.append(s[order])
-        shares.append(weight[:, order].T)
+        s, weight = _branches(motion, waves, transposed)
+        exponents.append(s)
+        shares.append(weight)
     return Dispersion(k, np.array(exponents), np.array(shares), np.array(scattered))
 
 
@@ -243,7 +240,7 @@ def _plane_waves(state: State, free: Freedom, k: np.ndarray) -> np.ndarray:
     dim, axis = len(k), free.axis
     along = k / np.linalg.norm(k)
     if dim == 2:
-        frame = turns = np.array([[along[0], along[1], 0.0], [-along[1], along[0], 0.0]])
+        frame = np.array([[along[0], along[1], 0.0], [-along[1], along[0], 0.0]])
         turns = np.array([[0.0, 0.0, 1.0]])
     else:
         across = np.eye(3)[np.argmin(np.abs(along))]
@@ -254,6 +251,21 @@ def _plane_waves(state: State, free: Freedom, k: np.ndarray) -> np.ndarray:
     phase = np.exp(1j * (state.grains.position[free.body, :dim] @ k))
     out = (np.concatenate(field) * radius * np.sqrt(free.mass) * phase).T
     return out / np.linalg.norm(out, axis=0)
+
+
+def _branches(motion: ForcedMotion, waves: np.ndarray, transposed) -> tuple[np.ndarray, np.ndarray]:
+    """Exponents (p,) of the branches P to R and their polarisation (p, p), P and S expanded near P, R near R."""
+    dim, p = motion.free.dim, waves.shape[1]
+    exponents, shares = np.zeros(p, complex), np.zeros((p, p))
+    scale = np.sqrt([(wave.conj() @ ((motion.pull + transposed) @ wave)).real / 2 for wave in waves[:, [0, dim]].T])
+    for at, part in zip(scale, (slice(0, dim), slice(dim, p)), strict=True):
+        s, vectors = _poles(*_oscillators(motion, waves, at if at > REAL_BELOW * scale[0] else scale[0]))
+        weight = np.abs(vectors) ** 2 / (np.abs(vectors) ** 2).sum(axis=0)
+        order = scipy.optimize.linear_sum_assignment(-weight)[1]
+        across = slice(1, dim)
+        order[across] = order[across][np.argsort(-s[order[across]].imag, kind="stable")]
+        exponents[part], shares[part] = s[order[part]], weight[:, order[part]].T
+    return exponents, shares
 
 
 def _oscillators(motion: ForcedMotion, waves: np.ndarray, s: float):
@@ -274,18 +286,14 @@ def _oscillators(motion: ForcedMotion, waves: np.ndarray, s: float):
 
 def _solver(motion: ForcedMotion, s: float):
     """Function that solves (A + sD + s²) x = b for complex b (n, p)."""
-    n = len(motion.free)
-    matrix = sparse.csr_array(motion.pull + s * motion.drag + s**2 * sparse.eye_array(n))
-    if n <= DIRECT_UP_TO:
-        inverse = np.linalg.inv(matrix.toarray())
-        return lambda b: inverse @ b
-    factor = FrontalFactor(matrix, dissect(motion.here.state, motion.free, np.arange(n), matrix))
+    shift = s**2 * sparse.eye_array(len(motion.free))
+    solve = factorised(sparse.csr_array(motion.pull + s * motion.drag + shift))
 
-    def solve(b):
-        parts = factor.solve(np.hstack([b.real, b.imag]))
+    def solve_complex(b):
+        parts = solve(np.hstack([b.real, b.imag]))
         return parts[:, : b.shape[1]] + 1j * parts[:, b.shape[1] :]
 
-    return solve
+    return solve_complex
 
 
 def _poles(mass: np.ndarray, drag: np.ndarray, stiff: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
