@@ -40,7 +40,7 @@ class ModuliBounds(NamedTuple):
 def _bulk_and_shear(c: np.ndarray) -> tuple[float, float]:
     d = 2 if len(c) == 3 else 3
     whole, trace = c[:d, :d].sum(), np.trace(c[:d, :d]) + 2 * np.trace(c[d:, d:])
-    return whole / d**2, (trace - whole / d) / ((d - 1) * (d + 2))
+    return float(whole) / d**2, float(trace - whole / d) / ((d - 1) * (d + 2))
 
 
 @checked
@@ -60,7 +60,7 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
     Source
     ------
-    Kruyt & Rothenburg, doi:10.1016/S0020-7683(01)00205-6, for minimum principles of granular assemblies.
+    Agnolin & Roux, doi:10.48550/arXiv.0705.3198, for Voigt and Reuss bounds of packings of spheres.
 
     Examples
     --------

@@ -147,7 +147,7 @@ def dispersion(
     ...     place, np.full(16, 0.5 + 1e-9), law, cell=[4, 4], dim=2
     ... )
     >>> waves = dispersion(state, law, [[np.pi / 2, 0]])
-    >>> round(waves.frequency[0, 0] ** 2 * state.grains.mass[0], 6)
+    >>> round(float(waves.frequency[0, 0]) ** 2 * state.grains.mass.item(0), 6)
     2.0
     """
     motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
