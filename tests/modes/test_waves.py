@@ -205,6 +205,30 @@ def test_moduli_lie_between_their_bounds(dim, n, fraction):
     assert np.trace(low) > 0.5 * np.trace(exact_)  # the bound says something
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_allowed_wave_vectors_are_the_shortest_of_a_tilted_cell(dim):
+    cell = np.array([[9.0, 0, 0], [3.0, 2.0, 0], [0.5, -0.4, 4.0]])[:dim, :dim]
+    state = ss.packings.from_arrays([[0.0] * dim], [0.5], LAW, cell=cell, dim=dim)
+    k = ss.modes.allowed_wavevectors(state, 30)
+    whole = np.argwhere(np.ones([61] * dim)) - 30
+    brute = np.sort(np.linalg.norm(2 * np.pi * np.linalg.solve(cell, whole.T), axis=0))
+    np.testing.assert_allclose(np.linalg.norm(k, axis=1), brute[1:61:2])
+    turns = k @ cell.T / (2 * np.pi)
+    np.testing.assert_allclose(turns, turns.round(), atol=1e-9)
+    assert len(np.unique(np.concatenate([k, -k]).round(6), axis=0)) == 60
+
+
+def test_rolling_resistance_adds_its_bonds_to_the_rotations():
+    """Σ ω² of the branches is the trace of a 3 × 3 matrix, to which rolling adds (k R_eff²/I) Σ |1 − e|²."""
+    slips = ss.laws.linear(KN, KT, 0.5)
+    rolls = ss.laws.with_rolling(slips, k_roll=0.2, mu_roll=0.5)
+    state = lattice(rolls, 2, (6, 4))
+    k = ss.modes.allowed_wavevectors(state, 6)
+    more, less = ((ss.modes.dispersion(state, law, k).frequency ** 2).sum(axis=1) for law in (rolls, slips))
+    bonds = (np.abs(1 - np.exp(1j * k @ TRIANGULAR[:, :2].T)) ** 2).sum(axis=1)
+    np.testing.assert_allclose(more - less, 0.2 * 0.25**2 / state.grains.inertia[0] * bonds, rtol=1e-8)
+
+
 def test_what_has_no_waves_is_reported(disks):
     law = ss.laws.hertz_mindlin(mu=0.5)
     with pytest.raises(ValueError, match="waves need a cell that is periodic in all its dimensions"):

@@ -97,9 +97,12 @@ def allowed_wavevectors(state: State, count: int = 12) -> np.ndarray:
     check_cell(state, "waves")
     require_positive(count=count)
     dim = state.cell.dim
-    base = 2 * np.pi * np.linalg.inv(state.cell.vectors[:dim, :dim])
-    most = int(np.ceil((2 * count) ** (1 / dim) * np.linalg.cond(base))) + 1
-    whole = np.stack(np.meshgrid(*[np.arange(-most, most + 1)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    cell = state.cell.vectors[:dim, :dim]
+    base = 2 * np.pi * np.linalg.inv(cell)
+    sizes, side = np.linalg.norm(base, axis=0), np.ceil(((2 * count + 1) ** (1 / dim) - 1) / 2)
+    far = min(count * sizes.min(), side * sizes.sum())  # beyond that is none of them
+    most = np.floor(far * np.linalg.norm(cell, axis=1) / (2 * np.pi) + ALLOWED)
+    whole = np.stack(np.meshgrid(*[np.arange(-m, m + 1) for m in most], indexing="ij"), axis=-1).reshape(-1, dim)
     whole = whole[len(whole) // 2 + 1 :]  # those before the middle are their negatives
     k = whole @ base.T
     return k[np.argsort(np.round(np.linalg.norm(k, axis=1), 9), kind="stable")[:count]]
