@@ -57,6 +57,7 @@ WORDS = {
     "cell_strain": "packings.strained", "poisson": "modes.elastic_moduli, laws.elastic_constants",
     "young": "laws.elastic_constants", "gain": "modes.frequency_response", "lyapunov": "modes.stationary_fluctuations",
     "shake": "modes.frequency_response, modes.trigger_amplitude", "noise": "modes.stationary_fluctuations",
+    "sound": "modes.dispersion, modes.elastic_speeds", "waves": "modes.dispersion", "reuss": "modes.moduli_bounds",
 }  # fmt: skip
 
 

@@ -26,6 +26,13 @@ Response to forces, motions and noise
     stationary_fluctuations  covariances under noise, and distance from instability
     trigger_amplitude   how strong shaking or a pulse must be until a contact slides
 
+Waves
+    dispersion          frequency and damping of P, S and rotational waves
+    wave_spectrum       modes projected on plane waves: dynamical structure factor, complex pairs
+    allowed_wavevectors  wave vectors of a periodic cell
+    elastic_speeds      speeds of long waves from the moduli
+    moduli_bounds       elastic moduli between the bounds of Voigt and Reuss
+
 Matrices
     dynamical_matrix    −M^(−1/2) J M^(−1/2), sparse
     contact_blocks      derivatives of each contact force

@@ -1,6 +1,7 @@
 from .core.contacts.jacobian import contact_blocks as contact_blocks
 from .loading.protocols import track_pairs as track_pairs
 from .solve.birth import birth_form as birth_form
+from .solve.bounds import moduli_bounds as moduli_bounds
 from .solve.density import density_of_states as density_of_states
 from .solve.density import participation_ratio as participation_ratio
 from .solve.equilibrate import UnstableEquilibriumWarning as UnstableEquilibriumWarning
@@ -25,3 +26,7 @@ from .solve.spectrum import damped_growth as damped_growth
 from .solve.spectrum import match_pairs as match_pairs
 from .solve.transient import transient_growth as transient_growth
 from .solve.trigger import trigger_amplitude as trigger_amplitude
+from .solve.waves import allowed_wavevectors as allowed_wavevectors
+from .solve.waves import dispersion as dispersion
+from .solve.waves import elastic_speeds as elastic_speeds
+from .solve.waves import wave_spectrum as wave_spectrum

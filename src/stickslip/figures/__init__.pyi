@@ -16,3 +16,4 @@ from .instability import bursts as bursts
 from .instability import growth_by_amplitude as growth_by_amplitude
 from .instability import static_and_kinetic as static_and_kinetic
 from .view3d import view as view
+from .waves import dispersion as dispersion

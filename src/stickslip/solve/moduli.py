@@ -135,7 +135,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)
     """
-    state, matrix, free, grain, cell = _with_free_cell(state, law)
+    state, matrix, free, grain, cell = with_free_cell(state, law)
     dim = state.cell.dim
     unit = -(free.length**2) / volume(state)
     affine = unit * matrix[cell][:, cell].toarray()
@@ -149,14 +149,14 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
 
 def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
     """(n,) motion of the grains that J_ggᵀ gives for a strain (dim, dim), as J_gg gives `ElasticModuli.motion`."""
-    _, matrix, free, grain, cell = _with_free_cell(state, law)
+    _, matrix, free, grain, cell = with_free_cell(state, law)
     pull = free.length * (matrix[cell][:, grain].T @ strain.ravel())
     return solve_resisted(matrix[grain][:, grain].T.tocsr(), pull[:, None], free)[:, 0]
 
 
-def _with_free_cell(state: State, law: Law):
+def with_free_cell(state: State, law: Law):
     """State with a cell that is free under its own stress, its J and coordinates, and those of grains and cell."""
-    _check_cell(state)
+    check_cell(state, "elastic moduli")
     dim = state.cell.dim
     free_cell = np.zeros((3, 3), bool)
     free_cell[:dim, :dim] = True
@@ -169,11 +169,12 @@ def _with_free_cell(state: State, law: Law):
     return state, jacobian(state, law, free), free, np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
 
 
-def _check_cell(state: State) -> None:
+def check_cell(state: State, what: str) -> None:
+    """Raise ValueError if a cell cannot be strained as a whole, with what needs that."""
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
-            "a packing with walls, rigid groups, springs or open sides was given: elastic moduli need a cell that is "
+            f"a packing with walls, rigid groups, springs or open sides was given: {what} need a cell that is "
             "periodic in all its dimensions and can be strained as a whole"
         )
 

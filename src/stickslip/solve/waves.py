@@ -1,0 +1,322 @@
+"""Waves of a packing in a periodic cell: dispersion, damping and structure factor of P, S and rotational waves.
+
+Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across (S), and angles (R;
+in three dimensions first about k, then about the axes across).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+from scipy import sparse
+from scipy.linalg import eig
+
+from ..core.arguments import Numbers, checked, require_not_negative, require_positive
+from ..core.laws.builtin import Law
+from ..core.measure import volume
+from ..core.progress import Report, silent
+from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
+from ..core.state import State, as_rows
+from .freedom import Freedom
+from .linear import factorised, suitable_threads
+from .moduli import check_cell, elastic_moduli
+from .response import ForcedMotion, forced_motion
+from .spectrum import REAL_BELOW
+from .transient import reduced_matrices
+
+ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
+ALL_UP_TO = 2_000  # coordinates up to which all modes are computed, within some minutes
+NAMES = {2: ("P", "S", "R"), 3: ("P", "S", "S", "R", "R", "R")}
+
+
+@readable
+class Dispersion(NamedTuple):
+    """Branches of waves, exp(st + ik·r), in the order of `names`; of two shear waves the faster one is first."""
+
+    wavevector: np.ndarray  # (K, dim) k [1/length]
+    exponent: np.ndarray  # (K, p) complex s = −damping ± iω; p = 3 in two dimensions, 6 in three [1/time]
+    polarisation: np.ndarray  # (K, p, p) shares of the plane waves P, S, …, R in each branch; each row adds up to 1
+    scattered: np.ndarray  # (K,) share of the forces of plane waves that drive other motions; 0 in a lattice: exact
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """P, S and R for each branch: the plane wave that its polarisation is assigned to."""
+        return NAMES[self.wavevector.shape[1]]
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """(K, p) ω [1/time]."""
+        return np.abs(self.exponent.imag)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """(K, p) decay rate −Re s of amplitudes [1/time]; negative if a wave grows."""
+        return -self.exponent.real
+
+    @property
+    def speed(self) -> np.ndarray:
+        """(K, p) phase speed ω/|k| [length/time]."""
+        return self.frequency / np.linalg.norm(self.wavevector, axis=1)[:, None]
+
+
+@readable
+class WaveSpectrum(NamedTuple):
+    """Spectrum of a packing, projected on plane waves: ⟨w, v(t)⟩ = Σ_j weight_j exp(s_j t) after v(0) = w."""
+
+    wavevector: np.ndarray  # (K, dim) k [1/length]
+    exponent: np.ndarray  # (M,) complex s of all modes without translations [1/time]
+    weight: np.ndarray  # (K, p, M) complex, for P, S, …, R; the sum over M is one, but for the share of translations
+    pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off without damping, growth with it
+
+    def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
+        """(K, p, F) S(k, ω) = (1/π) Re ∫ ⟨w, v(t)⟩ exp(−iωt − width·t) dt over t > 0; its integral over all ω is one.
+
+        Parameters
+        ----------
+        frequency : (F,) ω [1/time]
+        width : rate that widens each peak [1/time]; without damping peaks are sharp, and a width is needed
+        """
+        require_not_negative(width=width)
+        decay = width - self.exponent.real
+        if not decay.min() > 0:
+            raise ValueError(f"width = {width:g} was given, and a mode does not decay: give a larger width")
+        distance = decay + 1j * (np.atleast_1d(frequency)[:, None] - self.exponent.imag)
+        return (self.weight @ (1 / distance).T).real / np.pi
+
+
+@checked
+def allowed_wavevectors(state: State, count: int = 12) -> np.ndarray:
+    """(count, dim) shortest wave vectors k with k·a = 2π × integer for all vectors a of the cell, one of each ±k.
+
+    Raises
+    ------
+    ValueError
+        if the cell is not periodic in all its dimensions.
+    """
+    check_cell(state, "waves")
+    require_positive(count=count)
+    dim = state.cell.dim
+    cell = state.cell.vectors[:dim, :dim]
+    base = 2 * np.pi * np.linalg.inv(cell)
+    sizes, side = np.linalg.norm(base, axis=0), np.ceil(((2 * count + 1) ** (1 / dim) - 1) / 2)
+    far = min(count * sizes.min(), side * sizes.sum())  # beyond that is none of them
+    most = np.floor(far * np.linalg.norm(cell, axis=1) / (2 * np.pi) + ALLOWED)
+    whole = np.stack(np.meshgrid(*[np.arange(-m, m + 1) for m in most], indexing="ij"), axis=-1).reshape(-1, dim)
+    whole = whole[len(whole) // 2 + 1 :]  # those before the middle are their negatives
+    k = whole @ base.T
+    return k[np.argsort(np.round(np.linalg.norm(k, axis=1), 9), kind="stable")[:count]]
+
+
+@checked
+def dispersion(
+    state: State, law: Law, wavevector: Numbers | None = None, *, drag: float = 0.0, spin_drag: float | None = None,
+    report: Report = silent,
+) -> Dispersion:  # fmt: skip
+    """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
+
+    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators,
+    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀, √⟨P|A|P⟩ for P and S and √⟨R|A|R⟩ for R.
+    The branches are its poles. In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the
+    poles are exact. In a disordered packing a wave is a group of modes, and the poles are frequency and decay of the
+    group: s₀ is as far from the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse
+    factorisations.
+
+    Parameters
+    ----------
+    wavevector : (K, dim) k, allowed by the cell; default: the twelve shortest of `allowed_wavevectors` [1/length]
+    drag, spin_drag : ν of translations and of rotations, as in `run`; spin_drag defaults to drag [1/time]
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    ValueError
+        if the cell is not periodic, the forces do not balance, or the cell does not allow a wave vector.
+
+    Source
+    ------
+    Schwartz, Johnson & Feng, doi:10.1103/PhysRevLett.52.831, for waves with rotations of grains; Gelin, Tanaka &
+    Lemaître, doi:10.1038/nmat4736, for ⟨w, v(t)⟩ of disordered solids.
+
+    Examples
+    --------
+    Disks on a square lattice, waves along a row: ω² = (4k_n/m) sin²(k/2) for P, with four grains a wave.
+
+    >>> import numpy as np
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear(1.0, 0.5, 0.5)
+    >>> place = np.argwhere(np.ones((4, 4)))
+    >>> state = ss.packings.from_arrays(
+    ...     place, np.full(16, 0.5 + 1e-9), law, cell=[4, 4], dim=2
+    ... )
+    >>> waves = dispersion(state, law, [[np.pi / 2, 0]])
+    >>> round(float(waves.frequency[0, 0]) ** 2 * state.grains.mass.item(0), 6)
+    2.0
+    """
+    motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
+    transposed = sparse.csr_array(motion.pull.T)
+    exponents, shares, scattered = [], [], []
+    for row, vector in enumerate(k):
+        report("dispersion", row / len(k), f"wave vector {row + 1} of {len(k)}")
+        waves = _plane_waves(motion.here.state, motion.free, vector)
+        pulled = motion.pull @ waves
+        left = pulled - waves @ (waves.conj().T @ pulled)
+        scattered.append(np.linalg.norm(left) / np.linalg.norm(pulled))
+        s, weight = _branches(motion, waves, transposed)
+        exponents.append(s)
+        shares.append(weight)
+    return Dispersion(k, np.array(exponents), np.array(shares), np.array(scattered))
+
+
+@checked
+def wave_spectrum(
+    state: State, law: Law, wavevector: Numbers | None = None, *, drag: float = 0.0, spin_drag: float | None = None,
+) -> WaveSpectrum:  # fmt: skip
+    """Project all modes, damped by drag and dashpots, on plane waves: dynamical structure factor and complex pairs.
+
+    The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
+    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ.
+
+    Parameters
+    ----------
+    wavevector, drag, spin_drag : as in `dispersion`
+
+    Raises
+    ------
+    ValueError
+        as `dispersion`, and beyond 2000 coordinates.
+    """
+    motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
+    if (n := len(motion.free)) > ALL_UP_TO:
+        raise ValueError(f"{n} coordinates were given: all modes take at most {ALL_UP_TO}; use `dispersion`")
+    basis = reduced_matrices(motion.here.state, law, motion.free)[0]
+    size = 32.0 * n * len(k) * 3 * (state.cell.dim - 1)
+    require_sizes([Size(f"{len(k)} wave vectors of {n} coordinates take", size, "bytes", "use fewer of them")])
+    s, right, left = _all_modes(basis.T @ motion.pull @ basis, basis.T @ motion.drag @ basis)
+    weight = []
+    for vector in k:
+        waves = basis.T @ _plane_waves(motion.here.state, motion.free, vector)
+        weight.append((waves.conj().T @ right) * (left @ waves).T)
+    floor = REAL_BELOW * np.abs(s).max()
+    pair = s.real > floor if motion.drag.nnz else np.abs((s**2).imag) > floor * np.abs(s).max()
+    return WaveSpectrum(k, s, np.array(weight), pair)
+
+
+@checked
+def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
+    """(K, dim) speeds of long waves from the moduli, fastest first: ρc² u_a = C_abcd n_b n_d u_c (Christoffel).
+
+    ρ is the mass of the grains without rattlers over the volume. A uniform stress drops out of the equation if C is the
+    response of the Cauchy stress, as here. NaN where a wave is unstable.
+
+    Parameters
+    ----------
+    direction : (K, dim), of any length: wave vectors, for example
+    """
+    free, dim = elastic_moduli(state, law), state.cell.dim
+    n = as_rows(direction, len(np.atleast_2d(direction)), 3)[:, :dim]
+    n = n / np.linalg.norm(n, axis=1)[:, None]
+    density = free.free.mass[free.free.axis == 0].sum() / volume(state)
+    square = np.linalg.eigvals(np.einsum("kb,abcd,kd->kac", n, free.tensor, n)).real / density
+    return np.sqrt(np.where(square >= 0, square, np.nan))[np.arange(len(n))[:, None], np.argsort(-square, axis=1)]
+
+
+def _waves_of(state: State, law: Law, wavevector, drag, spin_drag) -> tuple[ForcedMotion, np.ndarray]:
+    """Linearised motion in a cell at rest, and the wave vectors (K, dim)."""
+    check_cell(state, "waves")
+    dim, control = state.cell.dim, state.control._replace(cell_free=np.zeros((3, 3), bool))
+    if wavevector is None:
+        k = allowed_wavevectors(state)
+    else:
+        k = as_rows(wavevector, len(np.atleast_2d(wavevector)), 3)[:, :dim]
+    turns = k @ state.cell.vectors[:dim, :dim].T / (2 * np.pi)
+    for worst in k[(np.abs(turns - np.round(turns)) > ALLOWED).any(axis=1) | ~k.any(axis=1)]:
+        raise ValueError(
+            f"wave vector {worst} was given: its product with each vector of the periodic cell must be 2π times an "
+            "integer, not all zero; see `allowed_wavevectors`"
+        )
+    return forced_motion(state._replace(control=control), law, drag, spin_drag), k
+
+
+def _plane_waves(state: State, free: Freedom, k: np.ndarray) -> np.ndarray:
+    """(n, p) complex unit vectors of mass-weighted plane waves."""
+    dim, axis = len(k), free.axis
+    along = k / np.linalg.norm(k)
+    if dim == 2:
+        frame = np.array([[along[0], along[1], 0.0], [-along[1], along[0], 0.0]])
+        turns = np.array([[0.0, 0.0, 1.0]])
+    else:
+        across = np.eye(3)[np.argmin(np.abs(along))]
+        across = np.cross(along, across) / np.linalg.norm(np.cross(along, across))
+        frame = turns = np.array([along, across, np.cross(along, across)])
+    radius = np.where(axis < 3, 1.0, state.grains.radius[free.body])
+    field = np.where(axis < 3, frame[:, axis % 3], 0.0), np.where(axis < 3, 0.0, turns[:, axis % 3])
+    phase = np.exp(1j * (state.grains.position[free.body, :dim] @ k))
+    out = (np.concatenate(field) * radius * np.sqrt(free.mass) * phase).T
+    return out / np.linalg.norm(out, axis=0)
+
+
+def _branches(motion: ForcedMotion, waves: np.ndarray, transposed) -> tuple[np.ndarray, np.ndarray]:
+    """Exponents (p,) of the branches P to R and their polarisation (p, p), P and S expanded near P, R near R."""
+    dim, p = motion.free.dim, waves.shape[1]
+    exponents, shares = np.zeros(p, complex), np.zeros((p, p))
+    scale = np.sqrt([(wave.conj() @ ((motion.pull + transposed) @ wave)).real / 2 for wave in waves[:, [0, dim]].T])
+    for at, part in zip(scale, (slice(0, dim), slice(dim, p)), strict=True):
+        s, vectors = _poles(*_oscillators(motion, waves, at if at > REAL_BELOW * scale[0] else scale[0]))
+        weight = np.abs(vectors) ** 2 / (np.abs(vectors) ** 2).sum(axis=0)
+        order = scipy.optimize.linear_sum_assignment(-weight)[1]
+        across = slice(1, dim)
+        order[across] = order[across][np.argsort(-s[order[across]].imag, kind="stable")]
+        exponents[part], shares[part] = s[order[part]], weight[:, order[part]].T
+    return exponents, shares
+
+
+def _oscillators(motion: ForcedMotion, waves: np.ndarray, s: float):
+    """m, Γ and K, (p, p), of m s² + Γ s + K with the value and two derivatives of χ⁻¹ at s."""
+    solve = _solver(motion, s)
+    slope = motion.drag + 2 * s * sparse.eye_array(len(waves))
+    once = solve(waves)
+    moved = slope @ once
+    twice = solve(moved)
+    values = once, -twice, 2 * solve(slope @ twice) - 2 * solve(once)
+    value, first, second = (waves.conj().T @ part for part in values)
+    inverse = np.linalg.inv(value)
+    z1 = -inverse @ first @ inverse
+    mass = (2 * inverse @ first @ inverse @ first @ inverse - inverse @ second @ inverse) / 2
+    drag = z1 - 2 * s * mass
+    return mass, drag, inverse - s * drag - s**2 * mass
+
+
+def _solver(motion: ForcedMotion, s: float):
+    """Function that solves (A + sD + s²) x = b for complex b (n, p)."""
+    shift = s**2 * sparse.eye_array(len(motion.free))
+    solve = factorised(sparse.csr_array(motion.pull + s * motion.drag + shift))
+
+    def solve_complex(b):
+        parts = solve(np.hstack([b.real, b.imag]))
+        return parts[:, : b.shape[1]] + 1j * parts[:, b.shape[1] :]
+
+    return solve_complex
+
+
+def _poles(mass: np.ndarray, drag: np.ndarray, stiff: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The p roots s with the largest Im s, of overdamped ones the slowest, and their vectors (p, p)."""
+    p, unit = len(mass), np.sqrt(np.abs(stiff).max() / np.abs(mass).max())
+    m = mass * unit**2
+    lower = np.hstack([-np.linalg.solve(m, stiff), -np.linalg.solve(m, drag * unit)])
+    s, vectors = eig(np.vstack([np.eye(p, 2 * p, p), lower]))
+    order = np.lexsort((np.abs(s), np.where(s.imag > REAL_BELOW, -1, np.where(s.imag < -REAL_BELOW, 1, 0))))[:p]
+    return unit * s[order], vectors[:p, order]
+
+
+def _all_modes(pull: np.ndarray, drag: np.ndarray):
+    """Exponents s (M,), parts of velocity of their modes (r, M), and left modes (M, r) for a start with a velocity."""
+    n, unit = len(pull), np.sqrt(np.abs(pull).max())
+    with suitable_threads(2 * n):
+        if not drag.any():
+            values, right = eig(pull)
+            s, left = np.sqrt(-values + 0j), np.linalg.inv(right)
+            return np.append(s, -s), np.hstack([right, right]), np.vstack([left, left]) / 2
+        form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull / unit**2, -drag / unit]])
+        values, right = eig(form)
+        return unit * values, right[n:], np.linalg.inv(right)[:, n:]
