@@ -89,7 +89,8 @@ def test_intervals_hold_the_truth_with_a_noisy_load_point_and_spikes(law):
 SPARSE = np.r_[0:1500:5, 1500:1650, 1650:3150:5]  # samples of a record at 2 Hz, and at 10 Hz while it slides fast
 PLACE = (CLEAN.load_point - CLEAN.load_point[0])[SPARSE]
 FAULTS = {  # added friction, state at the start over the steady one, degrees of freedom of the noise, what is fitted
-    "linear drift": (100.0 * PLACE, 1.0, np.inf, ("trend",)),
+    "linear trend": (100.0 * PLACE, 1.0, np.inf, ("trend",)),
+    "drift in time": (1e-4 * TIMES[SPARSE], 1.0, np.inf, ("drift",)),
     "exponential trend": (-0.03 * (1 - np.exp(-PLACE / 1e-4)), 1.0, np.inf, ("trend", "trend_length")),
     "long tails": (0.0, 1.0, 3.0, ()),
     "start away from steady state": (0.0, 0.2, np.inf, ("theta",)),
@@ -185,6 +186,15 @@ def test_an_exponential_trend_is_fitted(length):
         assert low - 0.5 * (high - low) < true < high + 0.5 * (high - low) and high - low < 0.2 * abs(true)
     with pytest.raises(ValueError, match="trend_length was given without a trend"):
         fit(data, law="aging", fixed={"stiffness": 1e4}, free=("trend_length",))
+
+
+def test_a_drift_in_time_is_fitted_and_is_no_trend():
+    rng, added = np.random.default_rng(5), 1e-4 * TIMES
+    data = Data(TIMES, CLEAN.friction + added + 1e-4 * rng.normal(size=len(TIMES)), LEGS)
+    best = fit(data, law="aging", fixed={"stiffness": 1e4}, free=("drift", "trend"))
+    for name, true in (TRUE | {"drift": 1e-4, "trend": 0.0}).items():
+        assert abs(best.values[name] - true) < 4 * best.errors[name], name
+    assert best.errors["drift"] < 1e-6
 
 
 def test_the_command_line_states_velocities_and_counts_spikes(tmp_path):
