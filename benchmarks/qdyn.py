@@ -1,12 +1,16 @@
-"""Earthquake cycles beside QDYN: recurrence, slip and processor time on the same fault; a few minutes.
+"""Earthquake cycles beside QDYN: recurrence, slip and processor time on the same faults; some ten minutes.
 
     python -m benchmarks --qdyn
 
 QDYN (Luo et al. 2017, doi:10.5281/zenodo.322459) is built from its source by `make` with gfortran and MPI, and found
-as `qdyn` on the path; the package of this name on PyPI is another program. The benchmark problem BP1-QD is run for
-420 years by both codes, each in its own process on one core, alternating; the least processor time of some rounds
-counts. QDYN takes slip to be a Fourier series, and ours takes it to be uniform in each cell, so that errors differ at
-equal cells. Errors are differences from the limit of small cells, extrapolated from two runs of ours with order 2.
+as `qdyn` on the path; the package of this name on PyPI is another program. The benchmark problem BP1-QD and a fault
+with in-plane shear in an infinite body are run for 420 years by both codes, each in its own process on one core,
+alternating; the least processor time of some rounds counts. QDYN takes slip to be a Fourier series, and ours takes it
+to be uniform in each cell, so that errors differ at equal cells. Errors are differences from the limit of small cells,
+extrapolated from two runs of ours with order 2.
+
+QDYN knows antiplane shear only. In-plane shear has the stiffness of G/(1 − ν) instead of G, and the radiation damping
+G/(2 c_s) stays if c_s is divided by 1 − ν as well. Both codes start from the steady stress where `a` is largest.
 """
 
 import resource
@@ -15,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -22,78 +27,118 @@ from rich.console import Console
 YEARS, YEAR, THRESHOLD, ROUNDS = 420.0, 365.25 * 86400, 1e-3, 3
 WIDTH, DENSITY, WAVE_SPEED, NORMAL, PLATE_RATE = 40e3, 2670.0, 3464.0, 50e6, 1e-9
 MODULUS, MU0, V0, B, DC = DENSITY * WAVE_SPEED**2, 0.6, 1e-6, 0.015, 8e-3
-DEPTHS, A = (15e3, 18e3), (0.010, 0.025)
+POISSON = 0.25
+
+
+class Problem(NamedTuple):
+    """A fault, with `a` at depths, what both codes need to know of its kind, and where slip is compared."""
+
+    depths: tuple[float, ...]  # [m]
+    a: tuple[float, ...]
+    shear: str
+    boundary: str
+    finite: int  # of QDYN: 1 for a segment in an infinite body, 3 for half of one that is symmetric about the surface
+    softer: float  # 1 − ν for in-plane shear, else 1
+    place: float  # [m]
+
+
+PROBLEMS = {
+    "BP1-QD": Problem((15e3, 18e3), (0.010, 0.025), "antiplane", "surface", 3, 1.0, 0.0),
+    "in-plane": Problem(
+        (5e3, 15e3, 30e3, 31e3), (0.025, 0.010, 0.010, 0.025), "in-plane", "infinite", 1, 1 - POISSON, 22.5e3
+    ),
+}
 CASES = {  # numbers of cells and tolerances
     "ours": [(512, 1e-3), (512, 1e-4), (1024, 1e-3), (1024, 1e-4)],
     "QDYN": [(512, 1e-4), (512, 1e-5), (1024, 1e-4), (1024, 1e-5)],
 }
-LIMIT = ((1024, 1e-4), (2048, 1e-4))
-SAME_CELLS = {"ours": (1024, 1e-3), "QDYN": (1024, 1e-4)}  # where cells, not steps, make the error
+LIMIT = ((1024, 1e-5), (2048, 1e-5))
+SAME_CELLS = (1024, 1e-4)
 GOOD = 3e-4  # of an event's time, or of the recurrence
-OURS = "import sys; from benchmarks.qdyn import ours; print(*ours(int(sys.argv[1]), float(sys.argv[2])))"
+OURS = "import sys; from benchmarks.qdyn import ours; print(*ours(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))"
 console = Console()
 
 
-def ours(cells: int, tolerance: float) -> tuple[float, float, float]:
-    """Start of the second event and time to the third [years], and slip of the third at the surface [m]."""
+def ours(name: str, cells: int, tolerance: float) -> tuple[float, float, float]:
+    """Start of the second event and time to the third [years], and slip of the third at one place [m]."""
     from stickslip import friction
 
-    a = list(zip(DEPTHS, A, strict=True))
-    fault = friction.line_fault(WIDTH, WIDTH / cells, a=a, b=B, dc=DC, normal=NORMAL, shear_modulus=MODULUS)
-    events = friction.simulate_fault(fault, YEARS, tolerance=tolerance).events
-    return events.start[1] / YEAR, np.diff(events.start)[1] / YEAR, events.surface_slip[2]
+    problem = PROBLEMS[name]
+    fault = friction.line_fault(
+        WIDTH, WIDTH / cells, a=list(zip(problem.depths, problem.a, strict=True)), b=B, dc=DC, normal=NORMAL,
+        shear_modulus=MODULUS, poisson=POISSON, shear=problem.shear, boundary=problem.boundary,
+    )  # fmt: skip
+    recording = friction.Recording(stations=(problem.place,))
+    history = friction.simulate_fault(fault, YEARS, recording=recording, tolerance=tolerance)
+    return _numbers(history.events.start, history.events.end, history.time, history.slip[:, 0])
 
 
-def write_input(folder: Path, cells: int, tolerance: float) -> None:
-    """Write `qdyn.in`: half of a fault that is symmetric about the surface, solved by Runge–Kutta–Fehlberg."""
-    a = np.interp((np.arange(cells) + 0.5) * WIDTH / cells, DEPTHS, A)
-    stress = NORMAL * A[1] * np.arcsinh(PLATE_RATE / (2 * V0) * np.exp((MU0 + B * np.log(V0 / PLATE_RATE)) / A[1]))
+def _numbers(start: np.ndarray, end: np.ndarray, time: np.ndarray, slip: np.ndarray) -> tuple[float, float, float]:
+    before, after = np.interp([start[2], end[2]], time, slip)
+    return start[1] / YEAR, (start[2] - start[1]) / YEAR, after - before
+
+
+def write_input(folder: Path, name: str, cells: int, tolerance: float) -> None:
+    """Write `qdyn.in` for the solver of Runge, Kutta and Fehlberg."""
+    problem = PROBLEMS[name]
+    a, most = np.interp((np.arange(cells) + 0.5) * WIDTH / cells, problem.depths, problem.a), max(problem.a)
+    stress = NORMAL * most * np.arcsinh(PLATE_RATE / (2 * V0) * np.exp((MU0 + B * np.log(V0 / PLATE_RATE)) / most))
     theta = DC / V0 * np.exp(a / B * np.log(2 * V0 / PLATE_RATE * np.sinh(stress / (a * NORMAL))) - MU0 / B)
     lines = [
-        "1", f"{cells}", f"{WIDTH} 5e4", "3", "1", "2", "0", "0 0 0", f"1 1000000 1 {cells} 1 1 1 0 0",
-        f"{WAVE_SPEED} {MODULUS} 3e10 0 0 0.01", "31536000 0", f"1e-8 0 {YEARS * YEAR} {tolerance}", "0", "0 0",
-        "1e18 1e-3 1e-4", "1 2",
+        "1", f"{cells}", f"{WIDTH} 5e4", f"{problem.finite}", "1", "2", "0", "0 0 0",
+        f"1 1000000 1 {cells} 1 1 1 0 0", f"{WAVE_SPEED / problem.softer} {MODULUS / problem.softer} 3e10 0 0 0.01",
+        "31536000 0", f"1e-8 0 {YEARS * YEAR} {tolerance}", "0", "0 0", "1e18 1e-3 1e-4", "1 2",
     ]  # fmt: skip
+    stations = _stations(problem.place, cells)
     for k in range(cells):
-        known = (NORMAL, PLATE_RATE, theta[k], a[k], B, DC, 0.01, 1e-7, MU0, V0, int(k == 0), 0, 0, PLATE_RATE)
+        known = (NORMAL, PLATE_RATE, theta[k], a[k], B, DC, 0.01, 1e-7, MU0, V0, int(k in stations), 0, 0, PLATE_RATE)
         lines.append(" ".join(f"{value:.15g}" for value in known))
     (folder / "qdyn.in").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def _stations(place: float, cells: int) -> set[int]:
+    """Cells on both sides of a place between two cells, or the first one for the surface."""
+    k = round(place * cells / WIDTH)
+    return {max(k - 1, 0), k}
+
+
 def read_output(folder: Path) -> tuple[float, float, float]:
-    """The same of QDYN, from its series of the largest velocity and of the slip at the surface."""
+    """The same of QDYN, from its series of the largest velocity and of the slip at the place."""
     time, velocity = np.loadtxt(folder / "output_vmax", usecols=(0, 2)).T
-    slip = np.loadtxt(folder / "output_ot_0", usecols=7)
+    slip = np.mean([np.loadtxt(path, usecols=7) for path in folder.glob("output_ot_*")], axis=0)
     fast = velocity >= THRESHOLD
-    last, end = np.flatnonzero(~fast[:-1] & fast[1:]), np.flatnonzero(fast[:-1] & ~fast[1:])
-    share = np.log(THRESHOLD / velocity[last]) / np.log(velocity[last + 1] / velocity[last])
-    start = (time[last] + share * (time[last + 1] - time[last])) / YEAR
-    return start[1], start[2] - start[1], slip[end[2]] - slip[last[2]]
+
+    def crossings(last):
+        share = np.log(THRESHOLD / velocity[last]) / np.log(velocity[last + 1] / velocity[last])
+        return time[last] + share * (time[last + 1] - time[last])
+
+    start, end = (crossings(np.flatnonzero(fast[:-1] < fast[1:])), crossings(np.flatnonzero(fast[:-1] > fast[1:])))
+    return _numbers(start, end, time, slip)
 
 
-def run(code: str, cells: int, tolerance: float) -> tuple[float, np.ndarray]:
-    """Processor time of a run [s], and what it has found."""
+def run(name: str, code: str, cells: int, tolerance: float) -> tuple[float, np.ndarray]:
+    """Processor time of a run [s], and its results."""
     with tempfile.TemporaryDirectory() as place:
-        write_input(Path(place), cells, tolerance)
+        write_input(Path(place), name, cells, tolerance)
         python = code == "ours"
-        words = [sys.executable, "-c", OURS, str(cells), str(tolerance)] if python else [shutil.which("qdyn")]
+        words = [sys.executable, "-c", OURS, name, str(cells), str(tolerance)] if python else [shutil.which("qdyn")]
         before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         done = subprocess.run(words, cwd=None if python else place, capture_output=True, text=True, check=True)
         seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
         return seconds, np.array([float(word) for word in done.stdout.split()] if python else read_output(Path(place)))
 
 
-def measure() -> tuple[dict, np.ndarray]:
-    """Least processor time and results of every case, and the limit of small cells."""
+def measure(name: str) -> tuple[dict, np.ndarray]:
+    """Least processor time and results of every case of a problem, and the limit of small cells."""
     cases = [
         (code, *case) for pair in zip(*CASES.values(), strict=True) for code, case in zip(CASES, pair, strict=True)
     ]
     best: dict[tuple, tuple] = {}
     for _ in range(ROUNDS):
         for case in cases:
-            seconds, found = run(*case)
-            best[case] = min(best.get(case, (np.inf,))[0], seconds), found
-    coarse, fine = (run("ours", *case)[1] for case in LIMIT)
+            seconds, results = run(name, *case)
+            best[case] = min(best.get(case, (np.inf,))[0], seconds), results
+    coarse, fine = (run(name, "ours", *case)[1] for case in LIMIT)
     return best, (4 * fine - coarse) / 3
 
 
@@ -102,34 +147,38 @@ def rows() -> list[dict]:
     if not shutil.which("qdyn"):
         console.print("[yellow]QDYN skipped[/]: build it from its source, and put `qdyn` on the path")
         return []
-    best, limit = measure()
-    errors = {case: np.abs(found / limit - 1) for case, (_, found) in best.items()}
     print("<!-- written by python -m benchmarks --qdyn -->")
-    heads = ("code", "cells", "tolerance", "event [years]", "error", "recurrence [years]", "error", "slip [m]", "error")
-    print(f"| {' | '.join(heads)} | time [s] |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for code, chosen in CASES.items():
-        for cells, tolerance in chosen:
-            seconds, found = best[code, cells, tolerance]
-            pairs = zip(found, errors[code, cells, tolerance], strict=True)
-            numbers = " | ".join(f"{value:.6g} | {error:.0e}" for value, error in pairs)
-            print(f"| {code} | {cells} | {tolerance:.0e} | {numbers} | {seconds:.1f} |")
-    print("| limit | | | {:.6g} | | {:.6g} | | {:.6g} | | |".format(*limit))
-    same = {code: best[code, *case][0] for code, case in SAME_CELLS.items()}
-    return [_row("1024 cells", same)] + [
-        _row(f"{what} to {GOOD:.0e}", {code: _least(best, errors, code, k) for code in CASES})
+    heads = ("event [years]", "error", "recurrence [years]", "error", "slip [m]", "error")
+    print(f"| fault | code | cells | tolerance | {' | '.join(heads)} | time [s] |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    return [row for name in PROBLEMS for row in _compare(name)]
+
+
+def _compare(name: str) -> list[dict]:
+    """Print the lines of a problem, and return its rows."""
+    best, limit = measure(name)
+    errors = {case: np.abs(results / limit - 1) for case, (_, results) in best.items()}
+    for code, cells, tolerance in ((code, *case) for code, chosen in CASES.items() for case in chosen):
+        seconds, results = best[code, cells, tolerance]
+        pairs = zip(results, errors[code, cells, tolerance], strict=True)
+        numbers = " | ".join(f"{value:.6g} | {error:.0e}" for value, error in pairs)
+        print(f"| {name} | {code} | {cells} | {tolerance:.0e} | {numbers} | {seconds:.1f} |")
+    print("| {} | limit | | | {:.6g} | | {:.6g} | | {:.6g} | | |".format(name, *limit))
+    same = {code: best[code, *SAME_CELLS][0] for code in CASES}
+    return [_row(name, "1024 cells", same)] + [
+        _row(name, f"{what} to {GOOD:.0e}", {code: _least(best, errors, code, k) for code in CASES})
         for k, what in enumerate(("time of an event", "recurrence"))
     ]
 
 
 def _least(best: dict, errors: dict, code: str, k: int) -> float:
-    """Least processor time with which a code has a number to `GOOD` [s]."""
+    """Least processor time with which a code has a number to `GOOD`, NaN if it never has [s]."""
     return min((best[case][0] for case in best if case[0] == code and errors[case][k] < GOOD), default=np.nan)
 
 
-def _row(what: str, seconds: dict) -> dict:
+def _row(name: str, what: str, seconds: dict) -> dict:
     return {
-        "case": f"BP1-QD, {what}, years of a fault/s", "n": 1024, "threads": 1, "ours": YEARS / seconds["ours"],
+        "case": f"{name}, {what}, years of a fault/s", "n": 1024, "threads": 1, "ours": YEARS / seconds["ours"],
         "peer": YEARS / seconds["QDYN"], "peer_name": "QDYN, Runge–Kutta–Fehlberg",
         "ratio": seconds["QDYN"] / seconds["ours"], "unit": "1/s",
     }  # fmt: skip

@@ -43,7 +43,7 @@ class ModelOptions(NamedTuple):
     ] = "logarithmic"
     free: Annotated[
         str | None,
-        typer.Option("--free", help="Other parameters to fit: 'b2,dc2' (a second state), 'v1', 'trend_length' …"),
+        typer.Option("--free", help="Others to fit: 'b2,dc2' (a second state), 'v1', 'trend_length', 'drift' …"),
     ] = None
 
     def fixed_values(self) -> dict[str, float]:

@@ -15,7 +15,7 @@ from ..core.arguments import checked
 from ..core.readable import readable
 from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
-from .model import DEFAULTS, FIT, NAMES, OWN, PLAIN, Data, model_friction, prepare
+from .model import DEFAULTS, FIT, LINEAR, NAMES, OWN, PLAIN, Data, model_friction, prepare
 from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
 from .outliers import find_spikes, without
 from .problem import (
@@ -98,9 +98,10 @@ def fit(
 ) -> Fit:
     """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
-    Least-squares fit of a law of `RateState`, plus trend × displacement, over complete records: slider and state
-    are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting values come
-    from a coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
+    Least-squares fit of a law of `RateState`, plus trend × displacement and drift × time, over complete records: slider
+    and state are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting
+    values come from a coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993,
+    doi:10.1029/93JB00780.
 
     Parameters
     ----------
@@ -109,7 +110,8 @@ def fit(
     form : "logarithmic" or "regularized", see `RateState`
     fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, b2, dc2 (a second state, default
         none), v1, v2 (cut-off velocities, default none), stiffness, damping, alpha, theta (initial state over the
-        steady one, default 1), trend (default 0) and trend_length, over which it decays (default: never)
+        steady one, default 1), trend (default 0), trend_length, over which it decays (default: never), and drift
+        [1/time] (default 0)
     free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend"), ("trend", "trend_length")
         for a trend that decays exponentially, or ("b2", "dc2") for two states
     own : parameters with a separate value for each of several records
@@ -234,7 +236,7 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     for name in set(fixed) & set(free):
         raise ValueError(f"{name} was given as both fixed and free: choose one")
     for name, value in fixed.items():
-        least = -np.inf if name in ("mu0", "trend") else 0.0
+        least = -np.inf if name in LINEAR else 0.0
         if (
             not np.isfinite(value)
             or value < least

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from .model import PLAIN, Prepared, model_friction
+from .model import LINEAR, PLAIN, Prepared, linear_column, model_friction
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
 SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
@@ -17,7 +17,7 @@ BEST = 5  # number of guesses that are returned
 
 
 def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
-    """Best points of a grid, each with mu0 and trend from linear least squares, best first.
+    """Best points of a grid, each with mu0, trend and drift from linear least squares, best first.
 
     The search uses the logarithmic form, with one state and without cut-off velocities.
     """
@@ -48,15 +48,14 @@ def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
 
 
 def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
-    """Sum of squares for the best mu0 and trend of each data set."""
+    """Sum of squares for the best mu0, trend and drift of each data set."""
     cost, linear = 0.0, []
     for case in cases:
         model = model_friction(case, values, law, tolerance=1e-5)
         if model is None:
             return np.inf, []
         use, weight = case.used, 1 / case.sigma[case.used]
-        basis = [np.ones(use.sum())] if "mu0" in free else []
-        basis += [case.place[use]] if "trend" in free else []
+        basis = [linear_column(case, name)[use] for name in LINEAR if name in free]
         rest = (case.friction[use] - model[use]) * weight
         coefficients = np.zeros(0)
         if basis:

@@ -26,13 +26,15 @@ NAMES = (
     "theta",
     "trend",
     "trend_length",
+    "drift",
 )
 FIT = ("a", "b", "dc", "mu0")  # free unless fixed
 # one state, no cut-off velocities, and a linear trend
 PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf, "trend_length": np.inf}
-DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, **PLAIN}
+DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, "drift": 0.0, **PLAIN}
+LINEAR = ("mu0", "trend", "drift")
 LOGARITHMIC = ("a", "b", "dc", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend_length")
-OWN = ("mu0", "theta", "trend")  # by default separate for each of several data sets
+OWN = ("mu0", "theta", "trend", "drift")  # by default separate for each of several data sets
 
 
 @readable
@@ -138,11 +140,12 @@ def model_friction(
     Parameters
     ----------
     values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (initial over steady state),
-        trend and trend_length
+        trend, trend_length and drift (default: 0)
     """
     v = PLAIN | values
     slider = build_slider(v, law, form)
-    start, trend = np.log(v["theta"] * v["v0"] / case.before), v["trend"] * _worn(case.place, v["trend_length"])
+    start = np.log(v["theta"] * v["v0"] / case.before)
+    trend = v["trend"] * _worn(case.place, v["trend_length"]) + v.get("drift", 0.0) * case.time
     if case.legs is None:
         mean, spans = 0.5 * (case.velocity[1:] + case.velocity[:-1]), np.diff(case.time)
         states = [np.full(len(case.time), start) for _ in range(2)]
@@ -154,6 +157,11 @@ def model_friction(
     if code != DONE or not np.isfinite(out).all():
         return None
     return friction(slider, out) + trend
+
+
+def linear_column(case: Prepared, name: str) -> np.ndarray:
+    """What mu0, trend or drift is multiplied by, at all samples."""
+    return {"mu0": np.ones(len(case.time)), "trend": case.place, "drift": case.time}[name]
 
 
 def _worn(place: np.ndarray, length: float) -> np.ndarray:

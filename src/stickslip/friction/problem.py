@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from .identifiability import WIDEST
 from .initial_guess import extended_guesses, initial_guesses
-from .model import DEFAULTS, LOGARITHMIC, Prepared, model_friction
+from .model import DEFAULTS, LINEAR, LOGARITHMIC, Prepared, linear_column, model_friction
 from .noise import WHITE, whitened
 
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
@@ -52,7 +52,7 @@ def residual(task: Task, x) -> np.ndarray:
 
 
 def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
-    """Jacobian d residual/dx: exact for the trend, else by finite differences.
+    """Jacobian d residual/dx: exact for trend and drift, else by finite differences.
 
     It is also exact for μ0 at constant normal stress, of which friction in the logarithmic form is a linear function.
     """
@@ -60,7 +60,7 @@ def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
     for k, label in enumerate(task.names):
         name, row = label.split("[")[0], 0
-        simple = (name == "trend" and task.fixed.get("trend_length") == np.inf) or (
+        simple = (name == "drift" or (name == "trend" and task.fixed.get("trend_length") == np.inf)) or (
             name == "mu0"
             and task.form == "logarithmic"
             and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
@@ -71,7 +71,7 @@ def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
             out[:, k] = (ahead - residual(task, x - step)) / (2 * step[k]) if central else (ahead - base) / step[k]
             continue
         for case, slot in zip(task.cases, task.slots, strict=True):
-            column = case.place if name == "trend" else np.ones(len(case.time))
+            column = linear_column(case, name)
             piece = slice(row, row + int(case.used.sum()))
             if slot[name] == k:
                 out[piece, k] = -(column / case.sigma)[case.used]
@@ -148,7 +148,7 @@ def _runs_away(task: Task, x) -> bool:
 def _start_vector(task: Task, start: dict, free) -> np.ndarray:
     x = np.zeros(len(task.names))
     for slot, linear in zip(task.slots, start["linear"], strict=True):
-        extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
+        extra = dict(zip([n for n in LINEAR if n in free], linear, strict=True))
         for name, k in slot.items():
             x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
     return x

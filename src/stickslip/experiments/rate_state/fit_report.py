@@ -34,6 +34,7 @@ UNITS = {
     "stiffness": "1/m",
     "trend": "1/m",
     "trend_length": "m",
+    "drift": "1/s",
     "v0": "m/s",
     "damping": "s/m",
 }
