@@ -140,20 +140,21 @@ class PebbleGame:
         blocks that connect their ends within each of the joined blocks.
         """
         marked, joined, crossed = set(self.redundant), _Sets(len(self.parent)), {}
-        pairs = [self.bars[bar] for bar in self.redundant]
-        while pairs:
-            x, y = pairs.pop()
-            if joined.root(x) == joined.root(y):
-                continue
-            event = self._meeting(x, y)
-            if event not in crossed:
-                marked.update(self.events[event])
-                crossed[event] = ends = {}
-                for bar in self.events[event]:
+        tasks: list = [self.bars[bar] for bar in self.redundant]
+        while tasks:
+            task = tasks.pop()
+            if isinstance(task, int):  # what this contraction joined is connected by stressed bars from now on
+                for bar in self.events[task]:
                     joined.unite(*self.bars[bar])
-                    for body in self.bars[bar]:
-                        pairs.append((ends.setdefault(self.block(body, event), body), body))
-            pairs += [(crossed[event][self.block(body, event)], body) for body in (x, y)]
+            elif joined.root(task[0]) != joined.root(task[1]):
+                event = self._meeting(*task)
+                if event not in crossed:
+                    marked.update(self.events[event])
+                    tasks.append(event)
+                    crossed[event] = ends = {}
+                    for body in (end for bar in self.events[event] for end in self.bars[bar]):
+                        tasks.append((ends.setdefault(self.block(body, event), body), body))
+                tasks += [(crossed[event][self.block(body, event)], body) for body in task]
         return marked
 
     def _meeting(self, x: int, y: int) -> int:
