@@ -1,6 +1,6 @@
 """Rigid clusters of a frictional packing, by the pebble game and by linear algebra."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -16,8 +16,7 @@ from .matrices import LinearSystem, linear_system
 from .pebbles import PEBBLES, PebbleGame
 from .system import elimination_order
 
-SHIFT = 1e-13  # added to the squared singular values, so that those of floppy motions are not zero
-NOTHING = 1e-9  # pivot of a matrix so shifted below which a coordinate is free; that of any other is near one
+SHIFT, MORE = 1e-12, 100.0  # added to squared singular values, so that none is zero; a larger one by this factor
 REPEATS = 4  # of a solve; each one reduces what is not null by SHIFT over its squared singular value
 SAMPLES = 4  # random vectors of the null space
 STILL = 1e-7  # of the largest motion or self-stress, below which one is zero
@@ -40,9 +39,7 @@ class RigidClusters(NamedTuple):
 
 
 @checked
-def rigid_clusters(
-    state: Committed, law: Law, *, method: Literal["null-space", "pebbles"] = "null-space"
-) -> RigidClusters:
+def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") -> RigidClusters:
     """Decompose a packing into clusters that every motion without resistance moves as rigid bodies.
 
     A contact below its Coulomb limit resists any relative velocity of the two surfaces, a sliding one only that along
@@ -71,7 +68,7 @@ def rigid_clusters(
     Notes
     -----
     The null space of the constraint matrix A is sampled by random vectors, on which (AᵀA + εI)⁻¹ acts four times, with
-    ε = 1e-13 and a sparse factor of AᵀA. Two bodies move as one in all motions if they do in such samples. A contact is
+    ε = 1e-12 and a sparse factor; how det(AᵀA + εI) grows with ε gives the rank. Two bodies move as one in all motions if they do in such samples. A contact is
     overconstrained if a random vector of the left null space, a self-stress, has a component there. Motions that
     distort contacts by less than about 1e-4 of their amplitude cannot be told from floppy ones.
 
@@ -91,6 +88,8 @@ def rigid_clusters(
     >>> clusters.body, clusters.floppy
     (array([ 0,  0,  0, -1]), 4)
     """
+    if method not in ("null-space", "pebbles"):
+        raise ValueError(f'method = {method!r} was given: give "null-space" or "pebbles"')
     if method == "pebbles" and state.cell.dim == 3:
         raise ValueError(
             'method = "pebbles" was given for spheres: the game holds for disks only, use method="null-space"'
@@ -182,9 +181,10 @@ def _null_samples(a, order: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
     if not len(order):
         return 0, np.zeros((0, SAMPLES)), _scaled(stresses)
     a = sparse.csc_array(a)[:, order]
-    gram = sparse.csc_array(a.T @ a + SHIFT * sparse.eye_array(len(order)))
-    factor = splu(gram, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    rank = int(np.count_nonzero(factor.U.diagonal() > NOTHING))
+    factor, lifted = _shifted_factor(a, SHIFT), _shifted_factor(a, MORE * SHIFT)
+    # det(AᵀA + ε) is the product of all σ² + ε, and therefore proportional to ε to the power of the nullity
+    growth = np.log(lifted.U.diagonal() / factor.U.diagonal()).sum()
+    rank = len(order) - round(float(growth / np.log(MORE)))
     motions = random.normal(size=(len(order), SAMPLES))
     for _ in range(REPEATS):
         motions = SHIFT * factor.solve(motions)
@@ -193,6 +193,12 @@ def _null_samples(a, order: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
     out[order] = motions
     none = rank == len(order), rank == a.shape[0]
     return rank, *(0 * part if empty else _scaled(part) for part, empty in zip((out, stresses), none, strict=True))
+
+
+def _shifted_factor(a, shift: float):
+    """SuperLU factor of AᵀA + ε I, without pivoting."""
+    gram = sparse.csc_array(a.T @ a + shift * sparse.eye_array(a.shape[1]))
+    return splu(gram, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _scaled(vectors: np.ndarray) -> np.ndarray:
