@@ -154,7 +154,9 @@ def rigid_clusters(
     state: Committed, clusters: Annotated[Any, Result("RigidClusters", ("body", "contact", "overconstrained"))],
     *, width: float = WIDTH,
 ):  # fmt: skip
-    """Draw the contacts of each rigid cluster in a colour of its own, hinges dashed; thick lines are overconstrained.
+    """Draw the contacts of each rigid cluster in a colour, hinges dotted; thick lines are overconstrained.
+
+    The largest cluster is blue; the five other colours repeat.
 
     Parameters
     ----------
@@ -166,7 +168,8 @@ def rigid_clusters(
     require_shape((len(frame.contacts["i"]),), clusters=clusters.contact)
     figure, axes = start_drawing(frame, layout_of([frame]), width)
     lines, hinge = contact_segments(frame), clusters.contact < 0
-    colors = np.array(COLORS[:-1])[clusters.contact % (len(COLORS) - 1)]
+    number = clusters.contact
+    colors = np.array(COLORS[:-1])[np.where(number > 0, 1 + (number - 1) % (len(COLORS) - 2), 0)]
     thick = np.where(clusters.overconstrained, 1.8, 0.8)
     axes.add_collection(LineCollection(lines[~hinge], colors=colors[~hinge], linewidths=thick[~hinge], zorder=60))
     axes.add_collection(LineCollection(lines[hinge], colors=BLACK, linewidths=0.8, linestyles=":", zorder=61))

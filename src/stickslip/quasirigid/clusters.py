@@ -51,8 +51,8 @@ def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") ->
     ----------
     state : accepted state of disks or spheres
     law : Law with sharp Coulomb friction
-    method : "null-space" uses the positions and takes disks and spheres, up to some 10,000 disks or 1000 spheres within
-        seconds. "pebbles" is the (3,3) pebble game of disks, which only counts: it takes the lines of contact forces
+    method : "null-space" uses the positions and takes disks and spheres; 10,000 disks take 2 s, 1000 spheres 2 s, and
+        3000 spheres 40 s. "pebbles" is the (3,3) pebble game of disks, which only counts: it takes the lines of contact forces
         for arbitrary ones. It overlooks the spins of disks all of whose contacts slide, the counter-rotation of disks
         in networks without odd loops, and that a cluster around a periodic cell cannot rotate
 
@@ -63,14 +63,15 @@ def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") ->
     Raises
     ------
     ValueError
-        if there are no contacts, or if the law has no or smooth friction or resists rolling; with "pebbles" for spheres.
+        if there are no contacts, if the law has no or smooth friction or resists rolling, or with "pebbles" for spheres.
 
     Notes
     -----
     The null space of the constraint matrix A is sampled by random vectors, on which (AᵀA + εI)⁻¹ acts four times, with
-    ε = 1e-12 and a sparse factor; how det(AᵀA + εI) grows with ε gives the rank. Two bodies move as one in all motions if they do in such samples. A contact is
-    overconstrained if a random vector of the left null space, a self-stress, has a component there. Motions that
-    distort contacts by less than about 1e-4 of their amplitude cannot be told from floppy ones.
+    ε = 1e-12 and a sparse factor; how det(AᵀA + εI) grows with ε gives the rank. Two bodies move as one in all motions
+    if they do in such samples. A contact is overconstrained if a random vector of the left null space, a self-stress,
+    has a component there. Motions that distort contacts by less than about 1e-4 of their amplitude cannot be told from
+    floppy ones.
 
     Sources: Henkes, Quint, Fily & Schwarz (2016), doi:10.1103/PhysRevLett.116.028001, for the game with friction; Liu,
     Kollmer, Daniels, Schwarz & Henkes (2021), doi:10.1103/PhysRevLett.126.088002, for its comparison with motions.

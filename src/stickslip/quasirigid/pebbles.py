@@ -90,7 +90,7 @@ class PebbleGame:
     def _grow(self, blocks: list[int]) -> None:
         """Contract blocks, and then all that has become rigid with them, the smallest part first.
 
-        Such a part pays for a bar into a block that is new to the largest one: otherwise it were rigid with that before.
+        Such a part pays for a bar into a block that is new to the largest one; if not, it was rigid with that before.
         """
         suspects = self._contract(blocks)
         while suspects:
