@@ -184,6 +184,11 @@ def test_walls_groups_and_fixed_bodies_are_bodies(method):
     clusters = rigid_clusters(fixed, LAW, method=method)
     assert clusters.body.tolist() == [0] * 7 + [-1]
     assert clusters.floppy == 1
+    still = alone._replace(control=ss.control.fixed(alone.control, range(8)))
+    clusters = rigid_clusters(still, LAW, method=method)
+    assert (clusters.sizes.tolist(), clusters.floppy) == ([8], 0)
+    assert clusters.redundant == clusters.constraints
+    assert clusters.overconstrained.all()
 
 
 def test_spheres_roll_about_the_line_through_two_contacts():

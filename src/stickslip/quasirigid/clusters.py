@@ -52,9 +52,9 @@ def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") ->
     state : accepted state of disks or spheres
     law : Law with sharp Coulomb friction
     method : "null-space" uses the positions and takes disks and spheres; 10,000 disks take 2 s, 1000 spheres 2 s, and
-        3000 spheres 40 s. "pebbles" is the (3,3) pebble game of disks, which only counts: it takes the lines of contact forces
-        for arbitrary ones. It overlooks the spins of disks all of whose contacts slide, the counter-rotation of disks
-        in networks without odd loops, and that a cluster around a periodic cell cannot rotate
+        3000 spheres 40 s. "pebbles" is the (3,3) pebble game of disks, which only counts: it takes the lines of contact
+        forces for arbitrary ones. It overlooks the spins of disks all of whose contacts slide, the counter-rotation of
+        disks in networks without odd loops, and that a cluster around a periodic cell cannot rotate
 
     Returns
     -------
@@ -63,7 +63,8 @@ def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") ->
     Raises
     ------
     ValueError
-        if there are no contacts, if the law has no or smooth friction or resists rolling, or with "pebbles" for spheres.
+        if there are no contacts, if the law has no or smooth friction or resists rolling, or for spheres with
+        "pebbles".
 
     Notes
     -----
