@@ -26,8 +26,9 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ("docs/index.md", 2, ("the lid bears ", " events; ")),
         ("docs/quasi_rigid.md", 0, (" events,", " alternatives")),
         ("docs/quasi_rigid.md", 1, ("MECHANISM 0.8",)),
-        ("docs/quasi_rigid.md", 3, ("the force grows: the full load was reached", "the lid is moved: ")),
-        ("docs/quasi_rigid.md", 4, ("'UNIQUE': ", "'MECHANISM': ")),
+        ("docs/quasi_rigid.md", 2, ("[106  41  17] 37 [109  42  17] 33",)),
+        ("docs/quasi_rigid.md", 4, ("the force grows: the full load was reached", "the lid is moved: ")),
+        ("docs/quasi_rigid.md", 5, ("'UNIQUE': ", "'MECHANISM': ")),
         ("docs/look.md", 0, ("2 axes",)),
         ("docs/many_runs.md", 0, ("'spring.stiffness': 4, 'seed': 2", "1/m")),
         (

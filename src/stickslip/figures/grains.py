@@ -294,6 +294,22 @@ def _face_colours(frame: Frame, layout: Layout, mode, first) -> np.ndarray:
     return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
 
 
+def start_drawing(frame: Frame, layout: Layout, width: float):
+    """Figure and axes with balls in pale grey, walls and cell, but without contacts."""
+    wide, tall = layout.high - layout.low
+    figure, axes = plt.subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + 0.6))
+    none = {name: value[:0] for name, value in frame.contacts.items()}
+    draw(axes, frame._replace(contacts=none), layout, near=False)
+    return figure, axes
+
+
+def contact_segments(frame: Frame) -> np.ndarray:
+    """(M, 2, 2) end points of the lines of contacts, in the plane of the drawing."""
+    basis, c = view_basis(frame), frame.contacts
+    start = (wrapped(frame.state) @ basis.T)[c["i"]]
+    return np.stack([start, start - c["branch"] @ basis.T], axis=1)[..., :2]
+
+
 def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
     """Starts, ends, widths and colours of contact lines."""
     c = frame.contacts

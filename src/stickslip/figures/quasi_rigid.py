@@ -4,11 +4,15 @@ from itertools import cycle
 from typing import Annotated, Any
 
 import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
 
-from ..core.arguments import Requirement, Result, require_filled
+from ..core.arguments import Requirement, Result, require_filled, require_shape
 from ..core.contacts.neighbors import body_positions
 from ..core.control import spring_forces
-from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, label_axes, legend_above, styled
+from ..core.measure import Committed
+from .grains import bare_frame, contact_segments, layout_of, start_drawing
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, column_axes, label_axes, legend_above, styled
 
 _KIND = "sample of a QuasiResult"
 _WithCurve = Annotated[Any, Result(_KIND, ("curve", "path", "slow", "back"))]
@@ -142,4 +146,37 @@ def errors(tested: list[Annotated[Any, Result(_KIND, ("slow", "seed"))]]):
         axes.loglog(time, error, "o-", color=color, label=f"sample {sample.seed}")
     label_axes(axes, x=("duration of loading", r"$\sqrt{m/K_n}$"), y="difference of strain")
     axes.legend(loc="best", ncol=2)
+    return figure
+
+
+@styled
+def rigid_clusters(
+    state: Committed, clusters: Annotated[Any, Result("RigidClusters", ("body", "contact", "overconstrained"))],
+    *, width: float = WIDTH,
+):  # fmt: skip
+    """Draw the contacts of each rigid cluster in a colour, hinges dotted; thick lines are overconstrained.
+
+    The largest cluster is blue; the five other colours repeat.
+
+    Parameters
+    ----------
+    state : accepted state
+    clusters : result of `rigid_clusters` for this state
+    width : width of the figure [inches]
+    """
+    frame = bare_frame(state)
+    require_shape((len(frame.contacts["i"]),), clusters=clusters.contact)
+    figure, axes = start_drawing(frame, layout_of([frame]), width)
+    lines, hinge = contact_segments(frame), clusters.contact < 0
+    number = clusters.contact
+    colors = np.array(COLORS[:-1])[np.where(number > 0, 1 + (number - 1) % (len(COLORS) - 2), 0)]
+    thick = np.where(clusters.overconstrained, 1.8, 0.8)
+    axes.add_collection(LineCollection(lines[~hinge], colors=colors[~hinge], linewidths=thick[~hinge], zorder=60))
+    axes.add_collection(LineCollection(lines[hinge], colors=BLACK, linewidths=0.8, linestyles=":", zorder=61))
+    handles = [
+        Line2D([], [], color=BLUE, lw=0.8, label="largest rigid cluster"),
+        Line2D([], [], color=BLUE, lw=1.8, label="overconstrained"),
+        Line2D([], [], color=BLACK, lw=0.8, ls=":", label=f"hinges ({np.count_nonzero(hinge)})"),
+    ]
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=3 if width > WIDTH else 2)
     return figure

@@ -3,6 +3,7 @@ from ..loading.biaxial import with_machine as with_machine
 from ..loading.biaxial import with_travel as with_travel
 from ..loading.slow import slow_dynamics as slow_dynamics
 from .apex_status import contact_status as contact_status
+from .clusters import rigid_clusters as rigid_clusters
 from .cone_apex import consistent_statuses as consistent_statuses
 from .cone_apex import statuses_at_apex as statuses_at_apex
 from .enumeration import status_map as status_map
