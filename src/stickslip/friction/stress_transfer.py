@@ -90,7 +90,7 @@ def stress_transfer(
 
 def image_nodes(number: int, dip: float) -> int:
     """Number of places down dip, at most, from which the effect of the surface is interpolated to N cells."""
-    order = _order(dip)
+    order = min(_order(dip), number)
     return min(number, order * (2 + max(0, int(np.ceil(np.log2(number / (2 * order)))))))
 
 
@@ -100,7 +100,8 @@ def _order(dip: float) -> int:
     ρ belongs to the ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}.
     """
     poles = 2 * np.geomspace(0.2, 5.0, 200) * np.exp(2j * np.radians(dip)) - 3  # the interval is mapped to −1 to 1
-    return int(np.ceil(np.log(1e16) / np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min()))) + 2
+    growth = np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min())
+    return int(np.ceil(np.log(1e16) / max(growth, 1e-3))) + 2
 
 
 @lru_cache(maxsize=4)
