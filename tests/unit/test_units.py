@@ -72,7 +72,8 @@ def documented(node, lines) -> dict[str, set[str]]:
     return values
 
 
-NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)", "degrees", "of the drive"}  # in brackets in comments, but not units
+# in brackets in comments, but not units
+NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)", "degrees", "of the drive"}
 
 
 def test_archives_store_the_documented_units_of_all_classes(tmp_path):
