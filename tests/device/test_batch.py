@@ -269,7 +269,8 @@ def outcomes_together(legs, batches):
 
     def call(leg):
         try:
-            ((end, _),) = batches.engine.pieces(leg)
+            with batches.turn:
+                ((end, _),) = batches.engine.pieces(leg)
             return end.time
         except Exception as problem:
             return problem

@@ -8,7 +8,7 @@ as many contacts; then grains of rigid groups and on springs; then walls.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import prod
-from threading import Condition
+from threading import Condition, Lock
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -438,7 +438,7 @@ class Together:
 
     Parameters
     ----------
-    members : number of callers; each calls `leave` when it has no more legs
+    members : number of callers; each holds `turn` while it works, and calls `leave` when it has no more legs
     """
 
     SAMPLES = 500  # of a leg, so that packing takes a small share of the time
@@ -448,6 +448,9 @@ class Together:
         self.waiting: list[_Waiting] = []
         self.stopped = False  # set it to run no more legs
         self.change = Condition()
+        self.turn = (
+            Lock()
+        )  # of a caller that does not wait: callers take turns, as not all that they do may run at once
 
     @property
     def engine(self) -> Engine:
@@ -465,7 +468,9 @@ class Together:
         with self.change:
             self.waiting.append(mine)
             self._run_when_complete()
+            self.turn.release()
             self.change.wait_for(lambda: mine.outcome is not None)
+        self.turn.acquire()
         if isinstance(mine.outcome, Exception):
             raise mine.outcome
         yield mine.outcome

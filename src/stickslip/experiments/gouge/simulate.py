@@ -153,7 +153,8 @@ class _Ensemble:
 
         def run(*arguments):
             try:
-                return function(*arguments, engine=batches.engine)
+                with batches.turn:
+                    return function(*arguments, engine=batches.engine)
             finally:
                 batches.leave()
 
