@@ -160,7 +160,7 @@ def model_friction(
 
 
 def linear_column(case: Prepared, name: str) -> np.ndarray:
-    """What mu0, trend or drift is multiplied by, at all samples."""
+    """Factor of mu0, trend or drift at all samples, (T,)."""
     return {"mu0": np.ones(len(case.time)), "trend": case.place, "drift": case.time}[name]
 
 

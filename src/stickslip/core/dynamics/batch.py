@@ -63,7 +63,7 @@ class Sizes(NamedTuple):
 
 
 class Device(Protocol):
-    """Where a batch runs."""
+    """Processor that runs a batch."""
 
     def allocate(self, arrays: dict[str, tuple[tuple[int, ...], type]], law: dict, sizes: Sizes) -> None:
         """Make arrays of zeros from their shapes and types, and take the law."""
@@ -237,7 +237,7 @@ def _sizes(systems: list[_System], most: int) -> Sizes:
     """Sizes that hold all systems."""
     states, legs = [system.state for system in systems], [system.leg for system in systems]
     law, dim = legs[0].law, states[0].cell.dim
-    if any(s.cell.dim != dim for s in states) or any(_same(law) != _same(leg.law) for leg in legs):
+    if any(s.cell.dim != dim for s in states) or any(_law_form(law) != _law_form(leg.law) for leg in legs):
         raise ValueError(
             "systems of different dimensions or laws were given to one batch: run them in batches of their own"
         )
@@ -252,8 +252,8 @@ def _sizes(systems: list[_System], most: int) -> Sizes:
     )  # fmt: skip
 
 
-def _same(law: Law) -> tuple:
-    """What laws of one batch share."""
+def _law_form(law: Law) -> tuple:
+    """Properties that all laws of one batch share."""
     return law.kind, law.coulomb, damping_model(law), law.properties, law.table.shape, _has_friction(law)
 
 

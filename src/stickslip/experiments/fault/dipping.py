@@ -76,7 +76,7 @@ def reproduce(
     ]  # fmt: skip
     number = len(PUBLISHED)
     claims = evaluate_claims(runs[:number], runs[number : 2 * number])
-    claims += [_unpublished(run) for run in runs[2 * number :]]
+    claims += [_recurrence_claim(run) for run in runs[2 * number :]]
     return Reproduction(runs[0], tuple(runs[1:]), note_quick_run(claims) if quick else claims)
 
 
@@ -135,7 +135,8 @@ def _numbers(run: FaultResult, published: dict):
             yield f"{direction}-{where}", "surface", "m", value, measured
 
 
-def _unpublished(run: FaultResult) -> Claim:
+def _recurrence_claim(run: FaultResult) -> Claim:
+    """Make a claim about the recurrence of a fault of which no series is published."""
     fault = run.history.fault
     times = ", ".join(f"{time:.2f}" for time in run.history.events.recurrence[-6:] / YEAR)
     note = f"cells of {fault.cell:g} m; last intervals: {times} years"
