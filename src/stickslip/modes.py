@@ -23,6 +23,7 @@ Response to forces, motions and noise
     frequency_response  transfer function from drives to observables, with drag and dashpots
     plane_wave          drives: forces of a wave
     contact_slip, stress_change  observables
+    inflate             displacements around an inflated grain: elasticity or screening
     stationary_fluctuations  covariances under noise, and distance from instability
     trigger_amplitude   how strong shaking or a pulse must be until a contact slides
 

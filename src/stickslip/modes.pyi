@@ -15,6 +15,7 @@ from .solve.freedom import residual_vector as residual_vector
 from .solve.gradient import eigenvalue_gradient as eigenvalue_gradient
 from .solve.gradient import modulus_gradient as modulus_gradient
 from .solve.gradient import verdict_probability as verdict_probability
+from .solve.inclusion import inflate as inflate
 from .solve.moduli import elastic_moduli as elastic_moduli
 from .solve.pairs import complex_pairs as complex_pairs
 from .solve.response import contact_slip as contact_slip

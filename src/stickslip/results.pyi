@@ -42,9 +42,11 @@ from .solve.collision import Collision as Collision
 from .solve.density import DensityOfStates as DensityOfStates
 from .solve.fastest import FastestPair as FastestPair
 from .solve.freedom import Freedom as Freedom
+from .solve.inclusion import Inflation as Inflation
 from .solve.moduli import ElasticModuli as ElasticModuli
 from .solve.newton import Factorisation as Factorisation
 from .solve.pairs import ComplexPairs as ComplexPairs
+from .solve.screening import ScreeningFits as ScreeningFits
 from .solve.sensitivity import ContactSensitivity as ContactSensitivity
 from .solve.spectrum import Spectrum as Spectrum
 from .solve.stability import Stability as Stability

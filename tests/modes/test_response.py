@@ -7,6 +7,7 @@ from scipy.linalg import svdvals
 import stickslip as ss
 from stickslip.solve import fluctuations, response, trigger
 from stickslip.solve.freedom import displaced, freedom
+from stickslip.solve.linearised import linearised
 from tests.modes.conftest import sheared, triangular
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
@@ -218,7 +219,7 @@ def test_a_noisy_run_has_the_variance(packing):
 
 def near_its_limit(state):
     """Law with less friction, so that the contact nearest to the limit bears 0.8 of it."""
-    return ss.laws.hertz_mindlin(mu=0.3 * np.nanmax(response.linearised(state, LAW).line.mobilisation) / 0.8)
+    return ss.laws.hertz_mindlin(mu=0.3 * np.nanmax(linearised(state, LAW).line.mobilisation) / 0.8)
 
 
 @pytest.mark.parametrize("how", ["shaking", "pulse"])

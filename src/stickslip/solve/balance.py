@@ -59,6 +59,15 @@ def force_imbalance(here: LinearisedState) -> float:
     return float(ratio)
 
 
+def balanced(state: State, law: Law) -> LinearisedState:
+    """Linearised state, each contact in its mode under the law; raise ValueError if its forces do not balance."""
+    here = linearised(state, law)
+    here = here.with_modes(modes_under(state, law, here.line))
+    if (residual := force_imbalance(here)) > BALANCED_BELOW:
+        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
+    return here
+
+
 def _local_force_scales(here: LinearisedState) -> np.ndarray:
     """(N + W,) mean |F_n| of the connected part that each body belongs to; of all contacts if that part has none."""
     state, rows = here.state, here.rows

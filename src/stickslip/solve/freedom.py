@@ -301,6 +301,15 @@ def incidence(state: State, count: int, free: Freedom, width: int = 6):
     return sparse.csr_array((np.concatenate(values), where), shape=(len(free), width * count))
 
 
+def resized(state: State, radius: np.ndarray) -> State:
+    """State with other radii (N,), in which no contact has rolled since its memory was committed."""
+    contacts, count, angle = state.contacts, int(state.contacts.count[0]), np.zeros((state.n_bodies, 3))
+    angle[: len(radius)] = (radius - state.grains.radius)[:, None] * state.grains.angle
+    roll = contacts.roll.copy()
+    roll[:count] += angle[contacts.i[:count]] + angle[contacts.j[:count]]
+    return state._replace(grains=state.grains._replace(radius=radius), contacts=contacts._replace(roll=roll))
+
+
 @checked
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
     """State with its free coordinates moved by `step` (n,) [length]; contact memory is left unchanged."""

@@ -17,10 +17,10 @@ from ..core.measure import branch_vectors, overlaps, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, STICK, State
-from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
-from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, displaced, freedom, incidence, stiffness_of, translations
+from .balance import balanced
+from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, displaced, freedom, incidence, resized, stiffness_of, translations
 from .linear import suitable_threads
-from .linearised import LinearisedState, linearised
+from .linearised import LinearisedState
 from .moduli import adjoint_motion, elastic_moduli, solve_resisted
 from .stability import combine_stability, stability
 
@@ -178,15 +178,14 @@ def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
     follow, given = (np.stack([task.by_body(side) for side in kind], axis=1) for kind in by_end)
     mu = _adjoint(here, free, follow.ravel()[free.component])
     pushed = (incidence(state, len(here.line.closed), free).T @ mu).reshape(-1, 6)
-    radius, still = state.grains.radius, _without_angles(state)
+    radius = state.grains.radius
 
-    def resized(h: np.ndarray) -> np.ndarray:
-        grains = still.grains._replace(radius=radius + h[: len(radius)])
-        return task.contributions(still._replace(grains=grains), loads=pushed)
+    def grown(h: np.ndarray) -> np.ndarray:
+        return task.contributions(resized(state, radius + h[: len(radius)]), loads=pushed)
 
     return Gradient(
         answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
-        task.by_body(task.by_end(resized))[: len(radius)], _by_parameter(task, pushed), given[:, :3],
+        task.by_body(task.by_end(grown))[: len(radius)], _by_parameter(task, pushed), given[:, :3],
         (by_end[1, :3, 0] - by_end[1, :3, 1]).T / 2,
     )  # fmt: skip
 
@@ -265,8 +264,7 @@ def _with_trial_slips(state: State, law: Law) -> State:
 
 def _balanced(state: State, law: Law) -> LinearisedState:
     """Linearised state, if its eigenvalues have derivatives that are implemented."""
-    here = linearised(state, law)
-    here = here.with_modes(modes_under(state, law, here.line))
+    here = balanced(state, law)
     if damping_model(law) or angular_columns(law):
         raise ValueError("a law with dashpots or moments was given: derivatives take neither")
     if state.control.cell_free.any() or (state.control.group >= 0).any():
@@ -277,8 +275,6 @@ def _balanced(state: State, law: Law) -> LinearisedState:
         raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
     if len(here.backbone) > AT_MOST:
         raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {AT_MOST}")
-    if (residual := force_imbalance(here)) > BALANCED_BELOW:
-        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     return here
 
 
@@ -327,15 +323,6 @@ def _colours(state: State) -> np.ndarray:
         taken = {int(out[other]) for other in near[body]}
         out[body] = next(colour for colour in range(len(near)) if colour not in taken)
     return out
-
-
-def _without_angles(state: State) -> State:
-    """The same accepted state with all angles zero, so that a change of the radii does not turn the memory."""
-    grains, contacts = state.grains, state.contacts
-    return state._replace(
-        grains=grains._replace(angle=np.zeros_like(grains.angle)),
-        contacts=contacts._replace(roll=np.zeros_like(contacts.roll)),
-    )
 
 
 def with_given_slips(state: State) -> State:

@@ -18,6 +18,7 @@ from .linear import factorised
 HELD_ABOVE = 1e-13
 SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
 DENSE_UP_TO = 3_000  # coordinates up to which floppy modes are distinguished from a load that nothing bears
+PLANAR = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[1, 0], [0, -1]], [[0, 1], [1, 0]]])
 VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
 
@@ -79,6 +80,30 @@ class ElasticModuli(NamedTuple):
     def young(self) -> float:
         """E = 2G (1 + ν)."""
         return 2 * self.shear * (1 + self.poisson)
+
+    @property
+    def odd_shear(self) -> float:
+        """K^o of the isotropic part of C in two dimensions, zero in three: the shear stress at 45° to a shear strain.
+
+        With s₂ = G_xx − G_yy and s₃ = G_xy + G_yx, τ_xx − τ_yy = 2G s₂ + 2K^o s₃ and τ_xy + τ_yx = 2G s₃ − 2K^o s₂, τ
+        tension. A closed cycle of strain around an area in the plane (s₂, s₃), counterclockwise, yields the work
+        2K^o × area per volume; forces with a potential yield none (Scheibner et al., doi:10.1038/s41567-020-0795-y).
+        """
+        return self._coupling(2, 3) / 2 if self.dim == 2 else 0.0
+
+    @property
+    def odd_torque(self) -> float:
+        """A of the isotropic part of C in two dimensions: the torque of contact forces per volume by dilation.
+
+        τ_yx − τ_xy = 2A (G_xx + G_yy); zero where grains rotate until torques balance, up to the overlap over the
+        diameter that lever arms R neglect. Source: as for `odd_shear`.
+        """
+        return self._coupling(1, 0) if self.dim == 2 else 0.0
+
+    def _coupling(self, a: int, b: int) -> float:
+        """Coupling of two of the planar tensors dilation, rotation and shears; antisymmetric part for two shears."""
+        part = np.einsum("kab,abcd,lcd->kl", PLANAR, self.tensor, PLANAR) / 4
+        return float(part[a, b] - part[b, a] if a > 1 else part[a, b])
 
     @property
     def anisotropy(self) -> float:
@@ -186,8 +211,8 @@ def _grain_freedom(free: Freedom) -> Freedom:
     return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
 
 
-def solve_resisted(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
-    """Solve J x = −pull; translations and coordinates that nothing resists do not move."""
+def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a strain") -> np.ndarray:
+    """Solve J x = −pull, with the cause of the pull; translations and coordinates that nothing resists do not move."""
     size = np.abs(matrix).sum(axis=1)
     held = size > HELD_ABOVE * size.max(initial=0.0)
     scale = size.max(initial=0.0)
@@ -205,7 +230,7 @@ def solve_resisted(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
         out = np.zeros_like(pull)
         out[rows] = np.linalg.lstsq(-inner.toarray(), pull[rows], rcond=1e-11)[0]
     if not _is_balanced(matrix, out, pull, scale):
-        raise ValueError("a strain drives motions that nothing resists: this packing has no elastic moduli")
+        raise ValueError(f"{cause} drives motions that nothing resists: this packing has no elastic response")
     return out
 
 

@@ -19,11 +19,11 @@ from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State, as_rows
-from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message, with_modes_under
+from .balance import balanced, with_modes_under
 from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiffness_of
 from .frontal import FrontalFactor, dissect
 from .linear import one_thread
-from .linearised import LinearisedState, linearised
+from .linearised import LinearisedState
 
 DIRECT_UP_TO = 300  # coordinates up to which each frequency is solved by LAPACK
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
@@ -114,12 +114,8 @@ def _gather(whole: Freedom, weights: np.ndarray) -> np.ndarray:
 def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) -> ForcedMotion:
     """Linearised motion of a balanced packing with drag and dashpots."""
     require_not_negative(drag=drag, spin_drag=spin_drag)
-    here = linearised(state, law)
-    here = here.with_modes(modes_under(state, law, here.line))
-    state = here.state
-    if (residual := force_imbalance(here)) > BALANCED_BELOW:
-        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
-    free = here.backbone
+    here = balanced(state, law)
+    state, free = here.state, here.backbone
     if not len(free):
         raise ValueError(
             "nothing is held by contacts and free to move: a response needs grains that support each other"
