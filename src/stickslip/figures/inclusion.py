@@ -21,9 +21,7 @@ def inclusion(field: Inflation, fits: ScreeningFits | None = None):
     """
     fits = field.fit() if fits is None else fits
     rings, size = fits.rings, 1 / field.growth
-    figure, panels = plt.subplots(
-        1, len(rings.mean), figsize=(len(rings.mean) * WIDTH, 2.7), layout="constrained", squeeze=False
-    )
+    figure, panels = plt.subplots(1, len(rings.mean), figsize=(len(rings.mean) * WIDTH, 2.7), squeeze=False)
     r = np.linspace(rings.radius[0], rings.radius[-1], 300)
     for k, (axes, name) in enumerate(zip(panels[0], ("radial", "tangential"), strict=False)):
         axes.errorbar(rings.radius, size * rings.mean[k], size * rings.error[k], fmt="o", color=BLACK, label="grains")
@@ -34,6 +32,6 @@ def inclusion(field: Inflation, fits: ScreeningFits | None = None):
         if k == 0 and np.isfinite(fits.lame):
             axes.plot(r, size * field.elastic(r), "-.", color=BLACK, lw=0.7, label="elastic, from the moduli")
         axes.axhline(0, color=BLACK, lw=0.4)
-        label_axes(axes, x=("distance", "length"), y=(f"{name} displacement over growth", "length"))
+        label_axes(axes, x=("distance", "length"), y=(f"{name} displacement\nover growth", "length"))
     panels[0, 0].legend()
     return figure

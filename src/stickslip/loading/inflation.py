@@ -4,7 +4,7 @@ import numpy as np
 
 from ..core.arguments import Bodies, checked, require_positive
 from ..core.laws.builtin import Law
-from ..core.measure import pressure, touching
+from ..core.measure import touching
 from ..core.outcome import NotInEquilibriumError
 from ..core.progress import Report, silent
 from ..core.sizes import Size, require_sizes
@@ -12,7 +12,7 @@ from ..core.state import SLIDE, State
 from ..solve.balance import balanced
 from ..solve.equilibrate import equilibrate
 from ..solve.freedom import resized
-from ..solve.inclusion import Inflation, as_inflation, inflated_grains, is_whole
+from ..solve.inclusion import Inflation, as_inflation, inflated_grains
 from ..solve.linearised import LinearisedState
 from ..solve.newton import Factorisation
 
@@ -24,8 +24,8 @@ def inflate(
 ) -> Inflation:  # fmt: skip
     """Inflate a grain in quasi-static steps, each of which ends with `equilibrate`, which commits the contact memory.
 
-    Contacts may open, close and slide; `changes` of the result counts them, those of rattlers left out. At small growth
-    the displacements are those of `modes.inflate`. Masses do not change.
+    Contacts may open, close and slide; `changes` of the result counts them, without those of grains that were rattlers.
+    At small growth the displacements are those of `modes.inflate`. Masses do not change.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def inflate(
     >>> import stickslip as ss
     >>> state, _ = ss.packings.jammed(300, packing_fraction=0.95, dim=2, seed=1)
     >>> law = ss.laws.hertz_mindlin(mu=0.0)
-    >>> field = inflate(state, law, growth=0.05, steps=4)
+    >>> field = inflate(state, law, growth=0.02, steps=4)
     >>> field.changes.shape, field.states[0].n_bodies
     ((1, 4, 3), 300)
     """
@@ -63,31 +63,28 @@ def inflate(
         report("inflation", (k + 1) / len(centers), f"grain {centers[k]}")
         ends.append(end)
         changes.append(changed)
-    rise = [pressure(end, law) - pressure(here.state, law) for end in ends] if is_whole(here) else None
-    moved = np.array([end.grains.position for end in ends]) - here.state.grains.position
-    return as_inflation(here, centers, grown, moved, growth, rise, ends, np.array(changes))
+    return as_inflation(here, centers, grown, growth, ends, changes=changes)
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
     """State at the end of steps, and how many contacts opened, closed and began to slide in each."""
     state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
-    still = np.append(here.loose, np.zeros(len(here.state.walls.mass), bool))
-    before = _modes(state, still)
+    before = _modes(here, state)
     for growth in growths:
         larger = resized(state, radius * (1 + growth * grown))
         larger = larger._replace(contacts=larger.contacts._replace(stale=True))
         state, outcome = equilibrate(larger, here.law, tolerance=tolerance, keep=keep, check="nothing")
         if not outcome.ok:
             raise NotInEquilibriumError(f"no equilibrium at growth {growth:g}", outcome)
-        after = _modes(state, still)
-        slid = [key for key in before.keys() & after.keys() if after[key] == SLIDE != before[key]]
-        changes.append([len(before.keys() - after.keys()), len(after.keys() - before.keys()), len(slid)])
+        after = _modes(here, state)
+        slid = sum(after[key] == SLIDE != before[key] for key in before.keys() & after.keys())
+        changes.append([len(before.keys() - after.keys()), len(after.keys() - before.keys()), slid])
         before = after
     return state, changes
 
 
-def _modes(state: State, left_out: np.ndarray) -> dict[int, int]:
-    """Mode of each touching contact by its key, without those of some bodies."""
-    contacts, rows = state.contacts, touching(state)
-    rows = rows[~(left_out[contacts.i[rows]] | left_out[contacts.j[rows]])]
+def _modes(here: LinearisedState, state: State) -> dict[int, int]:
+    """Mode of each touching contact by its key, without those of rattlers."""
+    contacts, loose = state.contacts, np.append(here.loose, np.zeros(len(state.walls.mass), bool))
+    rows = [row for row in touching(state) if not (loose[contacts.i[row]] or loose[contacts.j[row]])]
     return dict(zip(contacts.key[rows].tolist(), contacts.mode[rows].tolist(), strict=True))

@@ -10,25 +10,23 @@ from ..core.contacts.jacobian import blocks_of, linearise
 from ..core.contacts.memory import FREE, HELD
 from ..core.control import body_numbers
 from ..core.laws.builtin import Law
-from ..core.measure import overlaps, volume
-from ..core.progress import Report, silent
+from ..core.measure import overlaps, pressure, volume
 from ..core.readable import pluralize, readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .balance import balanced
 from .freedom import Freedom, displaced, residual_vector, resized, stiffness_of
+from .gradient import STENCIL
 from .linearised import LinearisedState
 from .moduli import elastic_moduli, solve_resisted
-from .response import stress_change
-from .screening import INNER, Rings, ScreeningFits, rings_of, screening_fits
+from .screening import ScreeningFits, rings_of, screening_fits
 
-STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))  # central differences of fourth order
-SMALL = 0.02  # their step over the smallest overlap or gap of a grain that grows
+SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
 RANGE = 0.25  # largest displacement over the skin of the list of contacts, up to which it is valid
-NARROW = 1e-3  # relative accuracy of the growth at which the first contact changes
+INNER = 2.0  # inner radius of a fit, in mean diameters
 
 
-@readable(head=lambda field: field.summary)
+@readable(head=lambda field: f"{pluralize(len(field.centers), 'grain')} inflated by {field.growth:g}")
 class Inflation(NamedTuple):
     """Displacements of the grains of a packing around grains that are inflated, each in its own experiment."""
 
@@ -37,11 +35,11 @@ class Inflation(NamedTuple):
     offset: np.ndarray  # (M, N, dim) position relative to the center before, of the nearest image [length]
     displacement: np.ndarray  # (M, N, dim) without its mean if nothing holds the packing in place [length]
     counted: np.ndarray  # (M, N) grains that count: free, no rattlers, not inflated
-    width: float  # of rings: mean diameter, half of it in three dimensions [length]
-    outer: float  # largest distance up to which shells around all centers are whole [length]
+    diameter: float  # mean [length]
+    outer: float  # distance up to which circles or spheres around all centers are whole [length]
     volume: float  # of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
-    states: list[State]  # packings at the end of quasi-static steps; none in linear response
+    states: list[State]  # at the end of quasi-static steps; none in linear response
     changes: np.ndarray  # (M, K, 3) contacts that opened, closed, and began to slide in each step
 
     @property
@@ -50,57 +48,44 @@ class Inflation(NamedTuple):
         return self.offset.shape[2]
 
     @property
-    def summary(self) -> str:
-        """What was inflated, and how."""
-        kind = "linear response" if not self.states else f"{self.changes.shape[1]} quasi-static steps"
-        return f"{pluralize(len(self.centers), 'grain')} inflated by {self.growth:g}, {kind}"
-
-    @property
     def components(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(M, N) distance from the center, radial displacement and, in the plane, tangential, else zero [length]."""
         distance = np.linalg.norm(self.offset, axis=2)
-        normal = self.offset / np.where(distance == 0, 1.0, distance)[..., None]
-        radial = (normal * self.displacement).sum(axis=2)
-        if self.dim == 3:
-            return distance, radial, np.zeros_like(radial)
-        return distance, radial, normal[..., 0] * self.displacement[..., 1] - normal[..., 1] * self.displacement[..., 0]
+        n, u = self.offset / np.where(distance == 0, 1.0, distance)[..., None], self.displacement
+        turning = n[..., 0] * u[..., 1] - n[..., 1] * u[..., 0] if self.dim == 2 else np.zeros_like(distance)
+        return distance, (n * u).sum(axis=2), turning
 
     def elastic(self, distance: np.ndarray) -> np.ndarray:
         """Radial displacement of an elastic body with the moduli of the packing, nothing fitted; see `inflate`."""
-        away, body = distance ** (1.0 - self.dim), {2: np.pi, 3: 4 * np.pi / 3}[self.dim] / self.volume
-        return self.lame.mean() * (away - body * distance)
+        share = {2: np.pi, 3: 4 * np.pi / 3}[self.dim] / self.volume
+        return self.lame.mean() * (distance ** (1.0 - self.dim) - share * distance)
 
-    def rings(self, *, inner: float | None = None, outer: float | None = None) -> Rings:
-        """Means over rings (shells in three dimensions) of the distance and displacement, and their errors.
+    def fit(self, *, inner: float | None = None, outer: float | None = None) -> ScreeningFits:
+        """Fits of elasticity and of screening to means over rings, and their comparison; see `ScreeningFits`.
 
-        Errors are those of the scatter between centers, if there are at least ten; otherwise of that between eight
-        equal sectors around each. So they hold although neighbors move together.
+        Rings are a mean diameter wide, shells in three dimensions half of it. Their errors are those of the scatter
+        between centers, if there are at least ten, else of that between eight equal sectors around each, so that they
+        hold although neighbors move together.
 
         Parameters
         ----------
         inner, outer : range of distances; default: two mean diameters, and `outer` [length]
-        """
-        inner = INNER * self.width * (self.dim - 1) if inner is None else inner
-        outer = self.outer if outer is None else outer
-        require_not_negative(inner=inner, outer=outer)
-        return rings_of(self.offset, *self.components, self.counted, self.width, (inner, outer))
-
-    def fit(self, *, inner: float | None = None, outer: float | None = None) -> ScreeningFits:
-        """Fits of elasticity and of screening to the rings, and their comparison; see `screening_fits`.
 
         Raises
         ------
         ValueError
-            if there are fewer than five rings.
+            if there are fewer than five rings with ten grains.
         """
-        return screening_fits(self.rings(inner=inner, outer=outer), float(self.lame.mean()))
+        ends = INNER * self.diameter if inner is None else inner, self.outer if outer is None else outer
+        require_not_negative(inner=ends[0], outer=ends[1])
+        width = self.diameter / (self.dim - 1)
+        return screening_fits(rings_of(self.offset, self.components, self.counted, width, ends), self.lame.mean())
 
 
 @checked
 def inflate(
-    state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-6, within: float = 0.0,
-    report: Report = silent,
-) -> Inflation:  # fmt: skip
+    state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-6, within: float = 0.0
+) -> Inflation:
     """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, each contact held in its mode.
 
     In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
@@ -111,9 +96,8 @@ def inflate(
     ----------
     grain : number of the grain, or of several, each inflated alone, whose displacements are averaged; default: the
         grain nearest to the middle. All of them take one factorisation
-    growth : relative change of the radius, at most that at which a contact opens, closes or begins to slide
+    growth : relative change of the radius, below that at which a contact opens, closes or begins to slide
     within : grains whose centers are at most so far from the given one grow with it [length]
-    report : called as report(stage, share done, text)
 
     Raises
     ------
@@ -135,72 +119,66 @@ def inflate(
     """
     here = balanced(state, law)
     centers, grown = inflated_grains(here, grain, growth, within)
-    free, radius = here.backbone, state.grains.radius
+    free = here.backbone
     matrix = stiffness_of(here.state, here.line, blocks_of(here.state, law, here.line)[0], free)
-    pulls, virials = [], []
-    for k, rows in enumerate(grown):
-        report("inflation", k / len(centers), f"grain {centers[k]}")
-        pull, virial = _pull_of(here, rows, free)
-        pulls.append(pull)
-        virials.append(virial)
-    unit = np.abs(radius).mean()  # pulls of the order of J
-    motion = unit * solve_resisted(matrix, np.array(pulls).T / unit, free, "an inflated grain")
-    for rows, moves in zip(grown, motion.T, strict=True):
-        _check_contacts(here, lambda g, rows=rows, moves=moves: _moved(here, rows, free, g, moves), growth)
-    spread = np.array([free.spread(moves) for moves in motion.T])
-    rise = growth * _pressure_rise(here, spread, np.array(virials)) if is_whole(here) else None
-    return as_inflation(here, centers, grown, growth * spread[:, : len(radius), :3], growth, rise)
+    pulls = np.array([_pull(here, rows, free) for rows in grown]).T
+    scale = state.grains.radius.mean()  # pulls over it are of the order of J
+    motion = scale * solve_resisted(matrix, pulls / scale, free, "an inflated grain").T
+
+    def at(k: int, growth: float) -> State:
+        larger = resized(here.state, state.grains.radius * (1 + growth * grown[k]))
+        return displaced(larger, free, growth * motion[k])
+
+    for k, moves in enumerate(motion):
+        _check_contacts(here, lambda g, k=k: at(k, g), growth, np.abs(moves).max())
+    return as_inflation(here, centers, grown, growth, [at(k, growth) for k in range(len(centers))])
 
 
 def inflated_grains(here: LinearisedState, grain, growth: float, within: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (M,), and which grains grow with each, (M, N) bool."""
-    state, n = here.state, len(here.loose)
+    """Centers (M,), and which grains grow with each, (M, N) bool; ValueError if they cannot."""
+    state, n, moves = here.state, len(here.loose), _moves(here)
     if not growth > -1 or growth == 0:
         raise ValueError(f"growth = {growth:g} was given: it must be above −1 and not zero")
     require_not_negative(within=within)
     if state.control.cell_free.any():
-        raise ValueError("a cell that follows a stress was given: hold it fixed while a grain is inflated")
-    moves = _moves(here)
+        raise ValueError("a cell that follows a stress was given: hold it while a grain is inflated")
     if not moves.any():
         raise ValueError("nothing is held by contacts and free to move: an inflation needs grains that bear forces")
     if grain is None:
-        place = np.linalg.norm(_nearest(state, state.grains.position - _middle(state)), axis=1)
-        centers = np.array([np.where(moves, place, np.inf).argmin()])
-    else:
-        centers = body_numbers(state.control, grain)
+        away = np.linalg.norm(_offsets(state, _middle(state)[None])[0], axis=1)
+        grain = np.where(moves, away, np.inf).argmin()
+    centers = body_numbers(state.control, grain)
     if not len(centers):
-        raise ValueError("no grain was given: give at least one to inflate")
+        raise ValueError("no grain was given: give at least one")
     for worst in centers[centers >= n]:
         raise ValueError(f"body {worst} was given, a wall: only grains, 0 to {n - 1}, are inflated")
     for worst in centers[~moves[centers]]:
-        kind = "a rattler, which touches nothing firmly" if here.loose[worst] else "held in place"
+        kind = "a rattler" if here.loose[worst] else "held in place"
         raise ValueError(f"grain {worst} was given, which is {kind}: inflate one that bears forces and is free")
-    size = 64.0 * len(centers) * n
+    size = 100.0 * len(centers) * n
     require_sizes([Size(f"{len(centers)} inflations of {n} grains take", size, "bytes", "inflate fewer grains")])
-    offset = _offsets(state, centers)
-    grown = np.linalg.norm(offset, axis=2) <= within
+    grown = np.linalg.norm(_offsets(state, state.grains.position[centers]), axis=2) <= within
     grown[np.arange(len(centers)), centers] = True
     return centers, grown
 
 
-def as_inflation(
-    here: LinearisedState, centers, grown, displacement, growth, rise, states=(), changes=None
-) -> Inflation:
-    """Result for displacements (M, N, 3) and changes of the pressure (M,), None if there are no moduli.
-
-    A common translation is subtracted if nothing resists it.
-    """
-    state, moves, dim = here.state, _moves(here), here.state.cell.dim
-    if is_adrift(here):
-        displacement = displacement - displacement[:, moves].mean(axis=1)[:, None] * moves[:, None]
-    offset, width = _offsets(state, centers), (2.0 if dim == 2 else 1.0) * state.grains.radius.mean()
-    lame = np.full(len(centers), np.nan) if rise is None else lame_amplitudes(here, rise)
-    size = np.nan if rise is None else volume(state)
+def as_inflation(here: LinearisedState, centers, grown, growth, ends, changes=None) -> Inflation:
+    """Result for states at the end, without a common translation if nothing resists it."""
+    state, law, moves, dim = here.state, here.law, _moves(here), here.state.cell.dim
+    displacement = np.array([end.grains.position for end in ends]) - state.grains.position
+    lame, size, control = np.full(len(centers), np.nan), np.nan, state.control
+    if not len(state.walls.mass) and not control.spring.any() and control.free[:, :dim].all():
+        displacement -= displacement[:, moves].mean(axis=1)[:, None] * moves[:, None]
+        if state.cell.periodic[:dim].all() and not (control.group >= 0).any():
+            moduli, size = elastic_moduli(state, law), volume(state)
+            rise = np.array([pressure(end, law) for end in ends]) - pressure(state, law)
+            lame = rise * size / (2 * np.pi * (dim - 1) * (moduli.bulk + (2 - 2 / dim) * moduli.shear))
+    offset = _offsets(state, state.grains.position[centers])
     outer = min(_distance_to_boundary(state, g, off) for g, off in zip(centers, offset, strict=True))
-    changes = np.zeros((len(centers), 0, 3), int) if changes is None else changes
+    steps, changes = ([], np.zeros((len(centers), 0, 3), int)) if changes is None else (ends, np.array(changes))
     return Inflation(
-        growth, centers, offset[..., :dim], displacement[..., :dim], moves & ~grown, width, outer, size, lame,
-        list(states), changes,
+        growth, centers, offset[..., :dim], displacement[..., :dim], moves & ~grown, 2 * state.grains.radius.mean(),
+        outer, size, lame, steps, changes,
     )  # fmt: skip
 
 
@@ -209,25 +187,15 @@ def _moves(here: LinearisedState) -> np.ndarray:
     return here.state.control.free[: len(here.loose), : here.state.cell.dim].all(axis=1) & ~here.loose
 
 
-def is_adrift(here: LinearisedState) -> bool:
-    """Return True if nothing resists a common translation of the grains."""
-    control, walls = here.state.control, len(here.state.walls.mass)
-    return not walls and not control.spring.any() and bool(control.free[:, : here.state.cell.dim].all())
-
-
-def _nearest(state: State, vectors: np.ndarray) -> np.ndarray:
-    """Nearest periodic images of vectors (…, 3), as long as they are shorter than half the height of the cell."""
+def _offsets(state: State, points: np.ndarray) -> np.ndarray:
+    """(M, N, 3) positions relative to points, of nearest images within half the height of the cell [length]."""
+    away = state.grains.position - points[:, None]
     cell = np.where(state.cell.periodic[:, None], state.cell.vectors, np.eye(3))
-    turns = np.round(vectors @ np.linalg.inv(cell)) * state.cell.periodic
-    return vectors - turns @ cell
-
-
-def _offsets(state: State, centers: np.ndarray) -> np.ndarray:
-    return _nearest(state, state.grains.position - state.grains.position[centers, None])
+    return away - np.round(away @ np.linalg.inv(cell)) * state.cell.periodic @ cell
 
 
 def _middle(state: State) -> np.ndarray:
-    """(3,) middle of the cell, along axes that are not periodic that of the grains."""
+    """(3,) middle of the cell, along axes that are not periodic that of the grains [length]."""
     place = state.grains.position
     middle = (place.min(axis=0) + place.max(axis=0)) / 2
     return np.where(state.cell.periodic, state.cell.vectors.sum(axis=0) / 2, middle)
@@ -243,82 +211,41 @@ def _distance_to_boundary(state: State, center: int, offset: np.ndarray) -> floa
     return float(min([*sides[:dim], *to_walls, *np.linalg.norm(offset[held], axis=1)]))
 
 
-def _pull_of(here: LinearisedState, grown: np.ndarray, free: Freedom) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) generalised force and (3, 3) Σ f ⊗ r at fixed positions, per relative growth of the radii of some grains."""
-    state, radius = here.state, here.state.grains.radius
-    strained = np.zeros((3, 3), bool)
-    strained[: state.cell.dim, : state.cell.dim] = True
-    bodies = np.append(grown, np.zeros(len(state.walls.mass), bool))
-    count = len(here.line.closed)
-    near = bodies[state.contacts.i[:count]] | bodies[state.contacts.j[:count]]
-    step = SMALL * np.abs(overlaps(state)[near]).min() / radius[grown].max()
-    pull, virial = np.zeros(len(free)), np.zeros((3, 3))
+def _pull(here: LinearisedState, grown: np.ndarray, free: Freedom) -> np.ndarray:
+    """(n,) change of the generalised force at fixed positions, per relative growth of the radii of some grains."""
+    contacts, count, radius = here.state.contacts, len(here.line.closed), here.state.grains.radius
+    bodies = np.append(grown, np.zeros(len(here.state.walls.mass), bool))
+    near = bodies[contacts.i[:count]] | bodies[contacts.j[:count]]
+    step = SMALL * np.abs(overlaps(here.state)[near]).min() / radius[grown].max()
+    pull = np.zeros(len(free))
     for k, weight in STENCIL:
-        there = resized(state, radius * (1 + k * step * grown))
-        open_cell = there.control._replace(cell_free=strained)  # so that forces include their virial
-        loads, _ = forces(there._replace(control=open_cell), here.law, memory=HELD)
-        pull += weight / step * residual_vector(there, loads, free)
-        virial += weight / step * loads.virial
-    return pull, virial
+        there = resized(here.state, radius * (1 + k * step * grown))
+        pull += weight / step * residual_vector(there, forces(there, here.law, memory=HELD)[0], free)
+    return pull
 
 
-def _moved(here: LinearisedState, grown: np.ndarray, free: Freedom, growth: float, motion: np.ndarray) -> State | None:
-    """State at a growth in linear response; None beyond the range of its list of contacts."""
-    state = here.state
-    largest = max(np.abs(motion).max(), state.grains.radius[grown].max())
-    if abs(growth) * largest > RANGE * state.contacts.skin:
-        return None
-    return displaced(resized(state, state.grains.radius * (1 + growth * grown)), free, growth * motion)
+def _check_contacts(here: LinearisedState, state_at, growth: float, largest: float) -> None:
+    """Raise ValueError with the first contact that changes, if one does; `largest` is the displacement per growth."""
+    contacts, change, allowed = here.state.contacts, "", growth
+    reach = RANGE * contacts.skin / max(largest, here.state.grains.radius.max())
+    if abs(growth) > reach:
+        change, allowed = "grains move too far", np.copysign(reach, growth)
+    while row_and_kind := _changed_contact(here, state_at(allowed)):
+        row, kind = row_and_kind
+        change, allowed = f"the contact ({contacts.i[row]}, {contacts.j[row]}) {kind}", allowed / 2
+    if change:
+        raise ValueError(
+            f"growth = {growth:g} was given, before which {change}: give {allowed:.2g} for a linear response, or use "
+            "protocols.inflate"
+        )
 
 
-def _check_contacts(here: LinearisedState, state_at, growth: float) -> None:
-    """Raise ValueError with the first contact that changes, if one does below a growth."""
-    change = _first_change(here, state_at(growth))
-    if not change:
-        return
-    low, high = 0.0, growth
-    while abs(high - low) > NARROW * abs(high) and abs(high) > 1e-15:
-        middle = 0.5 * (low + high)
-        sooner = _first_change(here, state_at(middle))
-        low, high, change = (low, middle, sooner) if sooner else (middle, high, change)
-    raise ValueError(
-        f"growth = {growth:g} was given, and at {high:.2g} {change}: give a smaller one for a linear response, or use "
-        "protocols.inflate"
-    )
-
-
-def _first_change(here: LinearisedState, state: State | None) -> str:
-    """What changes first among the contacts of a linear response; empty if nothing does."""
-    if state is None:
-        return "grains move too far"
-    there, line, ends = linearise(state, here.law, memory=FREE), here.line, here.state.contacts
+def _changed_contact(here: LinearisedState, state: State) -> tuple[int, str] | None:
+    """Row of a contact that is in another mode in a linear response, and what it does."""
+    there, line = linearise(state, here.law, memory=FREE), here.line
     kinds = {
         "opens": (line.closed > 0) & (there.closed == 0),
         "closes": (line.closed == 0) & (there.closed > 0),
         "begins to slide": (line.closed > 0) & (line.slides == 0) & (line.limit > 0) & (there.slides > 0),
     }
-    for kind, rows in kinds.items():
-        for row in np.flatnonzero(rows & here.supported):
-            return f"the contact ({ends.i[row]}, {ends.j[row]}) {kind}"
-    return ""
-
-
-def lame_amplitudes(here: LinearisedState, rise) -> np.ndarray:
-    """(M,) A of Lamé's solution for changes of the pressure (M,), in a periodic cell of free grains [length^dim]."""
-    state, dim, moduli = here.state, here.state.cell.dim, elastic_moduli(here.state, here.law)
-    stiff = {2: 2 * np.pi * (moduli.bulk + moduli.shear), 3: 4 * np.pi * (moduli.bulk + 4 / 3 * moduli.shear)}[dim]
-    return np.asarray(rise) * volume(state) / stiff
-
-
-def is_whole(here: LinearisedState) -> bool:
-    """Return True if the cell is periodic in all its dimensions and its grains are free, so that it has moduli."""
-    state = here.state
-    whole = state.cell.periodic[: state.cell.dim].all() and not (state.control.group >= 0).any()
-    return bool(whole and is_adrift(here))
-
-
-def _pressure_rise(here: LinearisedState, motion: np.ndarray, virials: np.ndarray) -> np.ndarray:
-    """(M,) change of the pressure for motions (M, B, 6) and Σ f ⊗ r (M, 3, 3) that inflation itself adds."""
-    state, dim = here.state, here.state.cell.dim
-    answer = np.einsum("sbk,mbk->ms", stress_change(state, here.law), motion).reshape(-1, dim, dim)
-    return (np.einsum("maa->m", answer) + np.einsum("maa->m", virials) / volume(state)) / dim
+    return next(((row, kind) for kind, rows in kinds.items() for row in np.flatnonzero(rows & here.supported)), None)

@@ -18,7 +18,7 @@ from .linear import factorised
 HELD_ABOVE = 1e-13
 SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
 DENSE_UP_TO = 3_000  # coordinates up to which floppy modes are distinguished from a load that nothing bears
-PLANAR = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[1, 0], [0, -1]], [[0, 1], [1, 0]]])
+PLANAR = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[1, 0], [0, -1]], [[0, 1], [1, 0]]])  # dilation, rotation
 VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
 
@@ -83,27 +83,25 @@ class ElasticModuli(NamedTuple):
 
     @property
     def odd_shear(self) -> float:
-        """K^o of the isotropic part of C in two dimensions, zero in three: the shear stress at 45° to a shear strain.
+        """K^o of the isotropic part of C in two dimensions, zero in three (Scheibner, doi:10.1038/s41567-020-0795-y).
 
-        With s₂ = G_xx − G_yy and s₃ = G_xy + G_yx, τ_xx − τ_yy = 2G s₂ + 2K^o s₃ and τ_xy + τ_yx = 2G s₃ − 2K^o s₂, τ
-        tension. A closed cycle of strain around an area in the plane (s₂, s₃), counterclockwise, yields the work
-        2K^o × area per volume; forces with a potential yield none (Scheibner et al., doi:10.1038/s41567-020-0795-y).
+        With s₂ = G_xx − G_yy, s₃ = G_xy + G_yx and tension τ, τ_xx − τ_yy = 2G s₂ + 2K^o s₃, τ_xy + τ_yx = 2G s₃ −
+        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), yields the work 2K^o × its area per volume.
         """
-        return self._coupling(2, 3) / 2 if self.dim == 2 else 0.0
+        return float(self._planar[2, 3] - self._planar[3, 2]) / 2 if self.dim == 2 else 0.0
 
     @property
     def odd_torque(self) -> float:
-        """A of the isotropic part of C in two dimensions: the torque of contact forces per volume by dilation.
+        """A of the isotropic part of C in two dimensions: τ_yx − τ_xy = 2A (G_xx + G_yy); source: as for `odd_shear`.
 
-        τ_yx − τ_xy = 2A (G_xx + G_yy); zero where grains rotate until torques balance, up to the overlap over the
-        diameter that lever arms R neglect. Source: as for `odd_shear`.
+        It is zero where torques balance, up to the overlap over the diameter, which lever arms R neglect.
         """
-        return self._coupling(1, 0) if self.dim == 2 else 0.0
+        return float(self._planar[1, 0]) if self.dim == 2 else 0.0
 
-    def _coupling(self, a: int, b: int) -> float:
-        """Coupling of two of the planar tensors dilation, rotation and shears; antisymmetric part for two shears."""
-        part = np.einsum("kab,abcd,lcd->kl", PLANAR, self.tensor, PLANAR) / 4
-        return float(part[a, b] - part[b, a] if a > 1 else part[a, b])
+    @property
+    def _planar(self) -> np.ndarray:
+        """(4, 4) couplings of stress and displacement gradient in the basis `PLANAR`."""
+        return np.einsum("kab,abcd,lcd->kl", PLANAR, self.tensor, PLANAR) / 4
 
     @property
     def anisotropy(self) -> float:

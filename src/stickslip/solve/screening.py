@@ -8,12 +8,11 @@ from scipy.special import jv, spherical_jn, spherical_yn, stdtrit, yv
 
 from ..core.readable import readable
 
-INNER = 2.0  # inner radius of rings, in mean diameters
 FEWEST, GRAINS = 5, 10  # rings of a fit, and grains of a ring
 MANY = 10  # centers from which errors are those of the scatter between them
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
 CONFIDENCE = 0.95  # of intervals
-ELASTIC_BELOW = 1e-4  # |κ| r below which the functions of elasticity are used
+ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
 MODELS = ("elastic", "dipole", "odd")  # with 0, 1 and 2 components of κ²
 ANGLES = 8  # of κ² from which fits start
 
@@ -23,20 +22,12 @@ class Rings(NamedTuple):
     """Mean displacements in rings around a center, in shells in three dimensions."""
 
     radius: np.ndarray  # (Q,) [length]
+    spread: np.ndarray  # (Q,) standard deviation of the distances in each [length]
     mean: np.ndarray  # (k, Q) radial and, in the plane (k = 2), tangential displacement [length]
-    covariance: np.ndarray  # (kQ, kQ) of `mean.ravel()` [length²]
+    error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbors move together [length]
+    covariance: np.ndarray  # (kQ, kQ) of `mean.ravel()`, from the scatter between parts [length²]
     count: np.ndarray  # (Q,) displacements in each ring
     parts: int  # independent parts whose scatter is the error: centers, or sectors around them
-
-    @property
-    def error(self) -> np.ndarray:
-        """(k, Q) standard errors [length]."""
-        return np.sqrt(np.diag(self.covariance)).reshape(self.mean.shape)
-
-    @property
-    def dim(self) -> int:
-        """Number of dimensions."""
-        return 4 - len(self.mean) if len(self.mean) == 2 else 3
 
 
 @readable
@@ -55,16 +46,6 @@ class DisplacementFit(NamedTuple):
     aicc: float  # AICc, χ² over its excess in the richest model; compare those of fits to the same rings
     rings: Rings
 
-    @property
-    def kappa_e(self) -> float:
-        """κ_e, zero if κ_e² < 0 [1/length]."""
-        return float(np.sqrt(max(self.screening.real, 0.0)))
-
-    @property
-    def kappa_o(self) -> float:
-        """κ_o = √|κ_o²| [1/length]."""
-        return float(np.sqrt(abs(self.screening.imag)))
-
     def displacement(self, distance: np.ndarray) -> np.ndarray:
         """Complex u_r + i u_θ at distances (K,) [length]."""
         near = np.array([self.near, self.far])
@@ -73,18 +54,21 @@ class DisplacementFit(NamedTuple):
 
 @readable(head=lambda fits: fits.verdict)
 class ScreeningFits(NamedTuple):
-    """Fits of elasticity and of screening to the same rings."""
+    """Fits of elasticity, screening by dipoles and odd screening to the same rings, with free amplitudes.
+
+    The amplitudes are free, so that the fits hold inside any boundary. κ_e² may be negative. Intervals follow from the
+    covariance of the rings, which move together. AICc is that of overdispersed data (Burnham & Anderson,
+    doi:10.1007/b97636, § 2.5).
+
+    Source
+    ------
+    Lemaître et al., doi:10.1103/PhysRevE.104.024904, for screening by dipoles; Cohen et al.,
+    doi:10.48550/arXiv.2310.09942, and Livne et al., doi:10.1039/d4sm01429d, for odd screening.
+    """
 
     rings: Rings
-    elastic: DisplacementFit
-    dipole: DisplacementFit
-    odd: DisplacementFit | None  # None in three dimensions, where displacements have no handedness around a center
+    models: list[DisplacementFit]  # "elastic", "dipole" and, in the plane, "odd"
     lame: float  # A that the moduli predict; NaN if they do not [length^dim]
-
-    @property
-    def models(self) -> list[DisplacementFit]:
-        """The fits, simplest first."""
-        return [fit for fit in (self.elastic, self.dipole, self.odd) if fit is not None]
 
     @property
     def preferred(self) -> str:
@@ -95,81 +79,75 @@ class ScreeningFits(NamedTuple):
     @property
     def verdict(self) -> str:
         """Sentence that says whether the sample answered as an elastic body."""
-        best, elastic = self.models[MODELS.index(self.preferred)], self.elastic
-        expected = "" if np.isnan(self.lame) else f"; {self.lame:.3g} from the moduli"
+        elastic, best = self.models[0], self.models[MODELS.index(self.preferred)]
         if best is elastic:
             gain = elastic.aicc - min(fit.aicc for fit in self.models[1:])
+            expected = "" if np.isnan(self.lame) else f"; {self.lame:.3g} from the moduli"
             how = f"as an elastic body: A = {elastic.near.real:.3g} ± {elastic.errors[0]:.2g}{expected}"
             return f"{how} (screening {'lowers' if gain > 0 else 'raises'} AICc by {abs(gain):.2g})"
-        even = f"κ_e² = {best.screening.real:.3g} ± {best.errors[-1 if best.model == 'dipole' else -2]:.2g}"
-        odd = f", κ_o² = {best.screening.imag:.3g} ± {best.errors[-1]:.2g}" if best.model == "odd" else ""
-        return f"screened by dipoles: {even}{odd} (ΔAICc = {elastic.aicc - best.aicc:.3g} to an elastic body)"
+        values, errors = (best.screening.real, best.screening.imag), best.errors[2 * len(self.rings.mean) :]
+        parts = zip(("κ_e²", "κ_o²"), values, errors, strict=False)
+        text = ", ".join(f"{name} = {value:.3g} ± {error:.2g}" for name, value, error in parts)
+        return f"screened by dipoles: {text} (ΔAICc = {elastic.aicc - best.aicc:.3g} to an elastic body)"
 
 
-def rings_of(offset, distance, radial, tangential, counted, width: float, within: tuple[float, float]) -> Rings:
+def rings_of(offset, components, counted, width: float, within: tuple[float, float]) -> Rings:
     """Means over rings of a width between two distances, whose errors are those of centers or sectors.
 
     Parameters
     ----------
     offset : (M, N, dim) [length]
-    distance, radial, tangential : (M, N) [length]
+    components : distance, radial and tangential displacement, (M, N) each [length]
     counted : (M, N) bool
     """
-    dim, centers = offset.shape[2], np.arange(len(offset))[:, None]
-    if dim == 2:
-        sector = np.floor(np.arctan2(offset[..., 1], offset[..., 0]) / (np.pi / 4)).astype(int) % 8
-    else:
-        sector = (offset > 0) @ np.array([1, 2, 4])
-    part = centers + 0 * sector if len(offset) >= MANY else 8 * centers + sector
-    ring = np.floor((distance - within[0]) / width).astype(int)
-    whole = int(np.floor((within[1] - within[0]) / width + 1e-9))
-    chosen = counted & (ring >= 0) & (ring < whole)
-    ring, part = ring[chosen], part[chosen]
-    parts = len(offset) * (1 if len(offset) >= MANY else 8)
-    count = np.bincount(ring, minlength=max(whole, 0))
-    full = np.flatnonzero(count >= GRAINS)
-    if len(full) < FEWEST:
+    ring = np.floor((components[0] - within[0]) / width)
+    whole = max(int(np.floor((within[1] - within[0]) / width + 1e-9)), 0)
+    counted = counted & (ring >= 0) & (ring < whole)
+    number = np.bincount(ring[counted].astype(int), minlength=whole)
+    full = number >= GRAINS
+    if full.sum() < FEWEST:
         raise ValueError(
-            f"{len(full)} rings of width {width:.3g} between the distances {within[0]:.3g} and {within[1]:.3g} have "
+            f"{full.sum()} rings of width {width:.3g} between the distances {within[0]:.3g} and {within[1]:.3g} have "
             f"{GRAINS} grains: a fit needs {FEWEST}; use a larger packing or more centers"
         )
-    values = [distance[chosen], radial[chosen], *([tangential[chosen]] if dim == 2 else [])]
-    means = np.array([np.bincount(ring, value, whole)[full] / count[full] for value in values])
-    place = np.full(whole, -1)
-    place[full] = np.arange(len(full))
-    kept = place[ring] >= 0
-    cell = part[kept] * len(full) + place[ring[kept]]
-    apart = [
-        np.bincount(cell, (value[kept] - mean[place[ring[kept]]]), parts * len(full)).reshape(parts, -1) / count[full]
-        for value, mean in zip(values[1:], means[1:], strict=True)
-    ]
-    apart = np.hstack(apart)
-    return Rings(means[0], means[1:], apart.T @ apart * parts / (parts - 1), count[full], parts)
+    counted[counted] = full[ring[counted].astype(int)]
+    ring = (np.cumsum(full) - 1)[ring[counted].astype(int)]
+    values = [part[counted] for part in components[: 5 - offset.shape[2]]]
+    return _ring_means(ring, values, *(_parts(offset, counted)))
+
+
+def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
+    """Independent part of each displacement that counts: its center, or its sector of eight; and how many there are."""
+    center = np.broadcast_to(np.arange(len(offset))[:, None], counted.shape)[counted]
+    if len(offset) >= MANY:
+        return center, len(offset)
+    away = offset[counted]
+    if away.shape[1] == 2:
+        return 8 * center + np.floor(np.arctan2(away[:, 1], away[:, 0]) / (np.pi / 4)).astype(int) % 8, 8 * len(offset)
+    return 8 * center + (away > 0) @ np.array([1, 2, 4]), 8 * len(offset)
+
+
+def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, parts: int) -> Rings:
+    """Rings of distances and displacements, from the ring and the part of each."""
+    count = np.bincount(ring)
+    means = np.array([np.bincount(ring, value) / count for value in values])
+    deviations = np.array(values) - means[:, ring]
+    variance = np.array([np.bincount(ring, deviation**2) / count for deviation in deviations])
+    place = part * len(count) + ring
+    sums = [np.bincount(place, deviation, parts * len(count)).reshape(parts, -1) / count for deviation in deviations]
+    apart = np.hstack(sums[1:])
+    covariance = apart.T @ apart * parts / (parts - 1)
+    naive = variance[1:] / count
+    enlarged = (np.diag(covariance).reshape(naive.shape) / naive).mean(axis=1, keepdims=True)
+    return Rings(means[0], np.sqrt(variance[0]), means[1:], np.sqrt(enlarged * naive), covariance, count, parts)
 
 
 def screening_fits(rings: Rings, lame: float) -> ScreeningFits:
-    """Fit elasticity, screening by dipoles, and odd screening to mean displacements in rings, with free amplitudes.
-
-    The amplitudes are free, so that the fits hold inside any boundary. κ_e² may be negative. Rings are weighted by
-    their errors; intervals follow from the whole covariance of the rings, which move together. AICc is that of
-    overdispersed data (Burnham & Anderson, doi:10.1007/b97636, § 2.5).
-
-    Source
-    ------
-    Lemaître et al., doi:10.1103/PhysRevE.104.024904, for screening by dipoles; Cohen et al.,
-    doi:10.48550/arXiv.2310.09942, and Livne et al., doi:10.1039/d4sm01429d, for odd screening.
-    """
-    sizes = range(3 if len(rings.mean) == 2 else 2)
-    found = [_minimum(rings, size) for size in sizes]
-    data, (_, richest) = rings.mean.size, found[-1]
-    left = data - _amplitudes(rings) - len(found[-1][0])
-    excess = max(1.0, richest @ richest / left)
-    fits = [_fit(rings, *best, excess) for best in found]
-    return ScreeningFits(rings, *fits, *([None] if len(fits) == 2 else []), lame)
-
-
-def _amplitudes(rings: Rings) -> int:
-    return 2 * len(rings.mean)
+    """Fit all models to rings; `lame` is the amplitude that the moduli predict."""
+    minima = [_minimum(rings, unknowns) for unknowns in range(len(rings.mean) + 1)]
+    parts, left = minima[-1]
+    excess = max(1.0, left @ left / (len(left) - 2 * len(rings.mean) - len(parts)))
+    return ScreeningFits(rings, [_fit(rings, *minimum, excess) for minimum in minima], float(lame))
 
 
 def _functions(screening: complex, distance: np.ndarray, rings: Rings) -> np.ndarray:
@@ -186,8 +164,11 @@ def _functions(screening: complex, distance: np.ndarray, rings: Rings) -> np.nda
 
 
 def _design(screening: complex, rings: Rings) -> np.ndarray:
-    """(kQ, 2k) displacements in rings per real amplitude: Re near, Re far and, in the plane, Im near, Im far."""
-    f = _functions(screening, rings.radius, rings)
+    """(kQ, 2k) displacements in rings per real amplitude: Re near, Re far and, in the plane, Im near, Im far.
+
+    The mean over a ring is that of two distances with the mean and variance of its own, exact to third order.
+    """
+    f = sum(_functions(screening, rings.radius + side * rings.spread, rings) for side in (-1, 1)) / 2
     return f.real if len(rings.mean) == 1 else np.block([[f.real, -f.imag], [f.imag, f.real]])
 
 
