@@ -31,7 +31,7 @@ def inflate(
     ----------
     grain : number of the grain, or of several, each inflated alone from the given state; default: the grain nearest to
         the middle
-    growth : relative change of the radius, above −1
+    growth : relative change of the radius, above −1, at most 1
     within : grains whose centers are at most so far from the given one grow with it [length]
     steps : number of steps of equal size
     tolerance : largest unbalanced force or torque/R [force]; default: as in `equilibrate`
@@ -63,7 +63,8 @@ def inflate(
         report("inflation", (k + 1) / len(centers), f"grain {centers[k]}")
         ends.append(end)
         changes.append(changed)
-    return as_inflation(here, centers, grown, growth, ends, changes=changes)
+    displacement = np.array([end.grains.position for end in ends]) - state.grains.position
+    return as_inflation(here, centers, grown, growth, displacement, ends, changes)
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:

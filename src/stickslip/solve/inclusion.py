@@ -22,6 +22,7 @@ from .moduli import elastic_moduli, solve_resisted
 from .screening import ScreeningFits, rings_of, screening_fits
 
 SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
+LEAST = 1e-9  # growth, above the round-off of positions and pressures
 RANGE = 0.25  # largest displacement over the skin of the list of contacts, up to which it is valid
 INNER = 2.0  # inner radius of a fit, in mean diameters
 
@@ -131,14 +132,17 @@ def inflate(
 
     for k, moves in enumerate(motion):
         _check_contacts(here, lambda g, k=k: at(k, g), growth, np.abs(moves).max())
-    return as_inflation(here, centers, grown, growth, [at(k, growth) for k in range(len(centers))])
+    displacement = growth * np.array([free.spread(moves)[: len(here.loose), :3] for moves in motion])
+    return as_inflation(here, centers, grown, growth, displacement, [at(k, growth) for k in range(len(centers))])
 
 
 def inflated_grains(here: LinearisedState, grain, growth: float, within: float) -> tuple[np.ndarray, np.ndarray]:
     """Centers (M,), and which grains grow with each, (M, N) bool; ValueError if they cannot."""
     state, n, moves = here.state, len(here.loose), _moves(here)
-    if not growth > -1 or growth == 0:
-        raise ValueError(f"growth = {growth:g} was given: it must be above −1 and not zero")
+    if not (-1 < growth <= 1 and abs(growth) >= LEAST):
+        raise ValueError(
+            f"growth = {growth:g} was given: it must be above −1, at most 1, and not below {LEAST:g} in size"
+        )
     require_not_negative(within=within)
     if state.control.cell_free.any():
         raise ValueError("a cell that follows a stress was given: hold it while a grain is inflated")
@@ -162,13 +166,12 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
     return centers, grown
 
 
-def as_inflation(here: LinearisedState, centers, grown, growth, ends, changes=None) -> Inflation:
-    """Result for states at the end, without a common translation if nothing resists it."""
+def as_inflation(here: LinearisedState, centers, grown, growth, displacement, ends, changes=None) -> Inflation:
+    """Result for displacements (M, N, 3) and states at the end, without a translation that nothing resists."""
     state, law, moves, dim = here.state, here.law, _moves(here), here.state.cell.dim
-    displacement = np.array([end.grains.position for end in ends]) - state.grains.position
     lame, size, control = np.full(len(centers), np.nan), np.nan, state.control
     if not len(state.walls.mass) and not control.spring.any() and control.free[:, :dim].all():
-        displacement -= displacement[:, moves].mean(axis=1)[:, None] * moves[:, None]
+        displacement = displacement - displacement[:, moves].mean(axis=1)[:, None] * moves[:, None]
         if state.cell.periodic[:dim].all() and not (control.group >= 0).any():
             moduli, size = elastic_moduli(state, law), volume(state)
             rise = np.array([pressure(end, law) for end in ends]) - pressure(state, law)
