@@ -46,6 +46,9 @@ moving = ss.packings.perturbed(state, velocity=1e-9, seed=1)
 probes = range(10)
 _, record, _ = ss.run(moving, law, 300_000, dt=0.2, every=20, probes=probes)
 form = ss.modes.birth_form(state, law)"""
+INFLATE = """law = ss.laws.hertz_mindlin(mu=0.3)
+state, _ = ss.packings.jammed(1000, packing_fraction=0.92, dim=2, seed=1)
+field = ss.modes.inflate(state, law, range(0, 1000, 10))"""
 MODE = """import numpy as np
 
 state, law, _ = ss.io.read_packing("examples/sheared_spheres.npz")
@@ -76,6 +79,10 @@ SECTIONS = {
             "bursts": "ss.figures.bursts(record, state, form)",
             "growth_by_amplitude": "ss.figures.growth_by_amplitude(form)",
         },
+    ),
+    "inclusion": Section(
+        "Inflated grains", INFLATE,
+        {"inclusion": "ss.figures.inclusion(field)"},
     ),
     "disk-array": Section(
         "Pushed row of disks", RUN.format("disk_array"),

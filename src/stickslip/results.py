@@ -6,6 +6,7 @@ Stability
     Spectrum, Stability     `spectrum`, `stability`
     ComplexPairs, FastestPair, BirthForm    functions of `modes` for complex pairs
     ContactSensitivity, DensityOfStates, ElasticModuli, TransientGrowth     other functions of `modes`
+    Inflation, ScreeningFits        `modes.inflate` and `protocols.inflate`, `Inflation.fit`
     Freedom, Factorisation  `freedom`, `newton`
 
 Loading

@@ -12,7 +12,7 @@ from .animation import movie as movie
 from .claims import claims_chart as claims_chart
 from .envelopes import response_envelopes as response_envelopes
 from .grains import packing as packing
-from .inclusion import inclusion as inclusion
+from .inflation import inclusion as inclusion
 from .instability import bursts as bursts
 from .instability import growth_by_amplitude as growth_by_amplitude
 from .instability import static_and_kinetic as static_and_kinetic

@@ -14,6 +14,8 @@ LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
 def inclusion(field: Inflation, fits: ScreeningFits | None = None):
     """Radial and tangential displacements around an inflated grain, with elasticity, screening and the moduli.
 
+    Bars are standard errors.
+
     Parameters
     ----------
     field : from `modes.inflate` or `protocols.inflate`
