@@ -67,7 +67,13 @@ def test_the_dipole_is_the_force_of_the_grain_and_the_answer_of_its_neighbors(de
     assert field.lame[0] == pytest.approx(expected, rel=1e-4)  # both are differences at that growth
 
 
-@pytest.mark.parametrize("law", [SMOOTH, ROUGH, ss.laws.hertz_mindlin_reff(mu=0.3)], ids=lambda law: str(law.kind))
+LAWS = {
+    "smooth": SMOOTH, "rough": ROUGH, "reff": ss.laws.hertz_mindlin_reff(mu=0.3),
+    "lever": ss.laws.with_lever(ROUGH, "overlap"), "rolling": ss.laws.with_rolling(ROUGH, k_roll=0.1, mu_roll=0.1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_small_steps_are_the_linear_response(law):
     state = sheared(60, 2, 0.88, 2e-4, seed=2, law=law)
     centers = [3, 17]
@@ -125,7 +131,7 @@ def made(rng, screening, noise, dim=2, centers=1, grains=800, edge=18.0):
     across = np.stack([-normal[..., 1], normal[..., 0]], axis=2) if dim == 2 else 0.0
     u = w.real[..., None] * normal + w.imag[..., None] * across + noise * rng.normal(size=normal.shape)
     counted = np.ones(r.shape, bool)
-    rest = (1.0, edge, np.nan, np.full(centers, np.nan), [], np.zeros((centers, 0, 3), int))
+    rest = (1.0, edge, np.nan, np.full(centers, np.nan), [], np.zeros((centers, 0, 4), int))
     return Inflation(1.0, np.arange(centers), normal * distance[..., None], u, counted, *rest)
 
 

@@ -29,10 +29,7 @@ def inflate(
 
     Parameters
     ----------
-    grain : number of the grain, or of several, each inflated alone from the given state; default: the grain nearest to
-        the middle
-    growth : relative change of the radius, above −1, at most 1
-    within : grains whose centers are at most so far from the given one grow with it [length]
+    grain, growth, within : as in `modes.inflate`
     steps : number of steps of equal size
     tolerance : largest unbalanced force or torque/R [force]; default: as in `equilibrate`
     report : called as report(stage, share done, text)
@@ -51,7 +48,7 @@ def inflate(
     >>> law = ss.laws.hertz_mindlin(mu=0.0)
     >>> field = inflate(state, law, growth=0.02, steps=4)
     >>> field.changes.shape, field.states[0].n_bodies
-    ((1, 4, 3), 300)
+    ((1, 4, 4), 300)
     """
     require_positive(steps=steps)
     require_sizes([Size(f"steps = {steps} makes", steps, "load steps", "use fewer")])
@@ -68,7 +65,7 @@ def inflate(
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
-    """State at the end of steps, and how many contacts opened, closed and began to slide in each."""
+    """State at the end of steps, and how many contacts opened, closed, began and stopped sliding in each."""
     state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
     before = _modes(here, state)
     for growth in growths:
@@ -78,8 +75,9 @@ def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolera
         if not outcome.ok:
             raise NotInEquilibriumError(f"no equilibrium at growth {growth:g}", outcome)
         after = _modes(here, state)
-        slid = sum(after[key] == SLIDE != before[key] for key in before.keys() & after.keys())
-        changes.append([len(before.keys() - after.keys()), len(after.keys() - before.keys()), slid])
+        kept = before.keys() & after.keys()
+        began, stopped = (sum(b[key] == SLIDE != a[key] for key in kept) for a, b in ((before, after), (after, before)))
+        changes.append([len(before.keys() - kept), len(after.keys() - kept), began, stopped])
         before = after
     return state, changes
 

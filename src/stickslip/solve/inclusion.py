@@ -41,7 +41,7 @@ class Inflation(NamedTuple):
     volume: float  # of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
     states: list[State]  # at the end of quasi-static steps; none in linear response
-    changes: np.ndarray  # (M, K, 3) contacts that opened, closed, and began to slide in each step
+    changes: np.ndarray  # (M, K, 4) contacts that opened, closed, began and stopped sliding in each step
 
     @property
     def dim(self) -> int:
@@ -88,6 +88,8 @@ def inflate(
     state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-6, within: float = 0.0
 ) -> Inflation:
     """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, each contact held in its mode.
+
+    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`.
 
     In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
     of area or volume V, B = −πA/V or −4πA/3V, and A = M/(2π(K + G)) or M/(4π(K + 4G/3)), with the force dipole M =
@@ -178,7 +180,7 @@ def as_inflation(here: LinearisedState, centers, grown, growth, displacement, en
             lame = rise * size / (2 * np.pi * (dim - 1) * (moduli.bulk + (2 - 2 / dim) * moduli.shear))
     offset = _offsets(state, state.grains.position[centers])
     outer = min(_distance_to_boundary(state, g, off) for g, off in zip(centers, offset, strict=True))
-    steps, changes = ([], np.zeros((len(centers), 0, 3), int)) if changes is None else (ends, np.array(changes))
+    steps, changes = ([], np.zeros((len(centers), 0, 4), int)) if changes is None else (ends, np.array(changes))
     return Inflation(
         growth, centers, offset[..., :dim], displacement[..., :dim], moves & ~grown, 2 * state.grains.radius.mean(),
         outer, size, lame, steps, changes,
