@@ -69,7 +69,7 @@ def test_the_dipole_is_the_force_of_the_grain_and_the_answer_of_its_neighbors(de
 
 LAWS = {
     "smooth": SMOOTH, "rough": ROUGH, "reff": ss.laws.hertz_mindlin_reff(mu=0.3),
-    "lever": ss.laws.with_lever(ROUGH, "overlap"), "rolling": ss.laws.with_rolling(ROUGH, k_roll=0.1, mu_roll=0.1),
+    "lever": ss.laws.with_lever(ROUGH, "overlap"), "rolling": ss.laws.with_rolling(ROUGH, k_roll=0.1, mu_roll=10.0),
 }  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_small_steps_are_the_linear_response(law):
         assert not path.changes.any()
         off.append(np.abs(path.displacement / growth - field.displacement / 1e-6).max())
     size = np.abs(field.displacement).max() / 1e-6
-    assert off[1] < 3e-4 * size and off[1] < 0.2 * off[0]  # the difference is of the order of the growth
+    assert off[1] < 1e-3 * size and off[1] < 0.2 * off[0]  # the difference is of the order of the growth
 
 
 def test_each_inflated_grain_is_an_experiment_of_its_own(rough):
@@ -146,6 +146,13 @@ def test_screening_is_recovered(screening, dim):
         truth = -np.pi / 2 * k * yv(1, k * r) + 0.3 * k * jv(1, k * r)
         np.testing.assert_allclose(best.displacement(r), truth, atol=1e-3)
     assert fits.preferred == ("odd" if dim == 2 else "dipole")
+
+
+def test_a_field_without_tangential_displacement_is_fitted():
+    field = made(np.random.default_rng(0), 0.0, 0.0)
+    normal = field.offset / np.linalg.norm(field.offset, axis=2, keepdims=True)
+    fits = field._replace(displacement=normal / np.linalg.norm(field.offset, axis=2, keepdims=True)).fit()
+    assert fits.preferred == "elastic" and fits.models[0].near == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("centers", [1, 12])

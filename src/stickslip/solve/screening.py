@@ -13,6 +13,7 @@ MANY = 10  # centers from which errors are those of the scatter between them
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
 CONFIDENCE = 0.95  # of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
+ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
 MODELS = ("elastic", "dipole", "odd")  # with 0, 1 and 2 components of κ²
 ANGLES = 8  # of κ² from which fits start
 
@@ -113,7 +114,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
     counted[counted] = full[ring[counted].astype(int)]
     ring = (np.cumsum(full) - 1)[ring[counted].astype(int)]
     values = [part[counted] for part in components[: 5 - offset.shape[2]]]
-    return _ring_means(ring, values, *(_parts(offset, counted)))
+    return _ring_means(ring, values, *_parts(offset, counted))
 
 
 def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
@@ -137,7 +138,7 @@ def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, pa
     sums = [np.bincount(place, deviation, parts * len(count)).reshape(parts, -1) / count for deviation in deviations]
     apart = np.hstack(sums[1:])
     covariance = apart.T @ apart * parts / (parts - 1)
-    naive = variance[1:] / count
+    naive = (variance[1:] + ROUND_OFF**2 * np.square(values[1]).mean()) / count
     enlarged = (np.diag(covariance).reshape(naive.shape) / naive).mean(axis=1, keepdims=True)
     return Rings(means[0], np.sqrt(variance[0]), means[1:], np.sqrt(enlarged * naive), covariance, count, parts)
 
