@@ -98,7 +98,7 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
 def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | None = None) -> GougeScenario:
     """Return the scenario of the paper's own size: 4341 mobile grains of 1 to 5 mm, and eight samples if not said.
 
-    The time step is ten times that of the paper, a third of the longest stable one. Branches start from one state of
+    The time step is 16 times that of the paper, half the longest stable one. Branches start from one state of
     each sample. With another damping than that of the paper, holds are shorter, and nothing follows.
     """
     hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
@@ -106,7 +106,7 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
     steps = {"kind": "velocity-steps", "velocities": (PAPER, 0.2, PAPER, 0.002, PAPER), "slip": 1.0}
     main = damping == MAIN
     return validate_scenario(
-        GougeScenario, seed=seed, realizations=realizations or 8, dt=2e-7, sample_every=1000, most_steps=1e8,
+        GougeScenario, seed=seed, realizations=realizations or 8, dt=3.125e-7, sample_every=640, most_steps=1e8,
         grains={"number": 4341, "diameter": (1e-3, 5e-3)}, cell={"length": 0.06, "width": 0.04},
         load={"stiffness": STIFF, "definition": "rate_state"}, law=DAMPINGS[damping] | {"size": 3e-3, "speed": 25.0},
         preparation={"slip": 8.0, "most": 2e6}, ledger_steps=2000 if main else 0,
