@@ -213,10 +213,11 @@ def ends_alike(paths):
 CASES = [(3, TOP, 3.0), (4, RIGHT, 3.0), (6, RIGHT, 0.1), (5, TOP, 3.0)]
 
 
-def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
+@pytest.mark.parametrize("cases", [CASES[::2], pytest.param(CASES[1::2], marks=pytest.mark.slow)])
+def test_ends_do_not_depend_on_the_increment_nor_on_round_off(cases):
     """The creeping case of earlier versions, and one in which a chain of disks lost its force contact by contact."""
     alike, kinds = [], set()
-    for seed, wall, factor in CASES:
+    for seed, wall, factor in cases:
         state, law = box_of(seed)
         end, rng = with_load(state.control, 60 + wall, factor), np.random.default_rng(seed)
         blurred = end._replace(force=end.force * (1 + 1e-12 * rng.normal(size=end.force.shape)))
@@ -227,7 +228,7 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
             kinds |= {e.kind for e in path.events}
         holds_everywhere(paths[0])
     assert {"reaches the cone", "sticks again", "opens", "closes"} <= kinds
-    assert sum(alike) >= len(CASES) - 1  # few samples lie at a choice; which ones do differs from machine to machine
+    assert sum(alike) >= len(cases) - 1  # few samples lie at a choice; which ones do differs from machine to machine
 
 
 def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, monkeypatch):
