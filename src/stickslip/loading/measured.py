@@ -1,5 +1,6 @@
 """The state in balance that is nearest to measured positions and contact forces, whose overlaps are not known."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +17,14 @@ from ..core.laws.properties import angular_columns, needs_rows
 from ..core.measure import branch_vectors
 from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State, assembly, box, disks
-from ..data.exchange.force_network import MeasuredForces
-from ..data.sample import PackingError, from_arrays
+from ..data.exchange.arrays import law_from_options
+from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
+from ..data.exchange.force_network import MeasuredForces, read_forces
+from ..data.sample import PackingError, from_arrays, law_note
 from ..solve.projection import Projection, nearest_point
 
 STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
+FALLS, SHORTEST = 0.7, 1 / 4  # a step that is longer than this share of the last one halves all later ones, down to
 LEAST_ERROR = 1e-5  # smallest error of a measurement, over the mean radius or force
 FAR = 5.0  # errors beyond which a measurement contradicts the law
 NEAR = 8.0  # errors of a position within which grains may come to touch
@@ -58,9 +62,7 @@ class Adjustment(NamedTuple):
 
 
 @checked
-def from_forces(
-    measured: MeasuredForces, law: Law, *, mass=None, density=None
-) -> tuple[State, Adjustment]:
+def from_forces(measured: MeasuredForces, law: Law, *, mass=None, density=None) -> tuple[State, Adjustment]:
     """State in exact balance that is nearest to measured positions and contact forces of disks.
 
     Minimises Σ Δx²/σ_x² + Σ ΔF²/σ_F² over positions, normal and tangential forces. Every free grain is in balance,
@@ -108,6 +110,25 @@ def from_forces(
         if bears.all():
             return network.state(solution, mass, density), network.adjustment(solution)
         network = network.without(~bears, solution)
+
+
+def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None = None, **options) -> Reading:
+    """State in balance nearest to measured forces in files, see `read_forces`; options of the law as in `read_packing`."""
+    options = {name: value for name, value in options.items() if value not in (None, {})}
+    given, law = law_from_file(options)
+    for name in ("frame", *LAMMPS_OPTIONS):
+        if name in given:
+            raise PackingError(f"{name} was given with measured forces, which have none: leave it out")
+    law = law or law_from_options(given)
+    measured = read_forces(path, contacts)
+    state, change = from_forces(measured, law)
+    as_given, reversed_ = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
+    notes = [*measured.notes, str(change)] + ([] if options else [law_note(law)])
+    if reversed_ < as_given / 2:
+        notes.append(
+            "forces balance better with opposite tangential forces: ft is positive if it turns grains from x to y"
+        )
+    return Reading(with_inertia(state, i0), law, notes)
 
 
 def _check_law(law: Law) -> None:
@@ -205,17 +226,20 @@ class _Network(NamedTuple):
 
     def solve(self) -> _Solution:
         """Nearest balanced positions and forces."""
-        change = self.start
+        change, share, size = self.start, 1.0, np.inf
         for _ in range(STEPS):
             a, b, g, h = self.linearised(change)
             nearest = nearest_point(a, b, g, h)
             if nearest is None:
                 raise PackingError(self._reason())
-            last, change = change, nearest.point
-            if np.abs(change - last).max() < SETTLED:
+            step, last = nearest.point - change, size
+            size = float(np.abs(step).max())
+            if size < SETTLED:
                 return self._solution(nearest)
+            share = max(share / 2, SHORTEST) if size > FALLS * last else share
+            change = change + share * step
         raise PackingError(
-            f"positions and forces still change by {np.abs(change - last).max():.2g} errors after {STEPS} steps: their "
+            f"positions and forces still change by {size:.2g} errors after {STEPS} steps: their "
             f"errors are too large for the equations of balance to be linearised"
         )
 

@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError
-
-from .linear import factorised
+from scipy.sparse.linalg import splu
 
 ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # steps, complementarity, and residuals in units of the variables
 BACK = 0.995  # share of the way to the nearest bound
@@ -42,10 +40,12 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray) -> Projection | None:
         if gap < GAP and max(np.abs(r).max(initial=0.0) for r in (dual, equal, above / (1 + w))) < RESIDUAL:
             return Projection(z, l, v, w)
         stiff = sparse.eye_array(len(z)) + g.T @ sparse.diags_array(v / w) @ g
-        whole = sparse.block_array([[stiff, a.T], [a, -SOFT * sparse.eye_array(len(b))]], format="csr")
+        whole = sparse.block_array([[stiff, a.T], [a, -SOFT * sparse.eye_array(len(b))]])
         try:
-            solve = factorised(whole, method="superlu")
-        except LinAlgError:
+            solve = splu(
+                sparse.csc_array(whole)
+            ).solve  # by columns: the order of linear.factorised fills 10 times more
+        except RuntimeError:  # singular
             return None
 
         def step(product, solve=solve, z=z, v=v, w=w, dual=dual, equal=equal, above=above):

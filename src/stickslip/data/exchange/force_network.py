@@ -186,7 +186,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
     for file in filter(None, (path, contacts)):
         if not Path(file).is_file():
             raise PackingError(f"{file} is not a file: give measured grains, and a table of their contacts")
-    if is_matlab(path):
+    if _is_matlab(path):
         if contacts is not None:
             raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
         return _read_pegs(path)
@@ -195,17 +195,22 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
     return _read_tables(path, Path(contacts))
 
 
-def is_matlab(path: Path) -> bool:
+def _is_matlab(path: Path) -> bool:
     """Return True for a file of MATLAB, up to version 7 or later."""
     return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
 
 
-def is_force_table(path: Path) -> bool:
+def _is_force_table(path: Path) -> bool:
     """Return True for a table with a column fn."""
     if not path.is_file() or b"\0" in (head := read_content(path, HEAD)):
         return False
     lines = head.decode("utf-8", errors="replace").splitlines()
     return any("fn" in {plain_name(word) for word in re.split(r"[;,\t]+| +(?!\[)", line)} for line in lines[:20])
+
+
+def is_measured(path: Path, contacts: Path | None) -> bool:
+    """Return True for a file of PeGS, or tables of grains and measured forces."""
+    return _is_matlab(path) or (contacts is not None and _is_force_table(contacts))
 
 
 def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
@@ -275,8 +280,10 @@ def _read_pegs(path: Path) -> MeasuredForces:
     kept = means[:, 0] > 0
     pairs = np.array(list(both))[kept].T
     left = len(seen) - int(kept.sum())
-    notes = [f"{path.name} is read in metres and newtons, y down as in the image; errors of forces {error[0]:.3g} N "
-             f"(normal) and {error[1]:.3g} N (tangential) are half the differences between the two grains of a contact"]
+    notes = [
+        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces {error[0]:.3g} N "
+        f"(normal) and {error[1]:.3g} N (tangential) are half the differences between the two grains of a contact"
+    ]
     notes += [f"{left} contacts were left out, which only one grain sees or which do not press"] if left else []
     return measured_forces(
         place, [_number(grain, "rm") for grain in grains], *pairs, *means[kept].T, held=held, ids=ids, notes=notes,
