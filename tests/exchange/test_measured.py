@@ -74,7 +74,7 @@ def test_the_state_is_balanced_within_the_limit_and_as_far_away_as_chance_says(t
         network = measured(state, held, move=1e-2, push=0.05, seed=seed)
         out, change = ss.packings.from_forces(network, law)
         assert ss.stability(out, law).residual < 1e-7
-        i, j, along, across = forces_of(out, law)
+        i, _, along, across = forces_of(out, law)
         assert (np.abs(across) <= 0.3 * along * (1 + 1e-9)).all()
         assert len(i) == len(network.force_n) - len(change.opened)
         changes.append(change)
@@ -221,13 +221,13 @@ def test_the_command_balances_measured_forces_first(truth, tmp_path):
     done = CliRunner().invoke(app, ["stability", str(grains), "--contacts", str(forces), *law, "--position-error=1e-4"])
     assert done.exit_code == 0, done.output
     text = " ".join(done.output.split())
-    assert "balanced by moving grains" in text and "most of it from the contact of grains" in text
+    assert "balanced by moving coordinates" in text and "most of it from the contact of grains" in text
     turned = m._replace(force_t=-m.force_t)
     grains, forces = write_tables(tmp_path, turned)
     done = CliRunner().invoke(
         app, ["stability", str(grains), "--contacts", str(forces), *law[:-1], str(tmp_path / "o.npz")]
     )
-    assert "opposite tangential forces" in " ".join(done.output.split())
+    assert "balance better with opposite ft" in " ".join(done.output.split())
 
 
 def changed(m, **values):
@@ -244,14 +244,15 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
     away[m.pair_i[0]] += 3 * m.radius.max()
     pull = m.force_n.copy()
     pull[c] = -1.0
+    lists = ("pair_i", "pair_j", "force_n", "force_t", "force_n_error", "force_t_error")
     cases = [
-        ("no contacts", lambda: changed(m, pair_i=[], pair_j=[], force_n=[], force_t=[], force_n_error=[], force_t_error=[])),
+        ("no contacts", lambda: changed(m, **{name: [] for name in lists})),
         ("beyond the Coulomb limit for mu = 0.3", lambda: ss.packings.from_forces(changed(m, force_t=strong), LAW)),
-        ("apart, .* of a radius", lambda: changed(m, position=away)),
+        ("gap of .* of a radius", lambda: changed(m, position=away)),
         ("pull each other", lambda: changed(m, force_n=pull)),
         ("use 0 to 59", lambda: changed(m, pair_j=m.pair_j + 60)),
         ("no grain is held", lambda: changed(m, held=[])),
-        ("touch twice", lambda: changed(m, pair_i=np.repeat(m.pair_i[:1], len(m.pair_i)), pair_j=np.repeat(m.pair_j[:1], len(m.pair_i)))),
+        ("touch twice", lambda: changed(m, **{name: np.repeat(getattr(m, name)[:1], 2) for name in lists})),
         ("check kn", lambda: ss.packings.from_forces(m, ss.laws.linear(1e-9))),
         ("without friction", lambda: ss.packings.from_forces(m, ss.laws.linear(mu=0.0))),
         ("lever arms", lambda: ss.packings.from_forces(m, ss.laws.with_lever(LAW, "overlap"))),

@@ -12,12 +12,10 @@ SOFT = 1e-12  # compliance of equations, so that redundant ones have multipliers
 
 
 class Projection(NamedTuple):
-    """Nearest point z with its multipliers: z = Aᵀl + Gᵀv."""
+    """Nearest point, and the number of equations and inequalities that bind it."""
 
-    point: np.ndarray  # (n,) z
-    of_equations: np.ndarray  # (m,) l
-    of_inequalities: np.ndarray  # (k,) v, not negative
-    slack: np.ndarray  # (k,) G z − h, positive
+    point: np.ndarray  # (n,)
+    binding: int
 
 
 def nearest_point(a, b: np.ndarray, g, h: np.ndarray) -> Projection | None:
@@ -25,47 +23,42 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray) -> Projection | None:
 
     Parameters
     ----------
-    a, g : (m, n) and (k, n) sparse
+    a, g : (m, n) and (k, n) sparse, k > 0
     b, h : (m,) and (k,)
 
     Source
     ------
     Nocedal & Wright, doi:10.1007/978-0-387-40065-5, Algorithm 16.4 (Mehrotra's predictor and corrector).
     """
-    z, l, w = np.zeros(a.shape[1]), np.zeros(len(b)), np.maximum(-h, 1.0)
-    v = 1 / w
+    z, y, w = np.zeros(a.shape[1]), np.zeros(len(b)), np.maximum(-h, 1.0)
+    v = 1 / w  # multipliers of G z − w = h
     for _ in range(ITERATIONS):
-        dual, equal, above = z - a.T @ l - g.T @ v, a @ z - b, g @ z - w - h
-        gap = v @ w / max(len(h), 1)
+        dual, equal, above, gap = z - a.T @ y - g.T @ v, a @ z - b, g @ z - w - h, v @ w / len(h)
         if gap < GAP and max(np.abs(r).max(initial=0.0) for r in (dual, equal, above / (1 + w))) < RESIDUAL:
-            return Projection(z, l, v, w)
+            return Projection(z, len(b) + int((v > w).sum()))
         stiff = sparse.eye_array(len(z)) + g.T @ sparse.diags_array(v / w) @ g
         whole = sparse.block_array([[stiff, a.T], [a, -SOFT * sparse.eye_array(len(b))]])
         try:
-            solve = splu(
-                sparse.csc_array(whole)
-            ).solve  # by columns: the order of linear.factorised fills 10 times more
+            solve = splu(sparse.csc_array(whole)).solve  # its order by columns fills ten times less than by degrees
         except RuntimeError:  # singular
             return None
-
-        def step(product, solve=solve, z=z, v=v, w=w, dual=dual, equal=equal, above=above):
-            """Newton step towards v w = v w + product."""
-            right = -dual + g.T @ ((product - v * above) / w)
-            dz, dl = np.split(solve(np.concatenate([right, -equal])), [len(z)])
+        excess = -v * w
+        for corrected in (False, True):  # v w is to change by the excess
+            step = solve(np.concatenate([g.T @ ((excess - v * above) / w) - dual, -equal]))
+            dz, dy = step[: len(z)], -step[len(z) :]
             dw = g @ dz + above
-            return dz, -dl, (product - v * dw) / w, dw
-
-        _, _, dv, dw = step(-v * w)
-        aim = ((v + _reach(v, dv) * dv) @ (w + _reach(w, dw) * dw) / max(len(h), 1) / gap) ** 3 * gap
-        dz, dl, dv, dw = step(aim - v * w - dv * dw)
-        length = BACK * min(_reach(v, dv), _reach(w, dw)) if len(h) else 1.0
-        z, l, v, w = z + length * dz, l + length * dl, v + length * dv, w + length * dw
+            dv = (excess - v * dw) / w
+            if not corrected:
+                ahead = (v + _reach(v, dv) * dv) @ (w + _reach(w, dw) * dw) / len(h)
+                excess = (ahead / gap) ** 3 * gap - v * w - dv * dw
+        length = BACK * min(_reach(v, dv), _reach(w, dw))
+        z, y, v, w = z + length * dz, y + length * dy, v + length * dv, w + length * dw
         if not np.isfinite(z).all():
             return None
     return None
 
 
 def _reach(value: np.ndarray, step: np.ndarray) -> float:
-    """Longest step, at most 1/BACK, along which all values stay positive."""
+    """Longest step along which all values stay positive, at most that which makes the length one."""
     falls = step < 0
     return min(1 / BACK, (-value[falls] / step[falls]).min(initial=np.inf))

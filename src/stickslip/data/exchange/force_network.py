@@ -10,22 +10,18 @@ from ...core.arguments import checked
 from ...core.readable import readable
 from ..sample import PackingError
 from .columns import plain_name
-from .content import HEAD, read_content
+from .content import HEAD, head_text, read_content
 from .table_file import read, read_columns
 
-WIDEST = 0.5  # gap between grains in contact, over the smaller radius
+WIDEST = 0.5  # gap or overlap of grains in contact, over the smaller radius
 PIXELS = ("px", "pix", "pixel", "pixels")
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
-FORCES = ("fn", "ft", "fnerror", "fterror", "fx", "fy")
-NEEDED = "i j fn ft"
+NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
 
 
 @readable
 class MeasuredForces(NamedTuple):
-    """Disks and the forces at their contacts, as they were measured; overlaps and slips are not known.
-
-    A tangential force is positive if it turns both grains from x to y; on grain i it points along n × z, n from j to i.
-    """
+    """Disks and the forces at their contacts, as they were measured; overlaps and slips are not known."""
 
     position: np.ndarray  # (N, 2) [length]
     radius: np.ndarray  # (N,) [length]
@@ -34,7 +30,7 @@ class MeasuredForces(NamedTuple):
     pair_i: np.ndarray  # (C,) grains from 0
     pair_j: np.ndarray  # (C,)
     force_n: np.ndarray  # (C,) normal forces, not negative [force]
-    force_t: np.ndarray  # (C,) tangential forces [force]
+    force_t: np.ndarray  # (C,) tangential forces, positive if they turn both grains from x to y [force]
     position_error: np.ndarray  # (N,) of each coordinate; NaN: not known [length]
     force_n_error: np.ndarray  # (C,) NaN: not known [force]
     force_t_error: np.ndarray  # (C,) NaN: not known [force]
@@ -63,7 +59,8 @@ def measured_forces(
     ----------
     position : (N, 2) [length]; radius : float or (N,) [length]
     pair_i, pair_j : (C,) grains from 0, each contact once
-    force_n : (C,), not negative [force]; force_t : float or (C,), positive if it turns both grains from x to y [force]
+    force_n : (C,), not negative [force]; force_t : float or (C,), positive if it turns both grains from x to y, its
+        torque on them divided by their radius [force]
     held : grains that need not balance, such as those at walls whose forces were not measured
     load : (N, 2), external forces such as weights [force]
     position_error, force_n_error, force_t_error : float, (N,) or (C,), standard deviations; NaN if not known
@@ -80,93 +77,86 @@ def measured_forces(
     >>> pair.force_n
     array([2.])
     """
-    position = np.asarray(position, float)
-    if position.ndim != 2 or position.shape[1] != 2:
-        raise PackingError(f"position has shape {position.shape}: (N, 2) is needed, as forces are measured in a plane")
-    n, count = len(position), np.size(pair_i)
-    free = np.ones(n, bool)
-    free[np.asarray(held, int)] = False
-    ends = [_filled(end, count, name, int) for name, end in (("pair_i", pair_i), ("pair_j", pair_j))]
-    values = {"radius": (radius, n), "position_error": (position_error, n)}
-    values |= {"force_n": (force_n, count), "force_t": (force_t, count)}
-    values |= {"force_n_error": (force_n_error, count), "force_t_error": (force_t_error, count)}
-    full = {name: _filled(value, size, name) for name, (value, size) in values.items()}
-    load = np.broadcast_to(np.asarray(load, float), (n, 2))
-    ids = np.arange(n) if ids is None else np.asarray(ids)
-    network = MeasuredForces(
-        position, full["radius"], free, load, *ends, full["force_n"], full["force_t"], full["position_error"],
-        full["force_n_error"], full["force_t_error"], ids, list(notes),
-    )  # fmt: skip
-    _check(network)
+    n, count = len(np.atleast_1d(position)), np.size(pair_i)
+    each = {"radius": radius, "position_error": position_error, "ids": np.arange(n) if ids is None else ids}
+    pairs = {"pair_i": pair_i, "pair_j": pair_j, "force_n": force_n, "force_t": force_t}
+    pairs |= {"force_n_error": force_n_error, "force_t_error": force_t_error}
+    shapes = {"position": (position, (n, 2)), "load": (load, (n, 2))}
+    shapes |= {name: (value, (n,)) for name, value in each.items()}
+    shapes |= {name: (value, (count,)) for name, value in pairs.items()}
+    full = {name: _filled(name, *parts) for name, parts in shapes.items()}
+    network = MeasuredForces(**full, free=~np.isin(np.arange(n), held), notes=list(notes))
+    _check_numbers(network)
+    _check_pairs(network)
     return network
 
 
-def _filled(value, size: int, name: str, kind=float) -> np.ndarray:
+def _filled(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+    kind = int if name in ("pair_i", "pair_j", "ids") else float
     try:
-        return np.array(np.broadcast_to(np.asarray(value, kind), (size,)))
-    except ValueError:
-        raise PackingError(f"{name} has shape {np.shape(value)}: ({size},) is needed") from None
+        return np.array(np.broadcast_to(np.asarray(value, kind), shape))
+    except (TypeError, ValueError):
+        raise PackingError(f"{name} has shape {np.shape(value)}: numbers of shape {shape} are needed") from None
 
 
-def _check(m: MeasuredForces) -> None:
-    """Raise PackingError if a network has no contacts, or some that are impossible."""
+def _check_numbers(m: MeasuredForces) -> None:
+    """Raise PackingError if there are no contacts or grains, or impossible numbers."""
+    n = len(m.radius)
     if not len(m.pair_i):
-        raise PackingError(f"no contacts were given: measured forces are needed, {NEEDED}")
-    if not (0 <= m.ends.min() and m.ends.max() < len(m.radius)):
-        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use 0 to {len(m.radius) - 1}")
+        raise PackingError(f"no contacts were given: measured forces are needed, {' '.join(NEEDED)}")
+    if not 0 <= m.ends.min() <= m.ends.max() < n:
+        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use 0 to {n - 1}")
     for name in ("position", "radius", "load", "force_n", "force_t"):
         if not np.isfinite(getattr(m, name)).all():
             raise PackingError(f"{name} contains NaN or infinity: every entry must be a finite number")
     for name in ("radius", "position_error", "force_n_error", "force_t_error"):
         if (getattr(m, name) <= 0).any():
             raise PackingError(f"{name} = {getattr(m, name).min():g} was given: it must be positive")
-    i, j = np.sort(m.ends, axis=0)
-    pairs, times = np.unique(np.stack([i, j], axis=1), axis=0, return_counts=True)
-    wrong = pairs[(times > 1) | (pairs[:, 0] == pairs[:, 1])]
-    if len(wrong):
-        a, b = (int(m.ids[k]) for k in wrong[0])
-        what = "touches itself" if a == b else f"and grain {b} touch twice"
-        raise PackingError(f"grain {a} {what} in the list of contacts: give each contact once")
-    if (m.force_n < 0).any():
-        c = int(np.argmin(m.force_n))
-        a, b = (int(m.ids[k]) for k in m.ends[:, c])
-        raise PackingError(
-            f"grains {a} and {b} pull each other with {-m.force_n[c]:.4g}: normal forces press, and are positive"
-        )
     if not m.force_n.any():
         raise PackingError("all normal forces are zero: nothing presses the grains together")
     if m.free.all() and not m.load.any():
         raise PackingError(
-            "no grain is held, and there are no loads: grains that press each other need something around them; mark "
+            "no grain is held and there are no loads: grains that press each other need something around them, so mark "
             "those at the edge as fixed"
         )
-    reach = m.radius[m.ends].sum(axis=0)
-    gap = np.linalg.norm(m.position[m.pair_i] - m.position[m.pair_j], axis=1) - reach
-    share = np.abs(gap) / m.radius[m.ends].min(axis=0)
-    c = int(np.argmax(share))
-    if share[c] > WIDEST:
-        a, b = (int(m.ids[k]) for k in m.ends[:, c])
-        how = f"are {gap[c]:.4g} apart" if gap[c] > 0 else f"overlap by {-gap[c]:.4g}"
-        raise PackingError(
-            f"grains {a} and {b}, which are said to touch, {how}, {share[c]:.2g} of a radius: check positions, radii "
-            f"and their unit, and the numbers of the grains"
-        )
+
+
+def _check_pairs(m: MeasuredForces) -> None:
+    """Raise PackingError for a contact that is given twice, pulls, or joins grains that are far from touching."""
+    low, high = np.sort(m.ends, axis=0)
+    _, first = np.unique(low * len(m.radius) + high, return_index=True)
+    again = np.ones(len(low), bool)
+    again[first] = False
+    size, reach = np.linalg.norm(m.position[low] - m.position[high], axis=1), m.radius[m.ends].sum(axis=0)
+    share = (size - reach) / m.radius[m.ends].min(axis=0)
+    for wrong, text in (
+        (low == high, "are one grain, which cannot touch itself: check the numbers of the grains"),
+        (again, "touch twice in the list of contacts: give each contact once"),
+        (m.force_n < 0, "pull each other: normal forces press, and are positive"),
+        (np.abs(share) > WIDEST, "are said to touch, but {how} {gap:.4g}, {share:.2g} of a radius: check positions,"
+         " radii and their unit, and the numbers of the grains"),
+    ):  # fmt: skip
+        for c in np.flatnonzero(wrong):
+            gap = size[c] - reach[c]
+            how = "have a gap of" if gap > 0 else "overlap by"
+            told = text.format(how=how, gap=abs(gap), share=abs(share[c]))
+            raise PackingError(f"grains {m.ids[m.pair_i[c]]} and {m.ids[m.pair_j[c]]} {told}")
 
 
 @checked
 def read_forces(path: str | Path, contacts: str | Path | None = None) -> MeasuredForces:
     """Read measured positions and contact forces, from two tables or a file of PeGS.
 
-    Tables are text with names of columns. Grains: x, y, radius; optional id, fixed (1: held, 0: free), fx and fy (loads),
+    Tables are text with names of columns. Grains: x, y, radius; optional id, fixed (1: held, 0: free), load_x, load_y,
     position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it turns both grains from x to y);
-    optional fn_error and ft_error. Units in brackets, as in "fn [N]", are not converted: give all lengths in one unit,
-    all forces in one, and the law in these.
+    optional fn_error, ft_error. Units in brackets, as in "fn [N]", are not converted: give all lengths in one unit, all
+    forces in one, and the law in these.
 
     Files of PeGS hold the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
-    grain its neighbours, forces in newtons, and angles betas and alphas. They are read in SI units; y points down as in
-    the image. A grain with a wall among its neighbours is held. Each contact is seen from both grains: forces are
-    averaged, and the root-mean-square of half the differences is their error. Contacts that one grain alone sees, or
-    that do not press, are left out.
+    grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the
+    image. A grain with a wall among its neighbours is held. Each contact is seen from both grains: forces are averaged,
+    and the root mean square of half the differences is their error. Contacts that one grain alone sees, or that do not
+    press, are left out.
 
     Parameters
     ----------
@@ -191,52 +181,43 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
             raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
         return _read_pegs(path)
     if contacts is None:
-        raise PackingError(f"{path} has no forces: give the table of contacts as well, {NEEDED}")
+        raise PackingError(f"{path} has no forces: give the table of contacts as well, {' '.join(NEEDED)}")
     return _read_tables(path, Path(contacts))
 
 
-def _is_matlab(path: Path) -> bool:
-    """Return True for a file of MATLAB, up to version 7 or later."""
-    return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
-
-
-def _is_force_table(path: Path) -> bool:
-    """Return True for a table with a column fn."""
-    if not path.is_file() or b"\0" in (head := read_content(path, HEAD)):
-        return False
-    lines = head.decode("utf-8", errors="replace").splitlines()
-    return any("fn" in {plain_name(word) for word in re.split(r"[;,\t]+| +(?!\[)", line)} for line in lines[:20])
-
-
 def is_measured(path: Path, contacts: Path | None) -> bool:
-    """Return True for a file of PeGS, or tables of grains and measured forces."""
-    return _is_matlab(path) or (contacts is not None and _is_force_table(contacts))
+    """Return True for a file of MATLAB, or if there is a table of contacts with a column fn."""
+    if contacts is None or not contacts.is_file():
+        return _is_matlab(path)
+    lines = head_text(read_content(contacts, HEAD)).splitlines()
+    return any("fn" in map(plain_name, re.split(r"[;,\t]+| +(?!\[)", line)) for line in lines[:20])
+
+
+def _is_matlab(path: Path) -> bool:
+    return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
 
 
 def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
     """Network from a table of grains and one of contacts."""
-    packing = read(path)[0]
-    grains, forces = _plain(path), _plain(contacts)
-    for name in NEEDED.split():
+    packing, grains, forces = read(path)[0], _plain(path), _plain(contacts)
+    for name in NEEDED:
         if name not in forces:
-            raise PackingError(f"{contacts} has no column {name}: it has {' '.join(forces)}, and {NEEDED} are needed")
-    n, count = len(packing.arrays["radius"]), len(forces["i"])
-    order = np.arange(n) if packing.ids is None else np.argsort(grains["id"], kind="stable")
-    grains = {name: values[order] for name, values in grains.items()}
-    ids = np.arange(n) if packing.ids is None else packing.ids
+            raise PackingError(f"{contacts} has no column {name}: it has {' '.join(forces)}, needed are i j fn ft")
+    n = len(packing.arrays["radius"])
+    named = packing.ids is not None
+    order, ids = (np.argsort(grains["id"], kind="stable"), packing.ids) if named else (np.arange(n), np.arange(n))
     ends = np.stack([forces["i"], forces["j"]])
-    wrong = ends[~np.isin(ends, ids)]
-    if len(wrong):
-        numbers = "the ids of grains" if packing.ids is not None else f"rows of grains, 0 to {n - 1}"
-        raise PackingError(f"{contacts} names grain {wrong[0]:g}, which {path.name} does not have: use {numbers}")
-    load = np.stack([grains.get(name, np.zeros(n)) for name in ("fx", "fy")], axis=1)
-    held = np.flatnonzero(grains.get("fixed", np.zeros(n)))
-    pairs = np.searchsorted(ids, ends)
-    unknown = np.full(count, np.nan)
+    for wrong in ends[~np.isin(ends, ids)]:
+        use = "the ids of grains" if named else f"rows of grains, 0 to {n - 1}"
+        raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
+    columns = {name: values[order] for name, values in grains.items()}
+    errors = {f"force_{a}_error": forces.get(f"f{a}error", np.nan) for a in "nt"}
+    zero = np.zeros(n)
     return measured_forces(
-        np.asarray(packing.arrays["position"])[:, :2], packing.arrays["radius"], *pairs, forces["fn"], forces["ft"],
-        held=held, load=load, position_error=grains.get("positionerror", np.nan),
-        force_n_error=forces.get("fnerror", unknown), force_t_error=forces.get("fterror", unknown), ids=ids,
+        packing.arrays["position"][:, :2], packing.arrays["radius"], *np.searchsorted(ids, ends), forces["fn"],
+        forces["ft"], held=np.flatnonzero(columns.get("fixed", zero)), ids=ids, **errors,
+        load=np.stack([columns.get(f"load{axis}", zero) for axis in "xy"], axis=1),
+        position_error=columns.get("positionerror", np.nan),
     )  # fmt: skip
 
 
@@ -247,46 +228,46 @@ def _plain(path: Path) -> dict[str, np.ndarray]:
     for name, unit in units.items():
         if unit.lower() in PIXELS:
             raise PackingError(f"{path} has {name!r} in pixels: give lengths in the unit of length of the law")
-    forces = {unit for name, unit in units.items() if plain_name(name) in FORCES}
+    forces = sorted({unit for name, unit in units.items() if plain_name(name) in FORCES})
     if len(forces) > 1:
-        raise PackingError(f"{path} has forces in {' and '.join(sorted(forces))}: give them in one unit")
+        raise PackingError(f"{path} has forces in {' and '.join(forces)}: give them in one unit")
     return {plain_name(name): values for name, values in columns.items()}
 
 
 def _read_pegs(path: Path) -> MeasuredForces:
-    """Network from a file of PeGS."""
+    """Network from a file of PeGS; on a grain acts −f (cos(β − α), sin(β − α)) at its contact in the direction β."""
     grains = _particles(path)
-    ids = np.array([int(_number(grain, "id", k + 1)) for k, grain in enumerate(grains)])
-    scale = np.array([_number(grain, "rm", 0.0) / _number(grain, "r", 1.0) for grain in grains])
-    if not (scale > 0).all():
+    ids = [int(_number(grain, "id", k + 1)) for k, grain in enumerate(grains)]
+    number = {name: k for k, name in enumerate(ids)}
+    radius = np.array([_number(grain, "rm") for grain in grains])
+    if not (radius > 0).all():
         raise PackingError(f"{path} has no radii in metres (rm): units of length are missing; set the scale in PeGS")
-    place = np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains]) * np.median(scale)
+    scale = np.median([r / _number(grain, "r") for r, grain in zip(radius, grains, strict=True)])
+    place = scale * np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains])
     seen: dict[tuple[int, int], list[tuple[float, float]]] = {}
-    held = []
+    held = set()
     for k, grain in enumerate(grains):
-        near, size, angle = (np.atleast_1d(np.asarray(getattr(grain, n), float)) for n in PEGS[3:])
-        if not len(near) == len(size) == len(angle):
-            raise PackingError(f"{path} has {len(near)} neighbours and {len(size)} forces of grain {ids[k]}: solve it")
-        held += [k] if (near <= 0).any() else []
-        for other, force, alpha in zip(near, size, angle, strict=True):
-            if other > 0 and np.isfinite(force) and other in ids:
-                j = int(np.flatnonzero(ids == other)[0])
-                seen.setdefault((min(k, j), max(k, j)), []).append((force * np.cos(alpha), force * np.sin(alpha)))
-    both = {pair: np.array(values) for pair, values in seen.items() if len(values) == 2}
+        near, force, alpha = (np.ravel(getattr(grain, name)).astype(float) for name in PEGS[3:])
+        if not len(near) == len(force) == len(alpha):
+            raise PackingError(f"{path} has {len(force)} forces for {len(near)} neighbours of grain {ids[k]}: solve it")
+        for other, f, a in zip(near.tolist(), force, alpha, strict=True):
+            if other in number and np.isfinite(f):
+                pair = min(k, number[other]), max(k, number[other])
+                seen.setdefault(pair, []).append((f * np.cos(a), f * np.sin(a)))
+            held |= {k} if other <= 0 else set()
+    both = [pair for pair, values in seen.items() if len(values) == 2]
     if not both:
         raise PackingError(f"{path} has no contact that both of its grains see: solve for the forces in PeGS first")
-    means = np.array([values.mean(axis=0) for values in both.values()])
-    error = np.sqrt((np.array([np.subtract(*values) for values in both.values()]) ** 2).mean(axis=0)) / 2
-    kept = means[:, 0] > 0
-    pairs = np.array(list(both))[kept].T
-    left = len(seen) - int(kept.sum())
-    notes = [
-        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces {error[0]:.3g} N "
-        f"(normal) and {error[1]:.3g} N (tangential) are half the differences between the two grains of a contact"
-    ]
-    notes += [f"{left} contacts were left out, which only one grain sees or which do not press"] if left else []
+    values = np.array([seen[pair] for pair in both])
+    (mean_n, mean_t), error = values.mean(axis=1).T, np.sqrt((np.diff(values, axis=1) ** 2).mean(axis=(0, 1))) / 2
+    kept = mean_n > 0
+    note = (
+        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces, {error[0]:.3g} N normal and "
+        f"{error[1]:.3g} N tangential, are half the differences between the grains of a contact; contacts left out, "
+        f"as only one grain sees them or they do not press: {len(seen) - kept.sum()}"
+    )
     return measured_forces(
-        place, [_number(grain, "rm") for grain in grains], *pairs, *means[kept].T, held=held, ids=ids, notes=notes,
+        place, radius, *np.array(both)[kept].T, mean_n[kept], mean_t[kept], held=sorted(held), ids=ids, notes=[note],
         force_n_error=error[0] or np.nan, force_t_error=error[1] or np.nan,
     )  # fmt: skip
 
@@ -303,12 +284,11 @@ def _particles(path: Path) -> list:
         said = (str(problem) or type(problem).__name__).splitlines()[0][:80]
         raise PackingError(f"{path} is a damaged MATLAB file ({said}): save it again") from None
     name = next((name for name in ("particle", "pres") if name in content), None)
-    if name is None:
-        raise PackingError(f"{path} has no structure particle or pres: give a file that PeGS solved")
-    grains = np.atleast_1d(content[name]).tolist()
-    for field in PEGS:
-        if not all(hasattr(grain, field) for grain in grains):
-            raise PackingError(f"{path} has grains without {field}: give a file that PeGS solved")
+    grains = np.ravel(content[name]).tolist() if name else []
+    if not grains or not all(hasattr(grain, field) for grain in grains for field in PEGS):
+        raise PackingError(
+            f"{path} has no structure particle or pres with fields {', '.join(PEGS)}: give a file that PeGS solved"
+        )
     return grains
 
 
