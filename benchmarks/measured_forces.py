@@ -1,6 +1,11 @@
-"""How often measured forces, balanced, have the verdict of the true packing: `python -m benchmarks.measured_forces`."""
+"""How often measured forces, balanced, have the verdict of the true packing: `python -m benchmarks.measured_forces`.
 
+`python -m benchmarks.measured_forces example` writes examples/measured_disks.csv and measured_forces.csv.
+"""
+
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 
@@ -31,7 +36,7 @@ def cut(state, law=LAW):
     rows = rows[~across]
     memory = {name: getattr(contacts, name)[rows] for name in ("slip", "mode")}
     ends = {"pair_i": contacts.i[rows], "pair_j": contacts.j[rows]}
-    out = ss.packings.from_arrays(grains.position, grains.radius, law, **ends, **memory, dim=2)
+    out = ss.packings.from_arrays(grains.position, grains.radius, law, **ends, **memory, density=1.0, dim=2)
     return out._replace(control=ss.control.fixed(out.control, held)), held
 
 
@@ -55,6 +60,21 @@ def measured(truth, held, *, move, push, seed=0, law=LAW, errors=True):
     along = np.maximum(along + push * rng.normal(size=len(along)), 0.0)
     across = across + push * rng.normal(size=len(along))
     return ss.io.measured_forces(place, radius, i, j, along, across, held=held, **known)
+
+
+def write_example() -> None:
+    """Write the tables of a measured packing."""
+    m = measured(*cut(sheared(30, 0.85, 2e-3, 1)), move=1e-2, push=0.05, errors=False)
+    folder = Path(__file__).parents[1] / "examples"
+    grains = np.column_stack([m.position, m.radius, ~m.free])
+    contacts = np.column_stack([m.pair_i, m.pair_j, m.force_n, m.force_t])
+    law = "Law: kn = 1, mu = 0.3; errors of 1 % of a radius and of 5 % of the mean force"
+    for name, head, rows, form in (
+        ("disks", f"# Disks of which positions were measured. {law}\nx,y,radius,fixed", grains, "%.6g,%.6g,%.6g,%d"),
+        ("forces", f"# Forces between measured_disks.csv. {law}\ni,j,fn,ft", contacts, "%d,%d,%.6g,%.6g"),
+    ):
+        text = "\n".join([head, *(form % tuple(row) for row in rows)]) + "\n"
+        (folder / f"measured_{name}.csv").write_text(text, encoding="utf-8")
 
 
 def main() -> None:
@@ -81,4 +101,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    write_example() if sys.argv[1:] == ["example"] else main()

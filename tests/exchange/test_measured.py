@@ -7,51 +7,15 @@ from scipy.optimize import minimize
 from typer.testing import CliRunner
 
 import stickslip as ss
+from benchmarks.measured_forces import LAW, cut, forces_of, measured, sheared
 from stickslip.cli.app import app
 from stickslip.core.contacts.jacobian import linearise
-from tests.modes.conftest import sheared
-
-LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.3)
-
-
-def cut(state, law=LAW):
-    """Packing without its periodic sides, and the grains that touched across them, which are held."""
-    rows, contacts, grains = ss.measure.touching(state), state.contacts, state.grains
-    across = contacts.image[rows].any(axis=1)
-    held = np.unique([contacts.i[rows[across]], contacts.j[rows[across]]])
-    rows = rows[~across]
-    memory = {name: getattr(contacts, name)[rows] for name in ("slip", "mode")}
-    ends = {"pair_i": contacts.i[rows], "pair_j": contacts.j[rows]}
-    out = ss.packings.from_arrays(grains.position, grains.radius, law, **ends, **memory, dim=2)
-    return out._replace(control=ss.control.fixed(out.control, held)), held
-
-
-def forces_of(state, law=LAW):
-    """Grains of each contact, normal forces, and tangential forces along n × z."""
-    rows = ss.measure.touching(state)
-    line = linearise(state, law)
-    normal, force = line.normal[rows], line.force[rows]
-    along = np.einsum("ck,ck->c", normal, force)
-    across = force[:, 0] * normal[:, 1] - force[:, 1] * normal[:, 0]
-    return state.contacts.i[rows], state.contacts.j[rows], along, across
-
-
-def measured(truth, held, *, move, push, seed=0, law=LAW, errors=True):
-    """Forces of a state with errors of positions over the mean radius, and of forces over the mean force."""
-    rng, (i, j, along, across) = np.random.default_rng(seed), forces_of(truth, law)
-    place, radius = truth.grains.position[:, :2], truth.grains.radius
-    move, push = move * radius.mean(), push * along.mean()
-    known = {"position_error": move, "force_n_error": push, "force_t_error": push} if errors else {}
-    place = place + move * rng.normal(size=place.shape)
-    along = np.maximum(along + push * rng.normal(size=len(along)), 0.0)
-    across = across + push * rng.normal(size=len(along))
-    return ss.io.measured_forces(place, radius, i, j, along, across, held=held, **known)
 
 
 @pytest.fixture(scope="module")
 def truth():
     """Unstable, with a few contacts at the Coulomb limit."""
-    return cut(sheared(60, 2, 0.845, 2e-3, seed=1, law=LAW))
+    return cut(sheared(60, 0.845, 2e-3, seed=1))
 
 
 def test_exact_measurements_are_left_as_they_are(truth):
@@ -106,7 +70,7 @@ def test_errors_are_estimated_from_gaps_and_imbalance(truth):
 
 def test_a_slow_twin_finds_the_same_minimum():
     """SLSQP minimises over positions and forces, with the Hertzian overlaps and the balance written out again."""
-    state, held = cut(sheared(9, 2, 0.87, 3e-3, seed=3, law=LAW))
+    state, held = cut(sheared(9, 0.87, 3e-3, seed=3))
     m = measured(state, held, move=1e-2, push=0.2, seed=1)
     _, change = ss.packings.from_forces(m, LAW)
     n, count, mean = len(m.radius), len(m.pair_i), m.force_n.mean()

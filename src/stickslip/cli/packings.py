@@ -41,7 +41,10 @@ STABILITY = examples(
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
         "only the verdict, at rest under another law",
     ),
-    ("stability grains.csv --contacts forces.csv --law linear --kn 2e5 --mu 0.8", "measured forces, balanced first"),
+    (
+        "stability examples/measured_disks.csv \\\n      --contacts examples/measured_forces.csv --mu 0.3",
+        "measured forces: the nearest state in balance",
+    ),
     ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and what is known about others"),
 )
 CONVERT = examples(

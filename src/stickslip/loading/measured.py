@@ -15,6 +15,7 @@ from ..core.laws.properties import angular_columns, needs_rows
 from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
 from ..data.exchange.arrays import law_from_options
+from ..data.exchange.columns import mass_note
 from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
 from ..data.exchange.force_network import MeasuredForces, read_forces
 from ..data.sample import PackingError, from_arrays, law_note
@@ -57,7 +58,7 @@ class Adjustment(NamedTuple):
 
 
 @checked
-def from_forces(measured: MeasuredForces, law: Law, *, mass=None, density=None) -> tuple[State, Adjustment]:
+def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[State, Adjustment]:
     """State in exact balance that is nearest to measured positions and contact forces of disks.
 
     Minimises Σ Δx²/σ_x² + Σ ΔF²/σ_F² over positions, normal and tangential forces. Every free grain is in balance,
@@ -71,7 +72,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, mass=None, density=None) 
     ----------
     measured : from `read_forces`
     law : Law with friction, of one material, whose forces follow from overlap and slip
-    mass, density : as in `from_arrays`
+    density : float or (N,), mass over the area of a disk [mass/length²]
 
     Returns
     -------
@@ -103,7 +104,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, mass=None, density=None) 
         change, binding = network.solve()
         opens = network.at(change)[1] <= 2 * network.least
         if not opens.any():
-            return network.result(change, binding, mass=mass, density=density)
+            return network.result(change, binding, density)
         network = network.without(opens, change)
 
 
@@ -116,7 +117,7 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     given, own = law_from_file(options)
     law, measured = own or law_from_options(given), read_forces(path, contacts)
     state, change = from_forces(measured, law)
-    notes = [*measured.notes, str(change)] + ([] if options else [law_note(law)])
+    notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
     as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
     if opposite < as_given / 2:
         notes.append("forces balance better with opposite ft, which is positive if it turns grains from x to y")
@@ -229,7 +230,7 @@ class _Network(NamedTuple):
             f"{self.measured.ids[k]} with {size[k]:.3g}: check its contacts and mu, or mark grains at walls as fixed"
         )
 
-    def result(self, change: np.ndarray, binding: int, **masses) -> tuple[State, Adjustment]:
+    def result(self, change: np.ndarray, binding: int, density) -> tuple[State, Adjustment]:
         """Balanced state, and what was changed."""
         m, law, (place, force_n, force_t) = self.measured, self.law, self.at(change)
         radii = m.radius[m.ends]
@@ -240,7 +241,7 @@ class _Network(NamedTuple):
         slides = np.abs(force_t) >= (1 - AT_LIMIT) * line.limit
         state = from_arrays(
             place, m.radius, law, pair_i=m.pair_i, pair_j=m.pair_j, slip=-slip[:, None] * way, dim=2,
-            mode=np.where(slides, SLIDE, STICK), external_force=m.load, **masses,
+            mode=np.where(slides, SLIDE, STICK), external_force=m.load, density=density,
         )  # fmt: skip
         held = np.flatnonzero(~m.free)
         state = state._replace(control=fixed(state.control, held)) if len(held) else state

@@ -262,9 +262,9 @@ def _read_pegs(path: Path) -> MeasuredForces:
     (mean_n, mean_t), error = values.mean(axis=1).T, np.sqrt((np.diff(values, axis=1) ** 2).mean(axis=(0, 1))) / 2
     kept = mean_n > 0
     note = (
-        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces, {error[0]:.3g} N normal and "
-        f"{error[1]:.3g} N tangential, are half the differences between the grains of a contact; contacts left out, "
-        f"as only one grain sees them or they do not press: {len(seen) - kept.sum()}"
+        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces, {error[0]:.3g} N normal "
+        f"and {error[1]:.3g} N tangential, are half the differences between both grains of contacts; contacts left "
+        f"out, as only one grain sees them or they do not press: {len(seen) - kept.sum()}"
     )
     return measured_forces(
         place, radius, *np.array(both)[kept].T, mean_n[kept], mean_t[kept], held=sorted(held), ids=ids, notes=[note],
