@@ -209,3 +209,45 @@ def test_what_has_no_derivatives_is_said(packing):
         ss.modes.verdict_probability(packing, LAW, position_error=0.0)
     with pytest.raises(ValueError, match="at most 1"):
         ss.modes.verdict_probability(packing, LAW, position_error=2.0)
+
+
+def test_the_norm_of_unbalanced_forces(packing):
+    """Off equilibrium by a push of one grain, against differences of forces."""
+    grains, control = packing.grains, packing.control
+    position = grains.position.copy()
+    position[4, :2] += 2e-4, -1e-4
+    off = gradient.with_given_slips(packing._replace(grains=grains._replace(position=position)))
+    free, slope = ss.modes.backbone(off, LAW), ss.modes.residual_gradient(off, LAW)
+
+    def norm(state, law=LAW):
+        return np.linalg.norm(ss.modes.residual_vector(state, ss.forces(state, law)[0], free))
+
+    def moved(h):
+        place = position.copy()
+        place[7, 0] += h
+        return norm(gradient.with_given_slips(off._replace(grains=grains._replace(position=place))))
+
+    def pushed(h):
+        force = control.force.copy()
+        force[4, 1] += h
+        return norm(off._replace(control=control._replace(force=force)))
+
+    def resized(h):
+        radius = grains.radius.copy()
+        radius[4] += h
+        return norm(off._replace(grains=off.grains._replace(radius=radius)))
+
+    assert slope.value == pytest.approx(norm(off), rel=1e-12)
+    assert difference(moved, 1e-6) == pytest.approx(slope.by_position[7, 0], rel=1e-6)
+    assert difference(pushed, 1e-6) == pytest.approx(slope.by_force[4, 1], rel=1e-6)
+    assert difference(resized, 1e-6) == pytest.approx(slope.by_radius[4], rel=1e-6)
+    given = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
+
+    def stiffer(h, name):
+        return norm(off, ss.laws.hertz_mindlin(**given | {name: given[name] + h}))
+
+    for name, value in slope.by_parameter.items():
+        slow = difference(lambda h, name=name: stiffer(h, name), 1e-4)
+        assert slow == pytest.approx(value, rel=1e-6, abs=1e-9)
+    with pytest.raises(ValueError, match="all forces balance"):
+        ss.modes.residual_gradient(packing, LAW)

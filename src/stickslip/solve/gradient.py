@@ -17,8 +17,18 @@ from ..core.measure import branch_vectors, overlaps, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, STICK, State
-from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
-from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, displaced, freedom, incidence, stiffness_of, translations
+from .balance import BALANCED_BELOW, ROUND_OFF, force_imbalance, modes_under, no_equilibrium_message
+from .freedom import (
+    PAIR_ABOVE,
+    ZERO_BELOW,
+    Freedom,
+    displaced,
+    freedom,
+    incidence,
+    residual_vector,
+    stiffness_of,
+    translations,
+)
 from .linear import suitable_threads
 from .linearised import LinearisedState, linearised
 from .moduli import adjoint_motion, elastic_moduli, solve_resisted
@@ -32,7 +42,7 @@ CONFIDENCE = 0.95  # of the interval of a probability
 
 @readable
 class Gradient(NamedTuple):
-    """Derivatives of an eigenvalue or of a modulus."""
+    """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces (positions and slips given)."""
 
     value: complex  # λ [1/time²], or the modulus, which is real [force/length^(dim−1)]
     condition: float  # ‖u‖‖v‖/|uᴴv| of λ; derivatives diverge with it at the birth of a pair; NaN for a modulus
@@ -161,41 +171,98 @@ def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
     return Gradient(value, np.nan, *real[:2], by_parameter, *real[2:])
 
 
+@checked
+def residual_gradient(state: State, law: Law) -> Gradient:
+    """Derivatives of the norm of the unbalanced forces, |Pᵀf|, of a state that need not be in equilibrium.
+
+    The unit vector μ along Pᵀf is its own adjoint: d|Pᵀf| = μᵀ d(Pᵀf). Positions and slips are given; radii and
+    parameters change forces only. Rattlers do not count.
+
+    Raises
+    ------
+    ValueError
+        if all forces balance to round-off, where the norm has no derivative; for laws and cells that
+        `eigenvalue_gradient` refuses.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> state.grains.position[0, 0] += 1e-3
+    >>> bool(residual_gradient(state, law).value > 1e-5)
+    True
+    """
+    here = _differentiable(state, law)
+    state, free = here.state, here.backbone
+    force = residual_vector(state, forces(state, law)[0], free)
+    if not (value := float(np.linalg.norm(force))) > ROUND_OFF * here.mean_force:
+        raise ValueError("all forces balance: the norm of zero has no derivative; give a state off equilibrium")
+    mu = force / value
+    task, push = _Task(here, None, _steps(state), _colours(state)), free.spread(mu)
+    pushed = (incidence(state, len(here.line.closed), free).T @ mu).reshape(-1, 6)
+    by_end = _by_given_position(task, pushed).real
+    by_position = np.stack([task.by_body(side) for side in by_end], axis=1).real
+    by_parameter = {name: part.real for name, part in _by_parameter(task, pushed).items()}
+    return Gradient(
+        value, np.nan, push, _by_radius(task, pushed).real, by_parameter,
+        by_position - state.control.spring * push[:, :3], (by_end[:, 0] - by_end[:, 1]).T / 2,
+    )  # fmt: skip
+
+
 def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
     """Derivatives of a sum over contacts at the equilibrium, by one solve with Jᵀ."""
     task = _Task(here, answer, _steps(here.state), _colours(here.state))
     law, state, free, whole = here.law, here.state, here.backbone, _every_coordinate(here.state)
-    # by whether slips follow or are given, axis, first or second body, contact
-    by_end = np.zeros((2, 6, 2, len(here.line.closed)), complex)
+    by_end = np.zeros((6, 2, len(here.line.closed)), complex)  # by axis, first or second body, contact
     for axis in np.unique(whole.axis):
-
-        def moved(h: np.ndarray, axis=axis) -> State:
-            return displaced(state, whole, h[whole.body] * (whole.axis == axis))
-
-        by_end[0, axis] = task.by_end(lambda h, moved=moved: task.contributions(_with_trial_slips(moved(h), law)))
-        if axis < 3:
-            by_end[1, axis] = task.by_end(lambda h, moved=moved: task.contributions(with_given_slips(moved(h))))
-    follow, given = (np.stack([task.by_body(side) for side in kind], axis=1) for kind in by_end)
+        by_end[axis] = task.by_end(
+            lambda h, axis=axis: task.contributions(_with_trial_slips(_moved(state, whole, axis, h), law))
+        )
+    given = _by_given_position(task)
+    follow = np.stack([task.by_body(side) for side in by_end], axis=1)
     mu = _adjoint(here, free, follow.ravel()[free.component])
     pushed = (incidence(state, len(here.line.closed), free).T @ mu).reshape(-1, 6)
-    radius, still = state.grains.radius, _without_angles(state)
+    return Gradient(
+        answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
+        _by_radius(task, pushed), _by_parameter(task, pushed),
+        np.stack([task.by_body(side) for side in given], axis=1), (given[:, 0] - given[:, 1]).T / 2,
+    )  # fmt: skip
+
+
+def _moved(state: State, whole: Freedom, axis: int, h: np.ndarray) -> State:
+    """State with bodies moved along an axis by h (B,)."""
+    return displaced(state, whole, h[whole.body] * (whole.axis == axis))
+
+
+def _by_given_position(task: "_Task", loads: np.ndarray | None = None) -> np.ndarray:
+    """(3, 2, C) derivatives of the contributions to positions along x, y, z, in which slips are given."""
+    state, whole = task.here.state, _every_coordinate(task.here.state)
+    out = np.zeros((3, *task.ends.shape), complex)
+    for axis in range(state.cell.dim):
+        out[axis] = task.by_end(
+            lambda h, axis=axis: task.contributions(with_given_slips(_moved(state, whole, axis, h)), loads=loads)
+        )
+    return out
+
+
+def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
+    """(N,) derivatives to radii; see `contributions` for the loads."""
+    still = _without_angles(task.here.state)
+    radius = still.grains.radius
 
     def resized(h: np.ndarray) -> np.ndarray:
         grains = still.grains._replace(radius=radius + h[: len(radius)])
         return task.contributions(still._replace(grains=grains), loads=pushed)
 
-    return Gradient(
-        answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
-        task.by_body(task.by_end(resized))[: len(radius)], _by_parameter(task, pushed), given[:, :3],
-        (by_end[1, :3, 0] - by_end[1, :3, 1]).T / 2,
-    )  # fmt: skip
+    return task.by_body(task.by_end(resized))[: len(radius)]
 
 
 class _Task(NamedTuple):
     """A linearised state, what is differentiated, and what differences need."""
 
     here: LinearisedState
-    answer: _Mode | _Modulus
+    answer: _Mode | _Modulus | None
     steps: np.ndarray  # (B,) [length]
     colours: np.ndarray  # (B,) such that no pair in the list has two bodies of one colour
 
@@ -203,7 +270,8 @@ class _Task(NamedTuple):
         """(C,) complex contributions of the contacts to the answer, and to μᵀf for μ at the contacts (C, 6)."""
         law = law or self.here.law
         line = linearise(state, law)
-        out = self.answer.contributions(state, line, blocks_of(state, law, line)[0])
+        blocks = blocks_of(state, law, line)[0]
+        out = np.zeros(len(blocks)) if self.answer is None else self.answer.contributions(state, line, blocks)
         if loads is None:
             return out
         force = line.closed[:, None] * line.force
@@ -264,7 +332,15 @@ def _with_trial_slips(state: State, law: Law) -> State:
 
 
 def _balanced(state: State, law: Law) -> LinearisedState:
-    """Linearised state, if its eigenvalues have derivatives that are implemented."""
+    """Linearised state in equilibrium, if its eigenvalues have derivatives that are implemented."""
+    here = _differentiable(state, law)
+    if (residual := force_imbalance(here)) > BALANCED_BELOW:
+        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
+    return here
+
+
+def _differentiable(state: State, law: Law) -> LinearisedState:
+    """Linearised state, if its forces have derivatives that are implemented."""
     here = linearised(state, law)
     here = here.with_modes(modes_under(state, law, here.line))
     if damping_model(law) or angular_columns(law):
@@ -277,8 +353,6 @@ def _balanced(state: State, law: Law) -> LinearisedState:
         raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
     if len(here.backbone) > AT_MOST:
         raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {AT_MOST}")
-    if (residual := force_imbalance(here)) > BALANCED_BELOW:
-        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     return here
 
 
