@@ -90,12 +90,11 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 
     Examples
     --------
-    >>> import numpy as np
     >>> import stickslip as ss
     >>> law, row = ss.laws.linear(kn=100.0), [[0.0, 0.0], [1.01, 0.0], [2.0, 0.0]]
-    >>> forces = ss.io.measured_forces(row, 0.5, [0, 1], [1, 2], [1.0, 1.1], held=[0, 2])
-    >>> state, change = from_forces(forces, law)
-    >>> ss.measure.overlaps(state).round(6).tolist()
+    >>> chain = ss.io.measured_forces(row, 0.5, [0, 1], [1, 2], [1, 1.1], held=[0, 2])
+    >>> state, change = from_forces(chain, law)
+    >>> ss.measure.overlaps(state).round(4).tolist()
     [0.0105, 0.0105]
     """
     _check_law(law)
