@@ -201,8 +201,14 @@ def test_the_command_says_how_sure_it_is(tmp_path, monkeypatch):
 
 
 def test_what_has_no_derivatives_is_said(packing):
-    with pytest.raises(ValueError, match="dashpots or moments"):
-        ss.modes.eigenvalue_gradient(packing, ss.laws.hertz_mindlin(mu=0.5, damping="viscoelastic", damping_n=0.3))
+    with pytest.raises(ValueError, match="with dashpots"):
+        damped = ss.laws.hertz_mindlin(mu=0.5, damping="viscoelastic", damping_n=0.3)
+        ss.modes.verdict_probability(packing, damped, position_error=1e-3)
+    with pytest.raises(ValueError, match="moments or lever arms"):
+        ss.modes.eigenvalue_gradient(packing, ss.laws.with_lever(LAW, "overlap"))
+    with pytest.raises(ValueError, match="follows a stress"):
+        control = ss.control.stress_controlled(packing.control, {"xx": 1e-3})
+        ss.modes.eigenvalue_gradient(packing._replace(control=control), LAW)
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.eigenvalue_gradient(packing, ss.laws.hertz_mindlin(2.0, 0.1, 0.5))
     with pytest.raises(ValueError, match="position_error = 0"):
@@ -251,3 +257,36 @@ def test_the_norm_of_unbalanced_forces(packing):
         assert slow == pytest.approx(value, rel=1e-6, abs=1e-9)
     with pytest.raises(ValueError, match="all forces balance"):
         ss.modes.residual_gradient(packing, LAW)
+
+
+def test_growth_of_damped_motions(packing):
+    """The exponent s of M s² v = (J + s C) v, against those of equilibria that were solved again."""
+    given = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5, "damping_n": 0.2, "damping_t": 0.1}
+    law = ss.laws.hertz_mindlin(**given)
+    slope, free = ss.modes.eigenvalue_gradient(packing, law), ss.modes.backbone(packing, law)
+
+    def exponent(state, law):
+        n, (_, damp) = len(free), ss.modes.contact_blocks(state, law)
+        pull, drag = (
+            m.toarray() / free.mass[:, None]
+            for m in (ss.jacobian(state, law, free), ss.modes.assembled(state, damp, free))
+        )
+        values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [pull, drag]]))
+        return values[np.argmin(np.abs(values - slope.value))]
+
+    def pushed(h):
+        force = packing.control.force.copy()
+        force[4, 0], force[7, 0] = h, -h
+        return exponent(at_rest(packing._replace(control=packing.control._replace(force=force)), law), law)
+
+    def with_parameter(h, name):
+        other = ss.laws.hertz_mindlin(**given | {name: given[name] + h})
+        return exponent(at_rest(packing, other), other)
+
+    result = ss.stability(packing, law)
+    assert slope.growth_rate == pytest.approx(result.slowest.real, rel=1e-9)
+    assert difference(pushed, 1e-5) == pytest.approx(slope.by_force[4, 0] - slope.by_force[7, 0], rel=1e-6)
+    assert set(slope.by_parameter) == set(given)
+    for name, value in slope.by_parameter.items():
+        found = difference(lambda h, name=name: with_parameter(h, name), 1e-4)
+        assert found == pytest.approx(value, rel=1e-6, abs=1e-9)
