@@ -223,7 +223,7 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
         ("in pixels", lambda: ss.io.read_forces(*write_tables(tmp_path, m, unit="px"))),
         ("forces in", lambda: ss.io.read_forces(*write_tables(tmp_path, m, force="mN"))),
         ("units of length are missing", lambda: ss.io.read_forces(write_pegs(tmp_path / "a.mat", m, rm=0.0))),
-        ("solve it", lambda: ss.io.read_forces(write_pegs(tmp_path / "b.mat", m, forces=np.zeros(0)))),
+        ("0 forces for", lambda: ss.io.read_forces(write_pegs(tmp_path / "b.mat", m, forces=np.zeros(0)))),
     ]  # fmt: skip
     for text, call in cases:
         with pytest.raises(ValueError, match=text) as refused:

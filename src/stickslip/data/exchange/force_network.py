@@ -249,7 +249,8 @@ def _read_pegs(path: Path) -> MeasuredForces:
     for k, grain in enumerate(grains):
         near, force, alpha = (np.ravel(getattr(grain, name)).astype(float) for name in PEGS[3:])
         if not len(near) == len(force) == len(alpha):
-            raise PackingError(f"{path} has {len(force)} forces for {len(near)} neighbours of grain {ids[k]}: solve it")
+            told = f"{len(force)} forces for {len(near)} neighbours of grain {ids[k]}"
+            raise PackingError(f"{path} has {told}: solve for the forces in PeGS first")
         for other, f, a in zip(near.tolist(), force, alpha, strict=True):
             if other in number and np.isfinite(f):
                 pair = min(k, number[other]), max(k, number[other])
