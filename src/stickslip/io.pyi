@@ -4,6 +4,8 @@ from .data.exchange.files import read_packing as read_packing
 from .data.exchange.files import read_packings as read_packings
 from .data.exchange.files import write_packing as write_packing
 from .data.exchange.follow import follow_packings as follow_packings
+from .data.exchange.force_network import measured_forces as measured_forces
+from .data.exchange.force_network import read_forces as read_forces
 from .data.exchange.frame import frame_of as frame_of
 from .data.exchange.graph import contact_graph as contact_graph
 from .data.exchange.motion import mode_frames as mode_frames

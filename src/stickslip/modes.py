@@ -8,6 +8,7 @@ Complex pairs
     contact_sensitivity  effect of each contact on a pair
     eigenvalue_gradient  derivatives of the deciding eigenvalue to forces, radii, parameters, positions
     modulus_gradient    the same of a modulus
+    residual_gradient   the same of the norm of the unbalanced forces
     verdict_probability  how sure the verdict is if positions have errors
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 

@@ -14,6 +14,7 @@ from .solve.freedom import dynamical_matrix as dynamical_matrix
 from .solve.freedom import residual_vector as residual_vector
 from .solve.gradient import eigenvalue_gradient as eigenvalue_gradient
 from .solve.gradient import modulus_gradient as modulus_gradient
+from .solve.gradient import residual_gradient as residual_gradient
 from .solve.gradient import verdict_probability as verdict_probability
 from .solve.inclusion import inflate as inflate
 from .solve.moduli import elastic_moduli as elastic_moduli

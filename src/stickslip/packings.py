@@ -9,6 +9,7 @@ Generate
     sheared_box     disks in a periodic cell under a pressure
     poured          grains, walls and plates of a flow scenario
     from_arrays     state from positions, radii and, if known, contacts with their slip
+    from_forces     balanced state nearest to measured positions and contact forces
 
 Modify
     strained, sheared   affine deformation of cell and grains; simple shear

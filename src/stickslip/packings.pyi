@@ -12,6 +12,7 @@ from .loading.biaxial import TOP as TOP
 from .loading.biaxial import biaxial_box as biaxial_box
 from .loading.biaxial import sheared_box as sheared_box
 from .loading.compression import compressed as compressed
+from .loading.measured import from_forces as from_forces
 from .loading.packing import disk_array as disk_array
 from .loading.packing import jammed as jammed
 from .loading.packing import with_push as with_push

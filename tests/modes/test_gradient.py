@@ -201,11 +201,92 @@ def test_the_command_says_how_sure_it_is(tmp_path, monkeypatch):
 
 
 def test_what_has_no_derivatives_is_said(packing):
-    with pytest.raises(ValueError, match="dashpots or moments"):
-        ss.modes.eigenvalue_gradient(packing, ss.laws.hertz_mindlin(mu=0.5, damping="viscoelastic", damping_n=0.3))
+    with pytest.raises(ValueError, match="with dashpots"):
+        damped = ss.laws.hertz_mindlin(mu=0.5, damping="viscoelastic", damping_n=0.3)
+        ss.modes.verdict_probability(packing, damped, position_error=1e-3)
+    with pytest.raises(ValueError, match="moments or lever arms"):
+        ss.modes.eigenvalue_gradient(packing, ss.laws.with_lever(LAW, "overlap"))
+    with pytest.raises(ValueError, match="follows a stress"):
+        control = ss.control.stress_controlled(packing.control, {"xx": 1e-3})
+        ss.modes.eigenvalue_gradient(packing._replace(control=control), LAW)
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.eigenvalue_gradient(packing, ss.laws.hertz_mindlin(2.0, 0.1, 0.5))
     with pytest.raises(ValueError, match="position_error = 0"):
         ss.modes.verdict_probability(packing, LAW, position_error=0.0)
     with pytest.raises(ValueError, match="at most 1"):
         ss.modes.verdict_probability(packing, LAW, position_error=2.0)
+
+
+def test_the_norm_of_unbalanced_forces(packing):
+    """Off equilibrium by a push of one grain, against differences of forces."""
+    grains, control = packing.grains, packing.control
+    position = grains.position.copy()
+    position[4, :2] += 2e-4, -1e-4
+    off = gradient.with_given_slips(packing._replace(grains=grains._replace(position=position)))
+    free, slope = ss.modes.backbone(off, LAW), ss.modes.residual_gradient(off, LAW)
+
+    def norm(state, law=LAW):
+        return np.linalg.norm(ss.modes.residual_vector(state, ss.forces(state, law)[0], free))
+
+    def moved(h):
+        place = position.copy()
+        place[7, 0] += h
+        return norm(gradient.with_given_slips(off._replace(grains=grains._replace(position=place))))
+
+    def pushed(h):
+        force = control.force.copy()
+        force[4, 1] += h
+        return norm(off._replace(control=control._replace(force=force)))
+
+    def resized(h):
+        radius = grains.radius.copy()
+        radius[4] += h
+        return norm(off._replace(grains=off.grains._replace(radius=radius)))
+
+    assert slope.value == pytest.approx(norm(off), rel=1e-12)
+    assert difference(moved, 1e-6) == pytest.approx(slope.by_position[7, 0], rel=1e-6)
+    assert difference(pushed, 1e-6) == pytest.approx(slope.by_force[4, 1], rel=1e-6)
+    assert difference(resized, 1e-6) == pytest.approx(slope.by_radius[4], rel=1e-6)
+    given = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
+
+    def stiffer(h, name):
+        return norm(off, ss.laws.hertz_mindlin(**given | {name: given[name] + h}))
+
+    for name, value in slope.by_parameter.items():
+        slow = difference(lambda h, name=name: stiffer(h, name), 1e-4)
+        assert slow == pytest.approx(value, rel=1e-6, abs=1e-9)
+    with pytest.raises(ValueError, match="all forces balance"):
+        ss.modes.residual_gradient(packing, LAW)
+
+
+def test_growth_of_damped_motions(packing):
+    """The exponent s of M s² v = (J + s C) v, against those of equilibria that were solved again."""
+    given = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5, "damping_n": 0.2, "damping_t": 0.1}
+    law = ss.laws.hertz_mindlin(**given)
+    slope, free = ss.modes.eigenvalue_gradient(packing, law), ss.modes.backbone(packing, law)
+
+    def exponent(state, law):
+        n, (_, damp) = len(free), ss.modes.contact_blocks(state, law)
+        pull, drag = (
+            m.toarray() / free.mass[:, None]
+            for m in (ss.jacobian(state, law, free), ss.modes.assembled(state, damp, free))
+        )
+        values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [pull, drag]]))
+        return values[np.argmin(np.abs(values - slope.value))]
+
+    def pushed(h):
+        force = packing.control.force.copy()
+        force[4, 0], force[7, 0] = h, -h
+        return exponent(at_rest(packing._replace(control=packing.control._replace(force=force)), law), law)
+
+    def with_parameter(h, name):
+        other = ss.laws.hertz_mindlin(**given | {name: given[name] + h})
+        return exponent(at_rest(packing, other), other)
+
+    result = ss.stability(packing, law)
+    assert slope.growth_rate == pytest.approx(result.slowest.real, rel=1e-9)
+    assert difference(pushed, 1e-5) == pytest.approx(slope.by_force[4, 0] - slope.by_force[7, 0], rel=1e-6)
+    assert set(slope.by_parameter) == set(given)
+    for name, value in slope.by_parameter.items():
+        found = difference(lambda h, name=name: with_parameter(h, name), 1e-4)
+        assert found == pytest.approx(value, rel=1e-6, abs=1e-9)

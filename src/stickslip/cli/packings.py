@@ -41,6 +41,10 @@ STABILITY = examples(
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
         "only the verdict, at rest under another law",
     ),
+    (
+        "stability examples/measured_disks.csv \\\n      --contacts examples/measured_forces.csv --mu 0.3",
+        "measured forces: the nearest state in balance",
+    ),
     ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and what is known about others"),
 )
 CONVERT = examples(
@@ -81,7 +85,10 @@ class PackingOptions(NamedTuple):
     ] = None
     i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
-    contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None
+    contacts: Annotated[
+        Path | None,
+        typer.Option(help="LAMMPS `dump local` with the contact forces, or a table i j fn ft of measured ones."),
+    ] = None
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None
     boundary: Annotated[
         str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
@@ -172,6 +179,7 @@ def stability(
     or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
     """
     from ..data.exchange.files import capture_warnings, read_packing
+    from ..data.exchange.force_network import is_measured
     from ..reports import packing as stability_report
     from ..reports import terminal
     from ..solve.stability import DENSE_UP_TO
@@ -183,7 +191,10 @@ def stability(
         stability_report.check_modes(shapes, file, asked=modes is not None)
     with terminal.console_output(*output):
         with terminal.progress(transient=True) as tell:
-            (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
+            read = read_packing
+            if is_measured(file, options.contacts):
+                from ..loading.measured import read_measured as read
+            (state, its_law, notes), said = capture_warnings(read, file, **options.values())
             notes, calm = [*notes, *said], None
             if settle:
                 state, calm = stability_report.let_settle(state, its_law)

@@ -11,16 +11,29 @@ from ..core.arguments import Numbers, Seed, checked, require_positive, require_s
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.laws.builtin import Law, damping_model, parameter_names, with_values
+from ..core.laws.builtin import PARAMETERS, Law, damping_model, parameter_names, with_values
 from ..core.laws.properties import angular_columns
 from ..core.measure import branch_vectors, overlaps, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, STICK, State
-from .balance import balanced
-from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, displaced, freedom, incidence, resized, stiffness_of, translations
+from .balance import ROUND_OFF, balanced, modes_under
+from .freedom import (
+    PAIR_ABOVE,
+    ZERO_BELOW,
+    Freedom,
+    assembled,
+    displaced,
+    freedom,
+    incidence,
+    mass_weighted,
+    residual_vector,
+    resized,
+    stiffness_of,
+    translations,
+)
 from .linear import suitable_threads
-from .linearised import LinearisedState
+from .linearised import LinearisedState, linearised
 from .moduli import adjoint_motion, elastic_moduli, solve_resisted
 from .stability import combine_stability, stability
 
@@ -32,38 +45,44 @@ CONFIDENCE = 0.95  # of the interval of a probability
 
 @readable
 class Gradient(NamedTuple):
-    """Derivatives of an eigenvalue or of a modulus."""
+    """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces (positions and slips given)."""
 
-    value: complex  # λ [1/time²], or the modulus, which is real [force/length^(dim−1)]
-    condition: float  # ‖u‖‖v‖/|uᴴv| of λ; derivatives diverge with it at the birth of a pair; NaN for a modulus
+    value: complex  # λ [1/time²]; s [1/time] with dashpots; or the modulus, which is real [force/length^(dim−1)]
+    condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s; derivatives diverge with it at the birth of a pair; else NaN
     by_force: np.ndarray  # (N + W, 6) complex, to external forces and torques/R; grains and slips follow
     by_radius: np.ndarray  # (N,) complex, to radii at constant M; grains and slips follow
-    by_parameter: dict[str, complex]  # to k_n, k_t, μ between all materials, where the law has them; grains follow
+    by_parameter: dict[str, complex]  # to parameters between all materials, where not zero; grains follow
     by_position: np.ndarray  # (N + W, 3) complex, to positions in which slips are given: errors of measurement
     by_contact: np.ndarray  # (C, 3) complex, the same to the vector r_i − r_j of each pair in the list
+    damped: bool = False  # whether the value is s of motions exp(st)
 
     @property
     def growth_rate(self) -> float:
-        """ω_i = |Im √λ| [1/time]."""
+        """ω_i = |Im √λ|, or Re s with dashpots [1/time]."""
+        if self.damped:
+            return float(self.value.real)
         return abs(np.sqrt(complex(self.value)).imag)
 
     def growth_derivative(self, derivative: np.ndarray) -> np.ndarray:
-        """Derivative of the growth rate |Im √λ| for a derivative of λ."""
+        """Derivative of the growth rate for a derivative of λ or s."""
+        if self.damped:
+            return np.real(derivative)
         root = np.sqrt(complex(self.value))
         return np.sign(root.imag) * np.imag(derivative / (2 * root))
 
 
 class _Mode(NamedTuple):
-    """λ and its modes at each contact: dλ = left · dB right, summed over contacts."""
+    """λ or s and its modes at each contact: dλ = left · dB right, ds = left · (dB + s dB') right, summed over them."""
 
     value: complex
     condition: float
-    left: np.ndarray  # (C, w) complex, with the factor −1/(uᴴv)
+    left: np.ndarray  # (C, w) complex, with the factor −1/(uᴴv), or 1/(uᴴ(2s − C)v)
     right: np.ndarray  # (C, w) complex
+    rate: complex = 0.0  # s, if dashpots act
 
-    def contributions(self, state: State, line: Linearisation, blocks: np.ndarray) -> np.ndarray:
-        """(C,) complex contributions of the contacts to λ, its modes fixed."""
-        return np.einsum("ca,cab,cb->c", self.left, blocks, self.right)
+    def contributions(self, state: State, line: Linearisation, blocks: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """(C,) complex contributions of the contacts to λ or s, modes and s fixed."""
+        return np.einsum("ca,cab,cb->c", self.left, blocks[0] + self.rate * blocks[1], self.right)
 
 
 class _Modulus(NamedTuple):
@@ -76,11 +95,11 @@ class _Modulus(NamedTuple):
     volume: float
     condition: float = np.nan
 
-    def contributions(self, state: State, line: Linearisation, blocks: np.ndarray) -> np.ndarray:
+    def contributions(self, state: State, line: Linearisation, blocks: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """(C,) contributions of the contacts to the modulus, the non-affine motion fixed."""
         force, branch = line.closed[:, None] * line.force, branch_vectors(state)
         affine = np.hstack([branch @ self.strain.T, np.zeros_like(branch)])
-        stiff = np.einsum("ca,cab,cb->c", self.left + affine, blocks, self.right + affine)
+        stiff = np.einsum("ca,cab,cb->c", self.left + affine, blocks[0], self.right + affine)
         work = np.einsum("ca,ab,cb->c", force, self.strain, (self.right + affine)[:, :3])
         swells = np.trace(self.strain) * np.einsum("ca,ab,cb->c", force, self.strain, branch)
         return -(stiff + work - swells) / self.volume
@@ -92,13 +111,14 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
 
     A load, radius or stiffness p also moves the equilibrium, by dq = −J⁻¹ ∂f/∂p, and slips follow. One solve with Jᵀ
     for the adjoint μ, Jᵀμ = −∂λ/∂q, gives dλ/dp = ∂λ/∂p + μᵀ ∂f/∂p for all p. The blocks of contacts are differentiated
-    by central differences, all grains of one colour of the contact network at once.
+    by central differences, all grains of one colour of the contact network at once. With dashpots, the exponent s of
+    M s² v = (J + s C) v that grows fastest takes the place of λ, ds = uᴴ(dJ + s dC)v/(uᴴ(2 s M − C)v).
 
     Raises
     ------
     ValueError
-        beyond 2500 coordinates; if the forces do not balance; for laws with dashpots or moments, and for cells that
-        follow a stress.
+        beyond 2500 coordinates, 1250 with dashpots; if the forces do not balance; for laws with moments, and for cells
+        that follow a stress.
 
     Source
     ------
@@ -115,7 +135,8 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
     (['kn', 'kt', 'mu'], (20, 6))
     """
     here = _balanced(state, law)
-    return _gradient(here, _deciding_mode(here))
+    damped = damping_model(law) != 0
+    return _gradient(here, (_deciding_exponent if damped else _deciding_mode)(here))._replace(damped=damped)
 
 
 @checked
@@ -161,40 +182,97 @@ def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
     return Gradient(value, np.nan, *real[:2], by_parameter, *real[2:])
 
 
+@checked
+def residual_gradient(state: State, law: Law) -> Gradient:
+    """Derivatives of the norm of the unbalanced forces, |Pᵀf|, of a state at rest off equilibrium.
+
+    The unit vector μ along Pᵀf is its own adjoint: d|Pᵀf| = μᵀ d(Pᵀf). Positions and slips are given; radii and
+    parameters change forces only. Rattlers do not count.
+
+    Raises
+    ------
+    ValueError
+        if all forces balance to round-off, where the norm has no derivative; for laws and cells that
+        `eigenvalue_gradient` refuses.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> state.grains.position[0, 0] += 1e-3
+    >>> bool(residual_gradient(state, law).value > 1e-5)
+    True
+    """
+    here = linearised(state, law)
+    here = _differentiable(here.with_modes(modes_under(state, law, here.line)))
+    state, free = here.state, here.backbone
+    force = residual_vector(state, forces(state, law)[0], free)
+    if not (value := float(np.linalg.norm(force))) > ROUND_OFF * here.mean_force:
+        raise ValueError("all forces balance: the norm of zero has no derivative; give a state off equilibrium")
+    mu = force / value
+    task, push = _Task(here, None, _steps(state), _colours(state)), free.spread(mu)
+    pushed = (incidence(state, len(here.line.closed), free).T @ mu).reshape(-1, 6)
+    by_end = _by_given_position(task, pushed).real
+    by_position = np.stack([task.by_body(side) for side in by_end], axis=1).real
+    by_parameter = {name: part.real for name, part in _by_parameter(task, pushed).items()}
+    return Gradient(
+        value, np.nan, push, _by_radius(task, pushed).real, by_parameter,
+        by_position - state.control.spring * push[:, :3], (by_end[:, 0] - by_end[:, 1]).T / 2,
+    )  # fmt: skip
+
+
 def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
     """Derivatives of a sum over contacts at the equilibrium, by one solve with Jᵀ."""
     task = _Task(here, answer, _steps(here.state), _colours(here.state))
     law, state, free, whole = here.law, here.state, here.backbone, _every_coordinate(here.state)
-    # by whether slips follow or are given, axis, first or second body, contact
-    by_end = np.zeros((2, 6, 2, len(here.line.closed)), complex)
+    by_end = np.zeros((6, 2, len(here.line.closed)), complex)  # by axis, first or second body, contact
     for axis in np.unique(whole.axis):
-
-        def moved(h: np.ndarray, axis=axis) -> State:
-            return displaced(state, whole, h[whole.body] * (whole.axis == axis))
-
-        by_end[0, axis] = task.by_end(lambda h, moved=moved: task.contributions(_with_trial_slips(moved(h), law)))
-        if axis < 3:
-            by_end[1, axis] = task.by_end(lambda h, moved=moved: task.contributions(with_given_slips(moved(h))))
-    follow, given = (np.stack([task.by_body(side) for side in kind], axis=1) for kind in by_end)
+        by_end[axis] = task.by_end(
+            lambda h, axis=axis: task.contributions(_with_trial_slips(_moved(state, whole, axis, h), law))
+        )
+    given = _by_given_position(task)
+    follow = np.stack([task.by_body(side) for side in by_end], axis=1)
     mu = _adjoint(here, free, follow.ravel()[free.component])
     pushed = (incidence(state, len(here.line.closed), free).T @ mu).reshape(-1, 6)
-    radius = state.grains.radius
+    return Gradient(
+        answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
+        _by_radius(task, pushed), _by_parameter(task, pushed),
+        np.stack([task.by_body(side) for side in given], axis=1), (given[:, 0] - given[:, 1]).T / 2,
+    )  # fmt: skip
+
+
+def _moved(state: State, whole: Freedom, axis: int, h: np.ndarray) -> State:
+    """State with bodies moved along an axis by h (B,)."""
+    return displaced(state, whole, h[whole.body] * (whole.axis == axis))
+
+
+def _by_given_position(task: "_Task", loads: np.ndarray | None = None) -> np.ndarray:
+    """(3, 2, C) derivatives of the contributions to positions along x, y, z, in which slips are given."""
+    state, whole = task.here.state, _every_coordinate(task.here.state)
+    out = np.zeros((3, *task.ends.shape), complex)
+    for axis in range(state.cell.dim):
+        out[axis] = task.by_end(
+            lambda h, axis=axis: task.contributions(with_given_slips(_moved(state, whole, axis, h)), loads=loads)
+        )
+    return out
+
+
+def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
+    """(N,) derivatives to radii; see `contributions` for the loads."""
+    state, radius = task.here.state, task.here.state.grains.radius
 
     def grown(h: np.ndarray) -> np.ndarray:
         return task.contributions(resized(state, radius + h[: len(radius)]), loads=pushed)
 
-    return Gradient(
-        answer.value, answer.condition, free.spread(mu.real) + 1j * free.spread(mu.imag),
-        task.by_body(task.by_end(grown))[: len(radius)], _by_parameter(task, pushed), given[:, :3],
-        (by_end[1, :3, 0] - by_end[1, :3, 1]).T / 2,
-    )  # fmt: skip
+    return task.by_body(task.by_end(grown))[: len(radius)]
 
 
 class _Task(NamedTuple):
     """A linearised state, what is differentiated, and what differences need."""
 
     here: LinearisedState
-    answer: _Mode | _Modulus
+    answer: _Mode | _Modulus | None
     steps: np.ndarray  # (B,) [length]
     colours: np.ndarray  # (B,) such that no pair in the list has two bodies of one colour
 
@@ -202,7 +280,8 @@ class _Task(NamedTuple):
         """(C,) complex contributions of the contacts to the answer, and to μᵀf for μ at the contacts (C, 6)."""
         law = law or self.here.law
         line = linearise(state, law)
-        out = self.answer.contributions(state, line, blocks_of(state, law, line)[0])
+        blocks = blocks_of(state, law, line)
+        out = np.zeros(len(line.closed)) if self.answer is None else self.answer.contributions(state, line, blocks)
         if loads is None:
             return out
         force = line.closed[:, None] * line.force
@@ -244,9 +323,9 @@ def _adjoint(here: LinearisedState, free: Freedom, slope: np.ndarray) -> np.ndar
 
 
 def _by_parameter(task: _Task, pushed: np.ndarray) -> dict[str, complex]:
-    """Derivatives to k_n, k_t and μ, each in the table of the law, equal between all materials and not zero."""
+    """Derivatives to the parameters of all laws that are equal between all materials and not zero."""
     law, out = task.here.law, {}
-    for name in ("kn", "kt", "mu"):
+    for name in PARAMETERS:
         values = law.table[..., parameter_names(law).index(name)] if name in parameter_names(law) else np.zeros(1)
         value, step = float(values.flat[0]), 1e-3 * float(values.flat[0])
         if value > 0 and (values == value).all():
@@ -263,18 +342,25 @@ def _with_trial_slips(state: State, law: Law) -> State:
 
 
 def _balanced(state: State, law: Law) -> LinearisedState:
-    """Linearised state, if its eigenvalues have derivatives that are implemented."""
-    here = balanced(state, law)
-    if damping_model(law) or angular_columns(law):
-        raise ValueError("a law with dashpots or moments was given: derivatives take neither")
+    """Linearised state in equilibrium, if its eigenvalues have derivatives that are implemented."""
+    _differentiable(linearised(state, law))
+    return balanced(state, law)
+
+
+def _differentiable(here: LinearisedState) -> LinearisedState:
+    """The same linearised state, if its forces have derivatives that are implemented."""
+    state, law = here.state, here.law
+    if angular_columns(law):
+        raise ValueError("a law with moments or lever arms R − δ/2 was given: derivatives do not take it")
     if state.control.cell_free.any() or (state.control.group >= 0).any():
         raise ValueError(
             "a cell that follows a stress, or a rigid group, was given: hold the cell and the grains apart"
         )
     if not len(here.backbone):
         raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
-    if len(here.backbone) > AT_MOST:
-        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {AT_MOST}")
+    most = AT_MOST // 2 if damping_model(law) else AT_MOST
+    if len(here.backbone) > most:
+        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {most}")
     return here
 
 
@@ -289,10 +375,30 @@ def _deciding_mode(here: LinearisedState) -> _Mode:
     if grows[k] <= 0:
         k = int(np.argmin(np.where(np.isfinite(grows), values.real, np.inf)))
     k = k if values[k].imag >= 0 else int(np.argmin(np.abs(values - values[k].conj())))
-    u, v, root = left[:, k], right[:, k], np.sqrt(free.mass)
-    product, q = np.vdot(u, v), incidence(here.state, len(here.line.closed), free).T
-    at_contacts = [(q @ (side / root)).reshape(-1, 6) for side in (u.conj() / -product, v)]
-    return _Mode(complex(values[k]), float(1 / abs(product)), *at_contacts)
+    u, v = left[:, k], right[:, k]
+    product = np.vdot(u, v)
+    return _Mode(complex(values[k]), float(1 / abs(product)), *_at_contacts(here, u.conj() / -product, v))
+
+
+def _deciding_exponent(here: LinearisedState) -> _Mode:
+    """Exponent s with the largest real part, of positive frequency, without those of zero."""
+    free, n = here.backbone, len(here.backbone)
+    damping = -mass_weighted(assembled(here.state, blocks_of(here.state, here.law, here.line)[1], free), free).toarray()
+    first = np.block([[np.zeros((n, n)), np.eye(n)], [-here.dynamical_matrix(free).toarray(), damping]])
+    with suitable_threads(2 * n):
+        values, left, right = eig(first, left=True)
+    moves = (np.abs(values) > np.sqrt(ZERO_BELOW) * np.abs(values).max()) & (values.imag >= 0)
+    k = int(np.argmax(np.where(moves, values.real, -np.inf)))
+    u, v, s = left[n:, k], right[:n, k], complex(values[k])
+    product = np.vdot(u, 2 * s * v - damping @ v)
+    condition = float(1 / abs(np.vdot(left[:, k], right[:, k])))
+    return _Mode(s, condition, *_at_contacts(here, u.conj() / product, v), s)
+
+
+def _at_contacts(here: LinearisedState, *modes: np.ndarray) -> list[np.ndarray]:
+    """(C, 6) of mass-weighted modes at the contacts."""
+    free, q = here.backbone, incidence(here.state, len(here.line.closed), here.backbone).T
+    return [(q @ (mode / np.sqrt(free.mass))).reshape(-1, 6) for mode in modes]
 
 
 def _every_coordinate(state: State) -> Freedom:
@@ -381,6 +487,8 @@ def verdict_probability(
     require_positive(position_error=position_error, samples=samples)
     if position_error > 1:
         raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
+    if damping_model(law):
+        raise ValueError("a law with dashpots was given: the probability of a verdict is that without them")
     slope, error = eigenvalue_gradient(state, law), position_error * state.grains.radius.mean()
     here = _balanced(state, law)
     by_position, by_contact = (

@@ -40,6 +40,13 @@ def _has_grains(names: list[str] | None) -> bool:
 def read(path: Path, frame: str | None = None) -> list[Packing]:
     """Read the grains of a table."""
     only_state(path, frame)
+    columns, notes = read_columns(path)
+    packing = packing_of_columns(columns, path.name, path.stem)
+    return [packing._replace(notes=[*notes, *packing.notes, Assumption(extent_note(path.name))])]
+
+
+def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns of a table by their names, which are x y z radius if it has none, and a note if so."""
     lines = _content_lines(read_lines(path))
     names, notes = _names(lines[0]) if lines else None, []
     if names is None:
@@ -49,8 +56,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         lines = lines[1:]
     _check_names(path, names)
     rows = _numbers(path, [line for line in lines if not line.startswith(COMMENT)], len(names))
-    packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, path.stem)
-    return [packing._replace(notes=[*notes, *packing.notes, Assumption(extent_note(path.name))])]
+    return dict(zip(names, rows.T, strict=True)), notes
 
 
 def _content_lines(text: str) -> list[str]:

@@ -1,0 +1,299 @@
+"""Measured positions and contact forces of disks: two tables, or the structure of PeGS (Photoelastic Grain Solver)."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.arguments import checked
+from ...core.readable import readable
+from ..sample import PackingError
+from .columns import plain_name
+from .content import HEAD, head_text, read_content
+from .table_file import read, read_columns
+
+WIDEST = 0.5  # gap or overlap of grains in contact, over the smaller radius
+PIXELS = ("px", "pix", "pixel", "pixels")
+PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
+NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
+
+
+@readable
+class MeasuredForces(NamedTuple):
+    """Disks and the forces at their contacts, as they were measured; overlaps and slips are not known."""
+
+    position: np.ndarray  # (N, 2) [length]
+    radius: np.ndarray  # (N,) [length]
+    free: np.ndarray  # (N,) bool; others are held, as at walls, and need not balance
+    load: np.ndarray  # (N, 2) external forces [force]
+    pair_i: np.ndarray  # (C,) grains from 0
+    pair_j: np.ndarray  # (C,)
+    force_n: np.ndarray  # (C,) normal forces, not negative [force]
+    force_t: np.ndarray  # (C,) tangential forces, positive if they turn both grains from x to y [force]
+    position_error: np.ndarray  # (N,) of each coordinate; NaN: not known [length]
+    force_n_error: np.ndarray  # (C,) NaN: not known [force]
+    force_t_error: np.ndarray  # (C,) NaN: not known [force]
+    ids: np.ndarray  # (N,) numbers by which messages name the grains
+    notes: list[str]
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(2, C) grains of each contact."""
+        return np.stack([self.pair_i, self.pair_j])
+
+    def select(self, rows: np.ndarray) -> "MeasuredForces":
+        """Network with some of the contacts."""
+        names = [name for name in self._fields if name.startswith(("pair", "force"))]
+        return self._replace(**{name: getattr(self, name)[rows] for name in names})
+
+
+@checked
+def measured_forces(
+    position, radius, pair_i, pair_j, force_n, force_t=0.0, *, held=(), load=0.0, position_error=np.nan,
+    force_n_error=np.nan, force_t_error=np.nan, ids=None, notes=(),
+) -> MeasuredForces:  # fmt: skip
+    """Disks and the forces at their contacts as they were measured.
+
+    Parameters
+    ----------
+    position : (N, 2) [length]; radius : float or (N,) [length]
+    pair_i, pair_j : (C,) grains from 0, each contact once
+    force_n : (C,), not negative [force]; force_t : float or (C,), positive if it turns both grains from x to y, its
+        torque on them divided by their radius [force]
+    held : grains that need not balance, such as those at walls whose forces were not measured
+    load : (N, 2), external forces such as weights [force]
+    position_error, force_n_error, force_t_error : float, (N,) or (C,), standard deviations; NaN if not known
+    ids : (N,) numbers by which messages name the grains, default from 0
+
+    Raises
+    ------
+    PackingError
+        if these cannot be the forces of a packing; the message is one sentence.
+
+    Examples
+    --------
+    >>> pair = measured_forces([[0, 0], [1.01, 0]], 0.5, [0], [1], [2.0], held=[0, 1])
+    >>> pair.force_n
+    array([2.])
+    """
+    n, count = len(np.atleast_1d(position)), np.size(pair_i)
+    each = {"radius": radius, "position_error": position_error, "ids": np.arange(n) if ids is None else ids}
+    pairs = {"pair_i": pair_i, "pair_j": pair_j, "force_n": force_n, "force_t": force_t}
+    pairs |= {"force_n_error": force_n_error, "force_t_error": force_t_error}
+    shapes = {"position": (position, (n, 2)), "load": (load, (n, 2))}
+    shapes |= {name: (value, (n,)) for name, value in each.items()}
+    shapes |= {name: (value, (count,)) for name, value in pairs.items()}
+    full = {name: _filled(name, *parts) for name, parts in shapes.items()}
+    network = MeasuredForces(**full, free=~np.isin(np.arange(n), held), notes=list(notes))
+    _check_numbers(network)
+    _check_pairs(network)
+    return network
+
+
+def _filled(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+    kind = int if name in ("pair_i", "pair_j", "ids") else float
+    try:
+        return np.array(np.broadcast_to(np.asarray(value, kind), shape))
+    except (TypeError, ValueError):
+        raise PackingError(f"{name} has shape {np.shape(value)}: numbers of shape {shape} are needed") from None
+
+
+def _check_numbers(m: MeasuredForces) -> None:
+    """Raise PackingError if there are no contacts or grains, or impossible numbers."""
+    n = len(m.radius)
+    if not len(m.pair_i):
+        raise PackingError(f"no contacts were given: measured forces are needed, {' '.join(NEEDED)}")
+    if not 0 <= m.ends.min() <= m.ends.max() < n:
+        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use 0 to {n - 1}")
+    for name in ("position", "radius", "load", "force_n", "force_t"):
+        if not np.isfinite(getattr(m, name)).all():
+            raise PackingError(f"{name} contains NaN or infinity: every entry must be a finite number")
+    for name in ("radius", "position_error", "force_n_error", "force_t_error"):
+        if (getattr(m, name) <= 0).any():
+            raise PackingError(f"{name} = {getattr(m, name).min():g} was given: it must be positive")
+    if not m.force_n.any():
+        raise PackingError("all normal forces are zero: nothing presses the grains together")
+    if m.free.all() and not m.load.any():
+        raise PackingError(
+            "no grain is held and there are no loads: grains that press each other need something around them, so mark "
+            "those at the edge as fixed"
+        )
+
+
+def _check_pairs(m: MeasuredForces) -> None:
+    """Raise PackingError for a contact that is given twice, pulls, or joins grains that are far from touching."""
+    low, high = np.sort(m.ends, axis=0)
+    _, first = np.unique(low * len(m.radius) + high, return_index=True)
+    again = np.ones(len(low), bool)
+    again[first] = False
+    size, reach = np.linalg.norm(m.position[low] - m.position[high], axis=1), m.radius[m.ends].sum(axis=0)
+    share = (size - reach) / m.radius[m.ends].min(axis=0)
+    for wrong, text in (
+        (low == high, "are one grain, which cannot touch itself: check the numbers of the grains"),
+        (again, "touch twice in the list of contacts: give each contact once"),
+        (m.force_n < 0, "pull each other: normal forces press, and are positive"),
+        (np.abs(share) > WIDEST, "are said to touch, but {how} {gap:.4g}, {share:.2g} of a radius: check positions,"
+         " radii and their unit, and the numbers of the grains"),
+    ):  # fmt: skip
+        for c in np.flatnonzero(wrong):
+            gap = size[c] - reach[c]
+            how = "have a gap of" if gap > 0 else "overlap by"
+            told = text.format(how=how, gap=abs(gap), share=abs(share[c]))
+            raise PackingError(f"grains {m.ids[m.pair_i[c]]} and {m.ids[m.pair_j[c]]} {told}")
+
+
+@checked
+def read_forces(path: str | Path, contacts: str | Path | None = None) -> MeasuredForces:
+    """Read measured positions and contact forces, from two tables or a file of PeGS.
+
+    Tables are text with names of columns. Grains: x, y, radius; optional id, fixed (1: held, 0: free), load_x, load_y,
+    position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it turns both grains from x to y);
+    optional fn_error, ft_error. Units in brackets, as in "fn [N]", are not converted: give all lengths in one unit, all
+    forces in one, and the law in these.
+
+    Files of PeGS hold the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
+    grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the
+    image. A grain with a wall among its neighbours is held. Each contact is seen from both grains: forces are averaged,
+    and the root mean square of half the differences is their error. Contacts that one grain alone sees, or that do not
+    press, are left out.
+
+    Parameters
+    ----------
+    path : table of grains, or .mat
+    contacts : table of contacts; not with .mat
+
+    Raises
+    ------
+    PackingError
+        if a file cannot be used; the message is one sentence.
+
+    Source
+    ------
+    Daniels, Kollmer & Puckett, doi:10.1063/1.4983049.
+    """
+    path = Path(path)
+    for file in filter(None, (path, contacts)):
+        if not Path(file).is_file():
+            raise PackingError(f"{file} is not a file: give measured grains, and a table of their contacts")
+    if _is_matlab(path):
+        if contacts is not None:
+            raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
+        return _read_pegs(path)
+    if contacts is None:
+        raise PackingError(f"{path} has no forces: give the table of contacts as well, {' '.join(NEEDED)}")
+    return _read_tables(path, Path(contacts))
+
+
+def is_measured(path: Path, contacts: Path | None) -> bool:
+    """Return True for a file of MATLAB, or if there is a table of contacts with a column fn."""
+    if contacts is None or not contacts.is_file():
+        return _is_matlab(path)
+    lines = head_text(read_content(contacts, HEAD)).splitlines()
+    return any("fn" in map(plain_name, re.split(r"[;,\t]+| +(?!\[)", line)) for line in lines[:20])
+
+
+def _is_matlab(path: Path) -> bool:
+    return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
+
+
+def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
+    """Network from a table of grains and one of contacts."""
+    packing, grains, forces = read(path)[0], _plain(path), _plain(contacts)
+    for name in NEEDED:
+        if name not in forces:
+            raise PackingError(f"{contacts} has no column {name}: it has {' '.join(forces)}, needed are i j fn ft")
+    n = len(packing.arrays["radius"])
+    named = packing.ids is not None
+    order, ids = (np.argsort(grains["id"], kind="stable"), packing.ids) if named else (np.arange(n), np.arange(n))
+    ends = np.stack([forces["i"], forces["j"]])
+    for wrong in ends[~np.isin(ends, ids)]:
+        use = "the ids of grains" if named else f"rows of grains, 0 to {n - 1}"
+        raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
+    columns = {name: values[order] for name, values in grains.items()}
+    errors = {f"force_{a}_error": forces.get(f"f{a}error", np.nan) for a in "nt"}
+    zero = np.zeros(n)
+    return measured_forces(
+        packing.arrays["position"][:, :2], packing.arrays["radius"], *np.searchsorted(ids, ends), forces["fn"],
+        forces["ft"], held=np.flatnonzero(columns.get("fixed", zero)), ids=ids, **errors,
+        load=np.stack([columns.get(f"load{axis}", zero) for axis in "xy"], axis=1),
+        position_error=columns.get("positionerror", np.nan),
+    )  # fmt: skip
+
+
+def _plain(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table by plain names; PackingError if lengths are in pixels or forces in several units."""
+    columns, _ = read_columns(path)
+    units = {name: match[1].strip() for name in columns if (match := re.search(r"[\[(](.*?)[\])]", name))}
+    for name, unit in units.items():
+        if unit.lower() in PIXELS:
+            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the unit of length of the law")
+    forces = sorted({unit for name, unit in units.items() if plain_name(name) in FORCES})
+    if len(forces) > 1:
+        raise PackingError(f"{path} has forces in {' and '.join(forces)}: give them in one unit")
+    return {plain_name(name): values for name, values in columns.items()}
+
+
+def _read_pegs(path: Path) -> MeasuredForces:
+    """Network from a file of PeGS; on a grain acts −f (cos(β − α), sin(β − α)) at its contact in the direction β."""
+    grains = _particles(path)
+    ids = [int(_number(grain, "id", k + 1)) for k, grain in enumerate(grains)]
+    number = {name: k for k, name in enumerate(ids)}
+    radius = np.array([_number(grain, "rm") for grain in grains])
+    if not (radius > 0).all():
+        raise PackingError(f"{path} has no radii in metres (rm): units of length are missing; set the scale in PeGS")
+    scale = np.median([r / _number(grain, "r") for r, grain in zip(radius, grains, strict=True)])
+    place = scale * np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains])
+    seen: dict[tuple[int, int], list[tuple[float, float]]] = {}
+    held = set()
+    for k, grain in enumerate(grains):
+        near, force, alpha = (np.ravel(getattr(grain, name)).astype(float) for name in PEGS[3:])
+        if not len(near) == len(force) == len(alpha):
+            told = f"{len(force)} forces for {len(near)} neighbours of grain {ids[k]}"
+            raise PackingError(f"{path} has {told}: solve for the forces in PeGS first")
+        for other, f, a in zip(near.tolist(), force, alpha, strict=True):
+            if other in number and np.isfinite(f):
+                pair = min(k, number[other]), max(k, number[other])
+                seen.setdefault(pair, []).append((f * np.cos(a), f * np.sin(a)))
+            held |= {k} if other <= 0 else set()
+    both = [pair for pair, values in seen.items() if len(values) == 2]
+    if not both:
+        raise PackingError(f"{path} has no contact that both of its grains see: solve for the forces in PeGS first")
+    values = np.array([seen[pair] for pair in both])
+    (mean_n, mean_t), error = values.mean(axis=1).T, np.sqrt((np.diff(values, axis=1) ** 2).mean(axis=(0, 1))) / 2
+    kept = mean_n > 0
+    note = (
+        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces, {error[0]:.3g} N normal "
+        f"and {error[1]:.3g} N tangential, are half the differences between both grains of contacts; contacts left "
+        f"out, as only one grain sees them or they do not press: {len(seen) - kept.sum()}"
+    )
+    return measured_forces(
+        place, radius, *np.array(both)[kept].T, mean_n[kept], mean_t[kept], held=sorted(held), ids=ids, notes=[note],
+        force_n_error=error[0] or np.nan, force_t_error=error[1] or np.nan,
+    )  # fmt: skip
+
+
+def _particles(path: Path) -> list:
+    """Grains of a file of PeGS, structures with its fields."""
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError:
+        raise PackingError(f"{path} is of MATLAB 7.3: save it with save(…, '-v7')") from None
+    except Exception as problem:
+        said = (str(problem) or type(problem).__name__).splitlines()[0][:80]
+        raise PackingError(f"{path} is a damaged MATLAB file ({said}): save it again") from None
+    name = next((name for name in ("particle", "pres") if name in content), None)
+    grains = np.ravel(content[name]).tolist() if name else []
+    if not grains or not all(hasattr(grain, field) for grain in grains for field in PEGS):
+        raise PackingError(
+            f"{path} has no structure particle or pres with fields {', '.join(PEGS)}: give a file that PeGS solved"
+        )
+    return grains
+
+
+def _number(grain, field: str, default: float = np.nan) -> float:
+    """Number in a field of a grain of PeGS; the default if there is none."""
+    value = np.ravel(getattr(grain, field, default))
+    return float(value[0]) if value.size else default

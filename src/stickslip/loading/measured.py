@@ -1,0 +1,340 @@
+"""The state in balance that is nearest to measured positions and contact forces, whose overlaps are not known."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from ..core.arguments import checked
+from ..core.control import fixed
+from ..core.laws.builtin import MU, Law
+from ..core.laws.kinds import bridges_gaps
+from ..core.laws.properties import angular_columns, needs_rows
+from ..core.readable import readable
+from ..core.state import SLIDE, STICK, State
+from ..data.exchange.arrays import law_from_options
+from ..data.exchange.columns import mass_note
+from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
+from ..data.exchange.force_network import MeasuredForces, read_forces
+from ..data.sample import PackingError, from_arrays, law_note
+from ..solve.inversion import overlap_of_force, slip_of_force
+from ..solve.projection import nearest_point
+
+STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
+FALLS, SHORTEST = 0.7, 1 / 4  # a step longer than this share of the last one halves all later ones, down to a quarter
+LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
+FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may come to touch
+OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
+WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
+AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
+
+
+@readable
+class Adjustment(NamedTuple):
+    """What was changed so that measured forces balance; changes are in errors of measurement."""
+
+    chi_square: float  # Σ (change/error)² over all coordinates and forces
+    degrees: int  # of freedom: equations and limits that bind
+    position_error: float  # mean error of a coordinate, given or estimated [length]
+    force_error: float  # mean error of a normal force, given or estimated [force]
+    largest_move: float  # of a coordinate
+    rms_move: float  # of all coordinates
+    largest_force: float  # change of a normal or tangential force
+    rms_force: float  # of all forces
+    at_limit: int  # contacts at the Coulomb limit
+    moved_to_limit: int  # of these, contacts measured beyond it
+    opened: tuple[tuple[int, int], ...]  # grains of contacts that bear no force in balance
+
+    def __str__(self) -> str:
+        return (
+            f"balanced by moving coordinates by at most {self.largest_move:.2g} errors (rms {self.rms_move:.2g}; one "
+            f"is {self.position_error:.3g}) and forces by at most {self.largest_force:.2g} (rms {self.rms_force:.2g}; "
+            f"one is {self.force_error:.3g}); chi² is {self.chi_square:.4g} for {self.degrees} degrees of freedom; "
+            f"contacts at the Coulomb limit: {self.at_limit}, {self.moved_to_limit} of them measured beyond it; "
+            f"opened: {len(self.opened)}"
+        )
+
+
+@checked
+def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[State, Adjustment]:
+    """State in exact balance that is nearest to measured positions and contact forces of disks.
+
+    Minimises Σ Δx²/σ_x² + Σ ΔF²/σ_F² over positions, normal and tangential forces. Every free grain is in balance,
+    each contact has the overlap and the slip that the law gives for its forces, none exceeds the Coulomb limit or
+    pulls, and no other grains overlap. The equations are linearised until nothing changes; each linear problem is
+    solved by an interior-point method. Contacts whose force vanishes open. Grains that are held need not balance, but
+    their positions were measured like all others. Errors that were not measured are estimated: of positions from the
+    gaps at contacts, of forces from the imbalance of free grains; chi² then says little.
+
+    Parameters
+    ----------
+    measured : from `read_forces`
+    law : Law with friction, of one material, whose forces follow from overlap and slip
+    density : float or (N,), mass over the area of a disk [mass/length²]
+
+    Returns
+    -------
+    State, Adjustment
+        the balanced state, and what was changed
+
+    Raises
+    ------
+    PackingError
+        if the forces cannot be balanced; the message is one sentence.
+
+    Source
+    ------
+    Sequential quadratic programming: Nocedal & Wright, doi:10.1007/978-0-387-40065-5, Ch. 18.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law, row = ss.laws.linear(kn=100.0), [[0.0, 0.0], [1.01, 0.0], [2.0, 0.0]]
+    >>> chain = ss.io.measured_forces(row, 0.5, [0, 1], [1, 2], [1, 1.1], held=[0, 2])
+    >>> state, change = from_forces(chain, law)
+    >>> ss.measure.overlaps(state).round(4).tolist()
+    [0.0105, 0.0105]
+    """
+    _check_law(law)
+    network = _network(measured, law)
+    while True:
+        change, binding = network.solve()
+        opens = network.at(change)[1] <= 2 * network.least
+        if not opens.any():
+            return network.result(change, binding, density)
+        network = network.without(opens, change)
+
+
+def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None = None, **options) -> Reading:
+    """State in balance nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
+    options = {name: value for name, value in options.items() if value not in (None, {})}
+    for name in ("frame", *LAMMPS_OPTIONS):
+        if name in options:
+            raise PackingError(f"{name} was given with measured forces, which do not have it: leave it out")
+    given, own = law_from_file(options)
+    law, measured = own or law_from_options(given), read_forces(path, contacts)
+    state, change = from_forces(measured, law)
+    notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
+    as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
+    if opposite < as_given / 2:
+        notes.append("forces balance better with opposite ft, which is positive if it turns grains from x to y")
+    return Reading(with_inertia(state, i0), law, notes)
+
+
+def _check_law(law: Law) -> None:
+    if len(law.table) > 1 or needs_rows(law) or angular_columns(law) or bridges_gaps(law.kind):
+        raise PackingError(
+            "a law of several materials, with moments, a memory of its own or lever arms R − δ/2 was given: measured "
+            "forces need one whose forces follow from overlap and slip"
+        )
+    if not law.table[0, 0, MU] > 0:
+        raise PackingError("a law without friction was given: measured tangential forces need mu above zero")
+
+
+class _Network(NamedTuple):
+    """A measured network with all errors, and the pairs that must not overlap."""
+
+    measured: MeasuredForces
+    law: Law
+    least: float  # smallest normal force of a contact
+    near: np.ndarray  # (2, P) grains without contact that might overlap
+    start: np.ndarray  # (2N + 2C,) first guess of the changes over the errors
+    opened: tuple[tuple[int, int], ...] = ()
+    spent: float = 0.0  # chi² of the forces of opened contacts
+
+    def without(self, rows: np.ndarray, change: np.ndarray) -> "_Network":
+        """Network in which these contacts are open."""
+        m, ends = self.measured, self.measured.ends[:, rows]
+        if rows.all():
+            raise PackingError("no contact bears a force in balance: mark the grains at the edge as fixed")
+        lost = np.concatenate([m.force_n / m.force_n_error, m.force_t / m.force_t_error])[np.tile(rows, 2)]
+        kept = np.concatenate([np.ones(m.position.size, bool), ~rows, ~rows])
+        return self._replace(
+            measured=m.select(~rows), near=np.hstack([self.near, ends]), start=change[kept],
+            opened=self.opened + tuple(map(tuple, m.ids[ends].T.tolist())), spent=self.spent + float(lost @ lost),
+        )  # fmt: skip
+
+    @property
+    def error(self) -> np.ndarray:
+        """(2N + 2C,) errors of the coordinates and forces."""
+        m = self.measured
+        return np.concatenate([np.repeat(m.position_error, 2), m.force_n_error, m.force_t_error])
+
+    def at(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, normal and tangential forces after a change."""
+        m, n = self.measured, self.measured.position.size
+        place, force_n, force_t = np.split(change * self.error, [n, n + len(m.force_n)])
+        return m.position + place.reshape(-1, 2), m.force_n + force_n, m.force_t + force_t
+
+    def solve(self) -> tuple[np.ndarray, int]:
+        """(2N + 2C,) smallest change that balances, and the number of equations and inequalities that bind."""
+        change, share, size = self.start, 1.0, np.inf
+        for _ in range(STEPS):
+            nearest = nearest_point(*self.linearised(change))
+            if nearest is None:
+                raise PackingError(self._reason())
+            step, last = nearest.point - change, size
+            size = float(np.abs(step).max())
+            if size < SETTLED:
+                return nearest.point, nearest.binding
+            share = max(share / 2, SHORTEST) if size > FALLS * last else share
+            change = change + share * step
+        raise PackingError(
+            f"positions and forces still change by {size:.2g} errors after {STEPS} steps: the errors are too large for "
+            f"the equations of balance to be linearised"
+        )
+
+    def linearised(self, change: np.ndarray):
+        """A, b, G, h of the equations A z = b and inequalities G z ≥ h around a change."""
+        m, (place, force_n, force_t) = self.measured, self.at(change)
+        force_n, radii, count = np.maximum(force_n, self.least), m.radius[m.ends], len(force_n)
+        along, across, distance = _geometry(place, m.ends)
+        overlap, line = overlap_of_force(self.law, radii, force_n)
+        slope = overlap_of_force(self.law, radii, np.maximum(force_n, WEAK * m.force_n.mean()))[1].slope_n
+        near, _, far = _geometry(place, self.near)
+        both, kept = _touches(m), np.repeat(m.free, 2)
+        turning = across.T @ sparse.diags_array(force_n / distance) - along.T @ sparse.diags_array(force_t / distance)
+        eye, mu, (length, force) = sparse.eye_array(count), sparse.diags_array(line.mu), self._scales
+        equations = [
+            [(turning @ across)[kept] / force, along.T[kept] / force, across.T[kept] / force],
+            [None, None, both[m.free] / force],
+            [along / length, sparse.diags_array(1 / (length * slope)), None],
+        ]
+        limits = [[None, eye / force, None], [None, mu / force, -eye / force], [None, mu / force, eye / force]]
+        values = [
+            (along.T @ force_n + across.T @ force_t + m.load.ravel())[kept] / force, (both @ force_t)[m.free] / force,
+            (distance + overlap - radii.sum(axis=0)) / length,
+            (force_n - self.least) / force, (line.limit - force_t) / force, (line.limit + force_t) / force,
+            (far - m.radius[self.near].sum(axis=0) - APART * m.radius.mean()) / length,
+        ]  # fmt: skip
+        a, g = (
+            sparse.csr_array(sparse.block_array(rows) @ sparse.diags_array(self.error))
+            for rows in (equations, [*limits, [near / length, None, None]])
+        )
+        return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
+
+    @property
+    def _scales(self) -> tuple[float, float]:
+        """Mean errors of a coordinate and of a normal force."""
+        return float(self.measured.position_error.mean()), float(self.measured.force_n_error.mean())
+
+    def _reason(self) -> str:
+        """Sentence for forces that cannot be balanced, with the grain that is farthest from balance."""
+        size = np.linalg.norm(_imbalance(self.measured), axis=1) * self.measured.free
+        k = int(np.argmax(size))
+        return (
+            f"no forces within the Coulomb limit balance all free grains, farthest from balance is grain "
+            f"{self.measured.ids[k]} with {size[k]:.3g}: check its contacts and mu, or mark grains at walls as fixed"
+        )
+
+    def result(self, change: np.ndarray, binding: int, density) -> tuple[State, Adjustment]:
+        """Balanced state, and what was changed."""
+        m, law, (place, force_n, force_t) = self.measured, self.law, self.at(change)
+        radii = m.radius[m.ends]
+        overlap, line = overlap_of_force(law, radii, force_n)
+        branch = place[m.pair_i] - place[m.pair_j]
+        way = np.stack([branch[:, 1], -branch[:, 0]], axis=1) / np.linalg.norm(branch, axis=1, keepdims=True)
+        slip = np.sign(force_t) * slip_of_force(law, radii, overlap, np.abs(force_t), line)
+        slides = np.abs(force_t) >= (1 - AT_LIMIT) * line.limit
+        state = from_arrays(
+            place, m.radius, law, pair_i=m.pair_i, pair_j=m.pair_j, slip=-slip[:, None] * way, dim=2,
+            mode=np.where(slides, SLIDE, STICK), external_force=m.load, density=density,
+        )  # fmt: skip
+        held = np.flatnonzero(~m.free)
+        state = state._replace(control=fixed(state.control, held)) if len(held) else state
+        return state, self._adjustment(change, binding, slides)
+
+    def _adjustment(self, change: np.ndarray, binding: int, slides: np.ndarray) -> Adjustment:
+        m, count = self.measured, 2 * len(self.opened)
+        limit = overlap_of_force(self.law, m.radius[m.ends], np.maximum(m.force_n, self.least))[1].limit
+        move, force = np.split(change, [m.position.size])
+        return Adjustment(
+            float(change @ change + self.spent), binding + count, *self._scales,
+            float(np.abs(move).max()), float(np.sqrt((move**2).mean())),
+            float(np.abs(force).max()), float(np.sqrt((force @ force + self.spent) / (len(force) + count))),
+            int(slides.sum()), int((slides & (np.abs(m.force_t) > limit)).sum()), self.opened,
+        )  # fmt: skip
+
+
+def _network(measured: MeasuredForces, law: Law) -> _Network:
+    """Network with its errors and the pairs that might touch, without contacts that nothing can balance."""
+    m = _with_errors(measured, law)
+    _check_limit(m, law)
+    reach = 2 * m.radius.max() + NEAR * np.sqrt(2) * m.position_error.max()
+    pairs = cKDTree(m.position).query_pairs(reach, output_type="ndarray").T
+    wide = m.radius[pairs].sum(axis=0) + NEAR * np.linalg.norm(m.position_error[pairs], axis=0)
+    near, n = np.linalg.norm(m.position[pairs[0]] - m.position[pairs[1]], axis=1) < wide, len(m.radius)
+    near &= ~np.isin(pairs[0] * n + pairs[1], m.ends.min(axis=0) * n + m.ends.max(axis=0))
+    start = np.zeros(m.position.size + m.ends.size)
+    network = _Network(m, law, OPENS * m.force_n.mean(), pairs[:, near], start)
+    while (loose := _loose_contacts(network.measured)).any():
+        network = network.without(loose, network.start)
+    return network
+
+
+def _loose_contacts(m: MeasuredForces) -> np.ndarray:
+    """(C,) mask of the only contacts of free grains; PackingError if the force of one is not an error."""
+    loose = m.free & (np.bincount(m.ends.ravel(), minlength=len(m.radius)) == 1) & ~m.load.any(axis=1)
+    rows = loose[m.ends].any(axis=0)
+    for c in np.flatnonzero(rows & (m.force_n > FAR * m.force_n_error)):
+        grain = m.ids[next(k for k in m.ends[:, c] if loose[k])]
+        raise PackingError(
+            f"grain {grain} has one contact, with the force {m.force_n[c]:.4g}, which nothing balances: mark the grain "
+            f"as fixed if it touches a wall, or give its other contacts"
+        )
+    return rows
+
+
+def _geometry(place: np.ndarray, ends: np.ndarray):
+    """∂(n·r)/∂x and (n × z)·∂r/∂x, (C, 2N) sparse, and distances (C,); n from j to i."""
+    branch = place[ends[0]] - place[ends[1]]
+    distance = np.linalg.norm(branch, axis=1)
+    unit = branch / distance[:, None]
+    where = np.tile(np.repeat(np.arange(len(unit)), 2), 2), (2 * ends[..., None] + [0, 1]).ravel()
+    along, across = (
+        sparse.csr_array((np.concatenate([v, -v]).ravel(), where), shape=(len(unit), place.size))
+        for v in (unit, np.stack([unit[:, 1], -unit[:, 0]], axis=1))
+    )
+    return along, across, distance
+
+
+def _touches(m: MeasuredForces):
+    """(N, C) sparse, 1 for the grains of each contact."""
+    count = len(m.pair_i)
+    where = m.ends.ravel(), np.tile(np.arange(count), 2)
+    return sparse.csr_array((np.ones(2 * count), where), shape=(len(m.radius), count))
+
+
+def _imbalance(m: MeasuredForces, sign: float = 1.0) -> np.ndarray:
+    """(N, 3) sums of forces and torque/R on every grain, as measured or with the opposite tangential forces."""
+    along, across, _ = _geometry(m.position, m.ends)
+    force = (along.T @ m.force_n + sign * (across.T @ m.force_t)).reshape(-1, 2) + m.load
+    return np.column_stack([force, _touches(m) @ m.force_t])
+
+
+def _with_errors(m: MeasuredForces, law: Law) -> MeasuredForces:
+    """Network with errors of positions estimated from gaps, and of forces from imbalance, where none were measured."""
+    mean = m.force_n.mean()
+    overlap, _ = overlap_of_force(law, m.radius[m.ends], np.maximum(m.force_n, OPENS * mean))
+    miss = _geometry(m.position, m.ends)[2] + overlap - m.radius[m.ends].sum(axis=0)
+    sides = np.bincount(m.ends.ravel(), minlength=len(m.radius))[m.free].sum()
+    length = max(np.sqrt((miss**2).mean() / 2), LEAST_ERROR * m.radius.mean())
+    force = max(np.sqrt((_imbalance(m)[m.free] ** 2).sum() / max(3 * sides, 1)), LEAST_ERROR * mean)
+    estimates = {"position_error": length, "force_n_error": force, "force_t_error": force}
+    known = {name: getattr(m, name) for name in estimates}
+    return m._replace(**{name: np.where(np.isnan(e), estimates[name], e) for name, e in known.items()})
+
+
+def _check_limit(m: MeasuredForces, law: Law) -> None:
+    """Raise PackingError if a tangential force is far beyond the Coulomb limit."""
+    mu = law.table[0, 0, MU]
+    beyond = (np.abs(m.force_t) - mu * m.force_n) / np.hypot(m.force_t_error, mu * m.force_n_error)
+    c = int(np.argmax(beyond))
+    if beyond[c] > FAR:
+        i, j = m.ids[m.ends[:, c]]
+        raise PackingError(
+            f"grains {i} and {j} touch with a tangential force of {abs(m.force_t[c]):.4g} at a normal force of "
+            f"{m.force_n[c]:.4g}, {beyond[c]:.2g} errors beyond the Coulomb limit for mu = {mu:g}: check mu and errors"
+        )
