@@ -72,7 +72,7 @@ def reproduce(
         bool,
         typer.Option(
             "--paper-size",
-            help="Gouge only: 4800 grains as in the paper instead, days on one core or minutes with --device cuda.",
+            help="Gouge only: 4800 grains as in the paper instead, a day on one core or minutes with --device cuda.",
         ),
     ] = False,
     realizations: Annotated[
