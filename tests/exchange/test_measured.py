@@ -209,7 +209,10 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
     pull = m.force_n.copy()
     pull[c] = -1.0
     lists = ("pair_i", "pair_j", "force_n", "force_t", "force_n_error", "force_t_error")
+    grains, forces = write_tables(tmp_path, m)
+    (nobody := tmp_path / "nobody.csv").write_text("x,y,radius\n")
     cases = [
+        ("nobody.csv has no grains", lambda: ss.io.read_forces(nobody, forces)),
         ("no contacts", lambda: changed(m, **{name: [] for name in lists})),
         ("beyond the Coulomb limit for mu = 0.3", lambda: ss.packings.from_forces(changed(m, force_t=strong), LAW)),
         ("gap of .* of a radius", lambda: changed(m, position=away)),

@@ -193,7 +193,7 @@ def test_the_growth_at_which_a_contact_changes_bounds_the_linear_response(rough)
     [
         ({"growth": -1.0}, "above −1"), ({"growth": 0.0}, "not below 1e-09"), ({"growth": 5.0}, "at most 1"),
         ({"growth": 1.0}, "for a linear response"), ({"grain": 60}, "bodies have numbers"),
-        ({"grain": []}, "no grain was given"), ({"within": -1.0}, "within"),
+        ({"grain": []}, "no grain was given"), ({"grain": [3, 3]}, "each grain once"), ({"within": -1.0}, "within"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_inflated_is_said(rough, change, message):

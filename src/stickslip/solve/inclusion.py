@@ -154,8 +154,8 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
         away = np.linalg.norm(_offsets(state, _middle(state)[None])[0], axis=1)
         grain = np.where(moves, away, np.inf).argmin()
     centers = body_numbers(state.control, grain)
-    if not len(centers):
-        raise ValueError("no grain was given: give at least one")
+    if not len(centers) or len(np.unique(centers)) < len(centers):
+        raise ValueError("no grain was given, or one of them twice: give each grain once")
     for worst in centers[centers >= n]:
         raise ValueError(f"body {worst} was given, a wall: only grains, 0 to {n - 1}, are inflated")
     for worst in centers[~moves[centers]]:

@@ -137,7 +137,7 @@ def _read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str
     if of_lammps and not form.of_lammps:
         raise PackingError(
             f"{', '.join(of_lammps)} was given with {path.name} ({form.name}): only LAMMPS's data and dump files "
-            f"take it"
+            f"take it, and tables of grains a table of contacts with columns i j fn ft"
         )
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:

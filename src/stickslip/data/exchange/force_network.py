@@ -203,7 +203,8 @@ def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
     for name in NEEDED:
         if name not in forces:
             raise PackingError(f"{contacts} has no column {name}: it has {' '.join(forces)}, needed are i j fn ft")
-    n = len(packing.arrays["radius"])
+    if not (n := len(packing.arrays["radius"])):
+        raise PackingError(f"{path} has no grains: give a row with x y radius for each")
     named = packing.ids is not None
     order, ids = (np.argsort(grains["id"], kind="stable"), packing.ids) if named else (np.arange(n), np.arange(n))
     ends = np.stack([forces["i"], forces["j"]])
