@@ -239,7 +239,7 @@ def test_what_has_no_waves_is_reported(disks):
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.dispersion(off, law)
     for k in ([0.1, 0.0], [0.0, 0.0]):
-        with pytest.raises(ValueError, match="must be 2π times an integer, not all zero"):
+        with pytest.raises(ValueError, match="must be 2π times an integer"):
             ss.modes.dispersion(disks, law, k)
     with pytest.raises(ValueError, match="a mode does not decay"):
         ss.modes.wave_spectrum(disks, law, ss.modes.allowed_wavevectors(disks, 1)).structure_factor([0.1])
@@ -258,3 +258,36 @@ def test_waves_are_drawn_with_the_lines_of_the_moduli():
     np.testing.assert_allclose(lines[[0, -1], 1], speeds[0, :2] * np.pi / 2)
     np.testing.assert_allclose(np.concatenate([line.get_ydata() for line in right.lines]), 0.1)
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["P", "S", "R"]
+
+
+def test_a_wave_that_shifts_all_grains_alike_has_no_frequency():
+    """Two disks in a centred square cell, both where the phase is zero: ω² = 8 k_t R²/I for rotations, else nothing."""
+    law = ss.laws.linear(KN, KT, 0.5)
+    radius, side = np.full(2, 0.5 + OVERLAP / 2), 2**0.5
+    state = ss.packings.from_arrays([[0, 0], [side / 2, side / 2]], radius, law, cell=[side, side], dim=2)
+    waves = ss.modes.dispersion(state, law, 2 * np.pi / side * np.ones(2))
+    truth = [0.0, 0.0, (8 * KT * 0.25 / state.grains.inertia[0]) ** 0.5]
+    np.testing.assert_allclose(waves.frequency[0], truth, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("k", "e", "message"),
+    [
+        ([0, 0, 1.0], [1, 0], "wavevector = .* z component"),
+        ([0, 0], [0, 0, 1.0], "direction = .* z component"),
+        ([0, 0], [0, 0], "direction = 0 was given"),
+        ([0.1, 0], [1, 0], "2π times an integer"),
+    ],
+)
+def test_plane_waves_that_the_cell_does_not_have_are_refused(calm, k, e, message):
+    with pytest.raises(ValueError, match=message):
+        ss.modes.plane_wave(calm, k, e)
+
+
+def test_waves_have_a_direction_in_the_plane(calm):
+    with pytest.raises(ValueError, match="direction = 0 was given"):
+        ss.modes.elastic_speeds(calm, LAW, [[1, 0], [0, 0]])
+    with pytest.raises(ValueError, match="z component"):
+        ss.modes.dispersion(calm, LAW, [0, 0, 1.0])
+    with pytest.raises(ValueError, match="wavevector = 0 was given"):
+        ss.modes.dispersion(calm, LAW, [0, 0])
