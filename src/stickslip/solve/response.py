@@ -95,8 +95,8 @@ class ForcedMotion(NamedTuple):
         resists = (self.damp @ motion)[self.inner]
         if not (forces.any(axis=0) | resists.any(axis=0)).all():
             raise ValueError(
-                f"a {name} that moves nothing was given: it needs a force on a grain that is held by others, or a motion "
-                "of a prescribed body that touches one"
+                f"a {name} that moves nothing was given: it needs a force on a grain that is held by others, or a "
+                "motion of a prescribed body that touches one"
             )
         return forces / root, resists / root, motion
 
@@ -237,8 +237,8 @@ def as_patterns(state: State, **named) -> np.ndarray:
     absent[:, 2:5] |= state.cell.dim == 2
     for _, body, axis in np.argwhere((value != 0) & absent):
         raise ValueError(
-            f"{name} is not zero at component {axis} of body {body}, which does not exist: walls do not turn, and disks "
-            "move along x and y and turn about z, components 0, 1 and 5"
+            f"{name} is not zero at component {axis} of body {body}, which does not exist: walls do not turn, and "
+            "disks move along x and y and turn about z, components 0, 1 and 5"
         )
     return value
 

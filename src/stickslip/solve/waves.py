@@ -213,8 +213,8 @@ def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
     ----------
     direction : (K, dim), of any length but zero: wave vectors, for example
     """
-    free, dim = elastic_moduli(state, law), state.cell.dim
-    require_direction(direction=(n := in_plane(state, direction=direction)))
+    free, n = elastic_moduli(state, law), in_plane(state, direction=direction)
+    require_direction(direction=n)
     n = n / np.linalg.norm(n, axis=1)[:, None]
     density = free.free.mass[free.free.axis == 0].sum() / volume(state)
     square = np.linalg.eigvals(np.einsum("kb,abcd,kd->kac", n, free.tensor, n)).real / density
