@@ -243,3 +243,52 @@ def test_a_shaken_grain_triggers_what_is_predicted(packing):
         ss.modes.trigger_amplitude(state, law, push(state, (3, 4)), frequency=0.9, drag=0.1)
     with pytest.raises(ValueError, match="never becomes steady"):
         ss.modes.trigger_amplitude(state, law, push(state, (0, 1)), frequency=0.9)
+
+
+@pytest.fixture(scope="module")
+def glued():
+    """Disks, two of which are a rigid plate that is held."""
+    state, law = sheared(16, 2, 0.9, 5e-4, seed=3, law=LAW), LAW
+    control = ss.control.rigid(ss.control.fixed(state.control, [2, 5]), [2, 5])
+    return ss.equilibrate(state._replace(control=control), law)[0]
+
+
+def test_a_shaken_plate_is_its_disks_shaken_together(glued):
+    """Fixed disks that are not glued, moved alike."""
+    drive, alone = push(glued, (2, 0)) + push(glued, (5, 0)), glued.control.group * 0 - 1
+    loose = glued._replace(control=glued.control._replace(group=alone))
+    plate, parts = (ss.modes.frequency_response(s, LAW, drive, [0.0, 0.3], drag=0.1) for s in (glued, loose))
+    np.testing.assert_allclose(plate.matrix, parts.matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize("where", [[(2, 0)], [(5, 0)], [(2, 5), (5, 5)]])
+def test_a_plate_moves_as_a_whole(glued, where):
+    drive = push(glued, *where).sum(axis=0)
+    with pytest.raises(ValueError, match="rigid group of bodies 2, 5"):
+        ss.modes.frequency_response(glued, LAW, drive, 0.3, drag=0.1)
+
+
+@pytest.mark.parametrize(("body", "axis"), [(0, 2), (1, 3), (4, 5)])
+def test_components_that_do_not_exist_are_refused(body, axis):
+    """Disks do not leave the plane, and a wall does not turn."""
+    state, law = ss.packings.disk_array(4, press=5e-5), ss.laws.for_pair(LAW, 0, 1)
+    with pytest.raises(ValueError, match=f"component {axis} of body {body}, which does not exist"):
+        ss.modes.frequency_response(state, law, push(state, (0, 0), (body, axis)), 0.1)
+
+
+def test_no_pattern_and_no_noise_are_named(packing):
+    none = np.zeros((0, 16, 6))
+    with pytest.raises(ValueError, match="drive is empty"):
+        ss.modes.frequency_response(packing, LAW, none, 0.1)
+    with pytest.raises(ValueError, match="observe is empty"):
+        ss.modes.frequency_response(packing, LAW, push(packing, (3, 0)), 0.1, observe=none)
+    with pytest.raises(ValueError, match="noise is empty"):
+        ss.modes.stationary_fluctuations(packing, LAW, noise=none, drag=0.1)
+    with pytest.raises(ValueError, match="a noise that moves nothing"):
+        ss.modes.stationary_fluctuations(packing, LAW, noise=np.zeros((16, 6)), drag=0.1)
+
+
+def test_the_slip_at_a_wall_does_not_turn_it():
+    state = ss.packings.disk_array(4, press=5e-5)
+    for contact in range(int(state.contacts.count[0])):
+        assert not ss.modes.contact_slip(state, contact)[:, 4:, 3:].any()

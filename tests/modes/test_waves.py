@@ -5,10 +5,13 @@ import pytest
 from scipy.linalg import eigvals, expm
 
 import stickslip as ss
+from stickslip.core.contacts.jacobian import cross_matrix, linearise
+from stickslip.core.measure import volume
 from stickslip.solve import waves as solver
 from stickslip.solve.bounds import ModuliBounds
+from stickslip.solve.freedom import assembled
 from stickslip.solve.linear import factorised
-from stickslip.solve.moduli import isotropic_tensor, voigt
+from stickslip.solve.moduli import isotropic_tensor, voigt, with_free_cell
 from stickslip.solve.response import forced_motion
 from tests.modes.conftest import LAW, sheared
 
@@ -205,6 +208,28 @@ def test_moduli_lie_between_their_bounds(dim, n, fraction):
     assert np.trace(low) > 0.5 * np.trace(exact_)  # the bound says something
 
 
+def test_moduli_fall_below_the_lower_bound_by_terms_of_the_stress():
+    """Springs of the contacts alone obey the bound. Stress of 0.1 of the moduli breaks it, a hundredth hardly."""
+    law, dim = ss.laws.hertz_mindlin(mu=10.0), 3
+    state = ss.packings.jammed(4, packing_fraction=0.72, seed=1, tolerance=1e-13, law=law)[0]
+    low, exact_, _ = ss.modes.moduli_bounds(state, law)
+    strained, matrix, free, grain, cell = with_free_cell(state, law)
+    line = linearise(strained, law)
+    nn = line.normal[:, :, None] * line.normal[:, None]
+    spring = line.slope_n[:, None, None] * nn + line.along[:, None, None] * (np.eye(3) - nn)
+    reach = np.concatenate([np.broadcast_to(np.eye(3), nn.shape), cross_matrix(line.normal)], axis=2)
+    springs = assembled(strained, -reach.transpose(0, 2, 1) @ spring @ reach, free).toarray()
+    lowest = []
+    for share in (1.0, 0.1, 0.01, 0.0):
+        k = -(springs + share * (matrix.toarray() - springs)) * free.length**2 / volume(state)
+        kept = k[np.ix_(grain, cell)]
+        c = k[np.ix_(cell, cell)] - k[np.ix_(cell, grain)] @ np.linalg.pinv(k[np.ix_(grain, grain)], 1e-9) @ kept
+        c = voigt(c.reshape([dim] * 4))
+        lowest.append(np.linalg.eigvalsh((c + c.T) / 2 - low).min() / np.abs(exact_).max())
+    assert lowest[0] < -0.1 and abs(lowest[3]) < 1e-12
+    assert abs(lowest[1]) < abs(lowest[0]) / 10 and abs(lowest[2]) < abs(lowest[1]) / 10
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_allowed_wave_vectors_are_the_shortest_of_a_tilted_cell(dim):
     cell = np.array([[9.0, 0, 0], [3.0, 2.0, 0], [0.5, -0.4, 4.0]])[:dim, :dim]
@@ -238,9 +263,8 @@ def test_what_has_no_waves_is_reported(disks):
     off = ss.packings.from_arrays(disks.grains.position[:, :2], swollen, law, cell=cell, dim=2)
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.dispersion(off, law)
-    for k in ([0.1, 0.0], [0.0, 0.0]):
-        with pytest.raises(ValueError, match="must be 2π times an integer, not all zero"):
-            ss.modes.dispersion(disks, law, k)
+    with pytest.raises(ValueError, match="must be 2π times an integer"):
+        ss.modes.dispersion(disks, law, [0.1, 0.0])
     with pytest.raises(ValueError, match="a mode does not decay"):
         ss.modes.wave_spectrum(disks, law, ss.modes.allowed_wavevectors(disks, 1)).structure_factor([0.1])
 
@@ -258,3 +282,36 @@ def test_waves_are_drawn_with_the_lines_of_the_moduli():
     np.testing.assert_allclose(lines[[0, -1], 1], speeds[0, :2] * np.pi / 2)
     np.testing.assert_allclose(np.concatenate([line.get_ydata() for line in right.lines]), 0.1)
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["P", "S", "R"]
+
+
+def test_a_wave_that_shifts_all_grains_alike_has_no_frequency():
+    """Two disks in a centred square cell, both where the phase is zero: ω² = 8 k_t R²/I for rotations, else nothing."""
+    law = ss.laws.linear(KN, KT, 0.5)
+    radius, side = np.full(2, 0.5 + OVERLAP / 2), 2**0.5
+    state = ss.packings.from_arrays([[0, 0], [side / 2, side / 2]], radius, law, cell=[side, side], dim=2)
+    waves = ss.modes.dispersion(state, law, 2 * np.pi / side * np.ones(2))
+    truth = [0.0, 0.0, (8 * KT * 0.25 / state.grains.inertia[0]) ** 0.5]
+    np.testing.assert_allclose(waves.frequency[0], truth, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("k", "e", "message"),
+    [
+        ([0, 0, 1.0], [1, 0], "wavevector = .* z component"),
+        ([0, 0], [0, 0, 1.0], "direction = .* z component"),
+        ([0, 0], [0, 0], "direction = 0 was given"),
+        ([0.1, 0], [1, 0], "2π times an integer"),
+    ],
+)
+def test_plane_waves_that_the_cell_does_not_have_are_refused(calm, k, e, message):
+    with pytest.raises(ValueError, match=message):
+        ss.modes.plane_wave(calm, k, e)
+
+
+def test_waves_have_a_direction_in_the_plane(calm):
+    with pytest.raises(ValueError, match="direction = 0 was given"):
+        ss.modes.elastic_speeds(calm, LAW, [[1, 0], [0, 0]])
+    with pytest.raises(ValueError, match="z component"):
+        ss.modes.dispersion(calm, LAW, [0, 0, 1.0])
+    with pytest.raises(ValueError, match="wavevector = 0 was given"):
+        ss.modes.dispersion(calm, LAW, [0, 0])

@@ -89,7 +89,7 @@ def stationary_fluctuations(
     drags = basis.T @ (motion.drag @ basis)
     force = temperature * (drags + drags.T)
     if noise is not None:
-        kicks = basis.T @ motion.drives(as_patterns(state, noise=noise))[0]
+        kicks = basis.T @ motion.drives(as_patterns(state, noise=noise), "noise")[0]
         force = kicks @ kicks.T
     n, root = len(pull), 1 / np.sqrt(free.mass)
     with suitable_threads(2 * n):

@@ -2,7 +2,7 @@
 
 Drives and observables are arrays (…, N + W, 6) over the components x, y, z and R·angle of all bodies. A drive is a
 force or torque/R on a component that is free, and a displacement of one that is prescribed. An observable is a weighted
-sum of displacements.
+sum of displacements. In a free cell, grains are driven and observed relative to the affine motion of the cell.
 """
 
 from typing import NamedTuple
@@ -11,14 +11,22 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 
-from ..core.arguments import Numbers, Values, checked, require_index, require_not_negative, require_shape
+from ..core.arguments import (
+    Numbers,
+    Values,
+    checked,
+    require_filled,
+    require_index,
+    require_not_negative,
+    require_shape,
+)
 from ..core.contacts.jacobian import blocks_of, cross_matrix
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
-from ..core.state import State, as_rows
+from ..core.state import State, as_rows, groups
 from .balance import balanced, with_modes_under
 from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiffness_of
 from .frontal import FrontalFactor, dissect
@@ -27,6 +35,7 @@ from .linearised import LinearisedState
 
 DIRECT_UP_TO = 300  # coordinates up to which each frequency is solved by LAPACK
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
+ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
 WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, beyond which round-off decides
 
@@ -72,11 +81,12 @@ class ForcedMotion(NamedTuple):
     stiff: sparse.csr_array  # J of all coordinates
     damp: sparse.csr_array  # ∂f/∂q̇ of all coordinates
 
-    def drives(self, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def drives(self, drive: np.ndarray, name: str = "drive") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces (n, k) per displacement and per velocity of drives (k, B, 6), and prescribed motions of all (N, k).
 
         The forces are mass-weighted.
         """
+        _check_groups(self.here.state, drive, name)
         flat, prescribed = _gather(self.whole, drive), ~self.here.state.control.free.ravel()
         prescribed = np.append(prescribed, np.zeros(9, bool))[self.whole.component]
         lead = np.hstack([drive.reshape(len(drive), -1), np.zeros((len(drive), 9))])[:, self.whole.component]
@@ -85,8 +95,8 @@ class ForcedMotion(NamedTuple):
         resists = (self.damp @ motion)[self.inner]
         if not (forces.any(axis=0) | resists.any(axis=0)).all():
             raise ValueError(
-                "a drive that moves nothing was given: it needs a force on a grain that is held by others, or a motion "
-                "of a prescribed body that touches one"
+                f"a {name} that moves nothing was given: it needs a force on a grain that is held by others, or a "
+                "motion of a prescribed body that touches one"
             )
         return forces / root, resists / root, motion
 
@@ -101,6 +111,17 @@ class ForcedMotion(NamedTuple):
         out = motion.astype(y.dtype)
         out[self.inner] += y / np.sqrt(self.free.mass).reshape(-1, *np.ones(y.ndim - 1, int))
         return out
+
+
+def _check_groups(state: State, drive: np.ndarray, name: str) -> None:
+    """Raise ValueError if a drive (k, B, 6) moves prescribed members of a rigid group differently, or turns them."""
+    motion = np.where(state.control.free, 0.0, drive)
+    for members in filter(len, groups(state.control)):
+        if motion[:, members, 3:].any() or np.ptp(motion[:, members], axis=1).any():
+            raise ValueError(
+                f"a {name} that moves the rigid group of bodies {', '.join(map(str, members))} apart or turns it was "
+                "given: give all of them the same displacement, and no rotation"
+            )
 
 
 def _gather(whole: Freedom, weights: np.ndarray) -> np.ndarray:
@@ -140,7 +161,8 @@ def frequency_response(
     """Transfer function C (A + iωD − ω²)⁻¹ B of the motion M q̈ = J q + C q̇ − M ν q̇ around an equilibrium.
 
     The steady response to small drives Re d exp(iωt), with each contact held in its mode. If a mode grows, the function
-    exists, but no motion settles to it: see `damped_growth`. Rattlers do not move.
+    exists, but no motion settles to it: see `damped_growth`. Rattlers do not move. In a free cell, displacements of
+    grains are those beyond the affine motion ε x of the cell, and a force on a grain does not strain it directly.
 
     Parameters
     ----------
@@ -157,7 +179,8 @@ def frequency_response(
     ------
     ValueError
         if the forces do not balance; if a frequency is negative, or that of a resonance without damping; if a drive
-        moves nothing.
+        moves nothing, or a rigid group other than as a whole; if a component does not exist, such as the rotation of a
+        wall.
 
     Source
     ------
@@ -207,7 +230,17 @@ def as_patterns(state: State, **named) -> np.ndarray:
     ((name, value),) = named.items()
     value = np.asarray(value, float)
     require_shape((*value.shape[: value.ndim == 3], state.n_bodies, 6), **{name: value})
-    return value.reshape(-1, state.n_bodies, 6)
+    require_filled(name, value)
+    value = value.reshape(-1, state.n_bodies, 6)
+    absent = np.zeros((state.n_bodies, 6), bool)
+    absent[len(state.grains.radius) :, 3:] = True
+    absent[:, 2:5] |= state.cell.dim == 2
+    for _, body, axis in np.argwhere((value != 0) & absent):
+        raise ValueError(
+            f"{name} is not zero at component {axis} of body {body}, which does not exist: walls do not turn, and "
+            "disks move along x and y and turn about z, components 0, 1 and 5"
+        )
+    return value
 
 
 def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = silent) -> np.ndarray:
@@ -287,19 +320,54 @@ def _solve_projected(h: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     return vectors @ (first[:, None] / np.where(distance == 0, 1e-300, distance))
 
 
+def in_plane(state: State, **named) -> np.ndarray:
+    """(K, dim) vectors from one or more of two or three components."""
+    ((name, value),) = named.items()
+    rows, dim = as_rows(value, len(np.atleast_2d(value)), 3), state.cell.dim
+    for row in rows[rows[:, dim:].any(axis=1)]:
+        raise ValueError(f"{name} = {row} was given for disks: its z component must be zero")
+    return rows[:, :dim]
+
+
+def require_direction(**named) -> None:
+    """Raise ValueError with a one-sentence message if a vector (K, dim) is zero."""
+    for name, value in named.items():
+        if not value.any(axis=1).all():
+            raise ValueError(f"{name} = 0 was given, which has no direction: give a vector with a length")
+
+
+def require_allowed(state: State, k: np.ndarray) -> None:
+    """Raise ValueError with a one-sentence message if the cell does not allow a wave vector (K, dim)."""
+    dim = state.cell.dim
+    turns = k @ state.cell.vectors[:dim, :dim][state.cell.periodic[:dim].astype(bool)].T / (2 * np.pi)
+    for worst in k[(np.abs(turns - np.round(turns)) > ALLOWED).any(axis=1)]:
+        raise ValueError(
+            f"wave vector {worst} was given: its product with each vector of the periodic cell must be 2π times an "
+            "integer; see `allowed_wavevectors`"
+        )
+
+
 @checked
 def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndarray:
     """(2, N + W, 6) forces m e cos(k·r) and m e sin(k·r) on the grains: body forces per unit of acceleration.
 
     Parameters
     ----------
-    wavevector : (3,) or (2,) k [1/length]
+    wavevector : (3,) or (2,) k, allowed by the cell where it is periodic [1/length]
     direction : (3,) or (2,) e, along k for a compressional wave, across for a shear wave
+
+    Raises
+    ------
+    ValueError
+        if the cell does not allow k, e is zero, or one of them leaves the plane of disks.
     """
-    k, e = (as_rows(v, 1, 3)[0] for v in (wavevector, direction))
-    n, out = len(state.grains.radius), np.zeros((2, state.n_bodies, 6))
-    phase = state.grains.position @ k
-    out[:, :n, :3] = (np.stack([np.cos(phase), np.sin(phase)]) * state.grains.mass)[:, :, None] * e
+    k, e = in_plane(state, wavevector=wavevector), in_plane(state, direction=direction)
+    require_shape((1, state.cell.dim), wavevector=k, direction=e)
+    require_allowed(state, k)
+    require_direction(direction=e)
+    n, dim, out = len(state.grains.radius), state.cell.dim, np.zeros((2, state.n_bodies, 6))
+    phase = state.grains.position[:, :dim] @ k[0]
+    out[:, :n, :dim] = (np.stack([np.cos(phase), np.sin(phase)]) * state.grains.mass)[:, :, None] * e
     return out
 
 
@@ -320,7 +388,8 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     out = np.zeros((len(tangents), state.n_bodies, 6))
     for body, sign in ((state.contacts.i[contact], 1.0), (state.contacts.j[contact], -1.0)):
         out[:, body, :3] += sign * tangents
-        out[:, body, 3:] += tangents @ cross_matrix(normal[None])[0]
+        if body < len(state.grains.radius):
+            out[:, body, 3:] += tangents @ cross_matrix(normal[None])[0]
     return out
 
 

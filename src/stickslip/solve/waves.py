@@ -17,15 +17,14 @@ from ..core.measure import volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
-from ..core.state import State, as_rows
+from ..core.state import State
 from .freedom import Freedom
 from .linear import factorised, suitable_threads
 from .moduli import check_cell, elastic_moduli
-from .response import ForcedMotion, forced_motion
+from .response import ALLOWED, ForcedMotion, forced_motion, in_plane, require_allowed, require_direction
 from .spectrum import REAL_BELOW
 from .transient import reduced_matrices
 
-ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 ALL_UP_TO = 2_000  # coordinates up to which all modes are computed, within some minutes
 NAMES = {2: ("P", "S", "R"), 3: ("P", "S", "S", "R", "R", "R")}
 
@@ -175,7 +174,8 @@ def wave_spectrum(
     """Project all modes, damped by drag and dashpots, on plane waves: dynamical structure factor and complex pairs.
 
     The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
-    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ.
+    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ, if a common
+    translation is taken from the waves first: drive − m Σ drive/Σ m over the grains without rattlers.
 
     Parameters
     ----------
@@ -211,10 +211,10 @@ def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
 
     Parameters
     ----------
-    direction : (K, dim), of any length: wave vectors, for example
+    direction : (K, dim), of any length but zero: wave vectors, for example
     """
-    free, dim = elastic_moduli(state, law), state.cell.dim
-    n = as_rows(direction, len(np.atleast_2d(direction)), 3)[:, :dim]
+    free, n = elastic_moduli(state, law), in_plane(state, direction=direction)
+    require_direction(direction=n)
     n = n / np.linalg.norm(n, axis=1)[:, None]
     density = free.free.mass[free.free.axis == 0].sum() / volume(state)
     square = np.linalg.eigvals(np.einsum("kb,abcd,kd->kac", n, free.tensor, n)).real / density
@@ -224,17 +224,10 @@ def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
 def _waves_of(state: State, law: Law, wavevector, drag, spin_drag) -> tuple[ForcedMotion, np.ndarray]:
     """Linearised motion in a cell at rest, and the wave vectors (K, dim)."""
     check_cell(state, "waves")
-    dim, control = state.cell.dim, state.control._replace(cell_free=np.zeros((3, 3), bool))
-    if wavevector is None:
-        k = allowed_wavevectors(state)
-    else:
-        k = as_rows(wavevector, len(np.atleast_2d(wavevector)), 3)[:, :dim]
-    turns = k @ state.cell.vectors[:dim, :dim].T / (2 * np.pi)
-    for worst in k[(np.abs(turns - np.round(turns)) > ALLOWED).any(axis=1) | ~k.any(axis=1)]:
-        raise ValueError(
-            f"wave vector {worst} was given: its product with each vector of the periodic cell must be 2π times an "
-            "integer, not all zero; see `allowed_wavevectors`"
-        )
+    k = allowed_wavevectors(state) if wavevector is None else in_plane(state, wavevector=wavevector)
+    require_allowed(state, k)
+    require_direction(wavevector=k)
+    control = state.control._replace(cell_free=np.zeros((3, 3), bool))
     return forced_motion(state._replace(control=control), law, drag, spin_drag), k
 
 
@@ -260,7 +253,9 @@ def _branches(motion: ForcedMotion, waves: np.ndarray, transposed) -> tuple[np.n
     """Exponents (p,) of the branches P to R and their polarisation (p, p), P and S expanded near P, R near R."""
     dim, p = motion.free.dim, waves.shape[1]
     exponents, shares = np.zeros(p, complex), np.zeros((p, p))
-    scale = np.sqrt([(wave.conj() @ ((motion.pull + transposed) @ wave)).real / 2 for wave in waves[:, [0, dim]].T])
+    square = [(wave.conj() @ ((motion.pull + transposed) @ wave)).real / 2 for wave in waves[:, [0, dim]].T]
+    scale, most = np.sqrt(np.maximum(square, 0.0)), np.sqrt(np.abs(motion.pull.data).max())
+    scale[0] = scale[0] if scale[0] > REAL_BELOW * most else most
     for at, part in zip(scale, (slice(0, dim), slice(dim, p)), strict=True):
         s, vectors = _poles(*_oscillators(motion, waves, at if at > REAL_BELOW * scale[0] else scale[0]))
         weight = np.abs(vectors) ** 2 / (np.abs(vectors) ** 2).sum(axis=0)
@@ -301,7 +296,7 @@ def _solver(motion: ForcedMotion, s: float):
 
 def _poles(mass: np.ndarray, drag: np.ndarray, stiff: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The p roots s with the largest Im s, of overdamped ones the slowest, and their vectors (p, p)."""
-    p, unit = len(mass), np.sqrt(np.abs(stiff).max() / np.abs(mass).max())
+    p, unit = len(mass), np.sqrt(np.abs(stiff).max() / np.abs(mass).max()) or 1.0
     m = mass * unit**2
     lower = np.hstack([-np.linalg.solve(m, stiff), -np.linalg.solve(m, drag * unit)])
     s, vectors = eig(np.vstack([np.eye(p, 2 * p, p), lower]))
