@@ -22,6 +22,7 @@ Density of states and response
 
 Response to forces, motions and noise
     frequency_response  transfer function from drives to observables, with drag and dashpots
+    complex_moduli      storage and loss moduli in a cell whose strain oscillates
     plane_wave          drives: forces of a wave
     contact_slip, stress_change  observables
     inflate             displacements around an inflated grain: elasticity or screening

@@ -2,6 +2,7 @@ from .core.contacts.jacobian import contact_blocks as contact_blocks
 from .loading.protocols import track_pairs as track_pairs
 from .solve.birth import birth_form as birth_form
 from .solve.bounds import moduli_bounds as moduli_bounds
+from .solve.complex_moduli import complex_moduli as complex_moduli
 from .solve.density import density_of_states as density_of_states
 from .solve.density import participation_ratio as participation_ratio
 from .solve.equilibrate import UnstableEquilibriumWarning as UnstableEquilibriumWarning

@@ -147,10 +147,15 @@ def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) 
     inner = np.searchsorted(whole.component, free.component)
     blocks, dampers = blocks_of(state, law, here.line)
     stiff, damp = stiffness_of(everything, here.line, blocks, whole), assembled(everything, dampers, whole)
-    rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
+    rate = drag_rates(free.axis, drag, spin_drag)
     pull, resists = (mass_weighted(sparse.csr_array(part[inner][:, inner]), free) for part in (stiff, damp))
-    drags = sparse.csr_array(resists + sparse.diags_array(rate.astype(float)))
+    drags = sparse.csr_array(resists + sparse.diags_array(rate))
     return ForcedMotion(here, free, whole, inner, pull, drags, stiff, damp)
+
+
+def drag_rates(axis: np.ndarray, drag: float, spin_drag: float | None) -> np.ndarray:
+    """(n,) ν of each coordinate, given its axis [1/time]."""
+    return np.where((axis < 3) | (axis == 6), drag, drag if spin_drag is None else spin_drag).astype(float)
 
 
 @checked
@@ -204,9 +209,7 @@ def frequency_response(
     ((2, 1, 1), 0.4)
     """
     drive, observe = as_patterns(state, drive=drive), None if observe is None else as_patterns(state, observe=observe)
-    frequency = np.atleast_1d(np.asarray(frequency, float))
-    for worst in frequency[~((frequency >= 0) & np.isfinite(frequency))]:
-        raise ValueError(f"frequency = {worst:g} was given: it must be zero or positive")
+    frequency = as_frequencies(frequency)
     motion = forced_motion(state, law, drag, spin_drag)
     rows = len(motion.free) if observe is None else len(observe)
     size = 16.0 * len(frequency) * len(drive) * (rows + len(motion.free))
@@ -223,6 +226,14 @@ def frequency_response(
             x = motion.all_coordinates(y, np.repeat(prescribed[:, k, None], len(frequency), axis=1))
             out[:, :, k] = (_gather(motion.whole, observe) @ x).T
     return FrequencyResponse(frequency, out, motion.free)
+
+
+def as_frequencies(frequency: Values) -> np.ndarray:
+    """(F,) array of frequencies; raise ValueError if one is negative or not finite."""
+    frequency = np.atleast_1d(np.asarray(frequency, float))
+    for worst in frequency[~((frequency >= 0) & np.isfinite(frequency))]:
+        raise ValueError(f"frequency = {worst:g} was given: it must be zero or positive")
+    return frequency
 
 
 def as_patterns(state: State, **named) -> np.ndarray:
@@ -258,22 +269,21 @@ def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = si
         report("frequency response", k / len(missing), f"frequency {frequency[row]:.4g}")
         if order is None and size > DIRECT_UP_TO:
             order = dissect(motion.here.state, motion.free, np.arange(size), motion.pull)
-        out[:, row] = _solve_directly(motion, frequency[row], still + 1j * frequency[row] * moving, order)
+        b, scale = still + 1j * frequency[row] * moving, np.abs(motion.pull.data).max()
+        out[:, row] = solve_directly(motion.matrix(frequency[row]), b[:, None], order, frequency[row], scale)[:, 0]
     return out
 
 
-def _solve_directly(motion: ForcedMotion, frequency: float, b: np.ndarray, order) -> np.ndarray:
-    """Solve at one frequency by factorisation."""
-    matrix = motion.matrix(frequency)
+def solve_directly(matrix, b: np.ndarray, order, frequency: float, scale: float) -> np.ndarray:
+    """Solve at one frequency for columns b (n, k) by factorisation, given the size of the stiffnesses."""
     try:
         if order is None:
             with one_thread():
                 y = np.linalg.solve(matrix.toarray(), b)
         else:
-            y = FrontalFactor(matrix, order).solve(b[:, None])[:, 0]
+            y = FrontalFactor(matrix, order).solve(b)
     except LinAlgError:
-        y = np.full(len(b), np.inf)
-    scale = np.abs(motion.pull.data).max()
+        y = np.full(b.shape, np.inf)
     if not np.linalg.norm(y) * scale < WITHOUT_LIMIT * np.linalg.norm(b):
         raise ValueError(
             f"frequency = {frequency:.9g} was given, at which the packing moves without limit, as at a resonance "
