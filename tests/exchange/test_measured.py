@@ -209,7 +209,7 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
     pull = m.force_n.copy()
     pull[c] = -1.0
     lists = ("pair_i", "pair_j", "force_n", "force_t", "force_n_error", "force_t_error")
-    grains, forces = write_tables(tmp_path, m)
+    _, forces = write_tables(tmp_path, m)
     (nobody := tmp_path / "nobody.csv").write_text("x,y,radius\n")
     cases = [
         ("nobody.csv has no grains", lambda: ss.io.read_forces(nobody, forces)),

@@ -54,7 +54,7 @@ def complex_moduli(
     c denotes the coordinates ℓG of the cell and g those of the grains, C the derivatives of forces to velocities: the
     dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the cell, ẋ = v + Lx:
     the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At ω = 0 the moduli are
-    those of `elastic_moduli`. At high frequencies grains move affinely. Rattlers are excluded.
+    those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers are excluded.
 
     Parameters
     ----------

@@ -277,11 +277,8 @@ def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = si
 def solve_directly(matrix, b: np.ndarray, order, frequency: float, scale: float) -> np.ndarray:
     """Solve at one frequency for columns b (n, k) by factorisation, given the size of the stiffnesses."""
     try:
-        if order is None:
-            with one_thread():
-                y = np.linalg.solve(matrix.toarray(), b)
-        else:
-            y = FrontalFactor(matrix, order).solve(b)
+        with one_thread():
+            y = np.linalg.solve(matrix.toarray(), b) if order is None else FrontalFactor(matrix, order).solve(b)
     except LinAlgError:
         y = np.full(b.shape, np.inf)
     if not np.linalg.norm(y) * scale < WITHOUT_LIMIT * np.linalg.norm(b):
