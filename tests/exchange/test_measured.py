@@ -10,6 +10,7 @@ import stickslip as ss
 from benchmarks.measured_forces import LAW, cut, forces_of, measured, sheared
 from stickslip.cli.app import app
 from stickslip.core.contacts.jacobian import linearise
+from stickslip.data.exchange.force_network import is_measured
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +193,12 @@ def test_the_command_balances_measured_forces_first(truth, tmp_path):
         app, ["stability", str(grains), "--contacts", str(forces), *law[:-1], str(tmp_path / "o.npz")]
     )
     assert "balance better with opposite ft" in " ".join(done.output.split())
+
+
+def test_forces_from_lammps_are_not_taken_for_measured_ones(tmp_path):
+    (dump := tmp_path / "local.dump").write_text("ITEM: TIMESTEP\n0\nITEM: ENTRIES i j fn ft\n1 2 0.1 0.0\n")
+    (table := tmp_path / "forces.csv").write_text("i,j,fn,ft\n1,2,0.1,0.0\n")
+    assert [is_measured(tmp_path / "packing.data", file) for file in (dump, table)] == [False, True]
 
 
 def changed(m, **values):

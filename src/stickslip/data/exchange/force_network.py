@@ -186,11 +186,13 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
 
 
 def is_measured(path: Path, contacts: Path | None) -> bool:
-    """Return True for a file of MATLAB, or if there is a table of contacts with a column fn."""
+    """Return True for a file of MATLAB, or if there is a table of contacts with a column fn, not from LAMMPS."""
     if contacts is None or not contacts.is_file():
         return _is_matlab(path)
     lines = head_text(read_content(contacts, HEAD)).splitlines()
-    return any("fn" in map(plain_name, re.split(r"[;,\t]+| +(?!\[)", line)) for line in lines[:20])
+    return lines[:1] != ["ITEM: TIMESTEP"] and any(
+        "fn" in map(plain_name, re.split(r"[;,\t]+| +(?!\[)", line)) for line in lines[:20]
+    )
 
 
 def _is_matlab(path: Path) -> bool:
