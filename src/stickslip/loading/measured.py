@@ -33,7 +33,7 @@ AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact sli
 
 @readable
 class Adjustment(NamedTuple):
-    """What was changed so that measured forces balance; changes are in errors of measurement."""
+    """Changes of measured positions and forces that make the forces balance, in errors of measurement."""
 
     chi_square: float  # Σ (change/error)² over all coordinates and forces
     degrees: int  # of freedom: equations and limits that bind
