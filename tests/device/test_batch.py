@@ -10,10 +10,12 @@ import pytest
 
 import stickslip as ss
 from stickslip._core import build
-from stickslip.core.dynamics import device
+from stickslip.core.dynamics import batch, device
 from stickslip.core.dynamics.batch import Processor, Together, run_legs
 from stickslip.core.dynamics.engine import Leg
 from stickslip.core.dynamics.record import OBSERVABLES
+from stickslip.core.dynamics.run import own_engine
+from stickslip.core.library import core
 
 GROUPS = "group_position", "group_velocity", "group_force", "group_pull"
 
@@ -75,7 +77,7 @@ def disks_on_a_wall():
     control = ss.control.driven(state.control, [len(state.grains.radius)], [0.01, 0, 0, 0, 0, 0])
     control = ss.control.spring_loaded(control, [4], state.grains.position[4], 0.1)
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=0.2), 0, 1, mu=0.4)
-    return Leg(state._replace(control=control), law, 0.02, 300, every=100)
+    return Leg(state._replace(control=control), law, 0.02, 300, every=100, spin_drag=0.02, detailed=True)
 
 
 LEGS = {"sheared": sheared_spheres, "free": free_spheres, "disks": disks_on_a_wall}
@@ -96,7 +98,8 @@ def differences(a, b):
 
 
 def test_a_batch_does_what_a_run_does(leg):
-    end, record, _ = ss.run(leg.state, leg.law, leg.steps, leg.dt, every=leg.every, drag=leg.drag)
+    options = {"drag": leg.drag, "spin_drag": leg.spin_drag}
+    end, record, _ = ss.run(leg.state, leg.law, leg.steps, leg.dt, every=leg.every, **options)
     ((mine, samples),) = run_legs([leg], Processor())
     for name in ("position", "velocity", "spin", "angle"):
         scale = np.abs(getattr(end.grains, name)).max()
@@ -115,8 +118,53 @@ def assert_same_contacts(mine, known):
         assert np.array_equal(getattr(mine, name)[here], getattr(known, name)[there]), name
 
 
+def sorted_events(record):
+    rows = record.events
+    return rows[np.lexsort([rows["kind"], *rows["image"].T, rows["j"], rows["i"], rows["time"]])]
+
+
+def assert_same_details(record, known):
+    np.testing.assert_allclose(record.position, known.position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(record.angle, known.angle, rtol=0, atol=1e-12)
+    events, others = sorted_events(record), sorted_events(known)
+    for name in ("kind", "time", "i", "j", "image"):
+        assert np.array_equal(events[name], others[name]), name
+    np.testing.assert_allclose(events["position"], others["position"], rtol=0, atol=1e-12)
+
+
+def test_a_batch_may_record_events_and_every_grain(leg):
+    leg = leg._replace(detailed=True)
+    ((_, known),) = own_engine().pieces(leg)
+    (_, mine), (_, short), (_, bare) = run_legs(
+        [leg, leg._replace(steps=40), leg._replace(detailed=False)], Processor()
+    )
+    assert len(known.events) > 40 and set(known.events["kind"]) == {"closed", "opened", "limit"}
+    assert_same_details(mine, known)
+    ((_, known),) = own_engine().pieces(leg._replace(steps=40))
+    assert_same_details(short, known)
+    assert not len(bare.events) and bare.position.shape[1] == 0
+
+
+def test_a_system_waits_until_there_is_room_for_events(monkeypatch):
+    leg, waited = free_spheres()._replace(detailed=True), []
+    ((_, known),) = own_engine().pieces(leg)
+    _, most = np.unique(known.events["time"], return_counts=True)
+    sizes = batch._sizes
+    monkeypatch.setattr(batch, "_sizes", lambda *given: sizes(*given)._replace(events=4 * int(most.max()) + 2))
+
+    class Watched(Processor):
+        def run(self, steps):
+            number = super().run(steps)
+            waited.append((number[:, core.SLOT_PHASE] == core.WAITING).any())
+            return number
+
+    ((_, mine),) = run_legs([leg], Watched())
+    assert any(waited)
+    assert_same_details(mine, known)
+
+
 def test_one_step_agrees_to_round_off(leg):
-    end, _, _ = ss.run(leg.state, leg.law, 1, leg.dt, drag=leg.drag)
+    end, _, _ = ss.run(leg.state, leg.law, 1, leg.dt, drag=leg.drag, spin_drag=leg.spin_drag)
     ((mine, _),) = run_legs([leg._replace(steps=1, every=0)], Processor())
     scale = np.abs(end.instant.force).max() if end.instant else 1.0
     assert np.abs(mine.grains.velocity - end.grains.velocity).max() < 1e-13 * np.abs(end.grains.velocity).max()
@@ -137,7 +185,7 @@ def test_a_leg_may_be_cut_and_change_between_processors_and_devices(leg):
     half, _ = run_legs([leg._replace(steps=leg.steps // 2, every=0)], Processor())[0]
     rest = run_legs([leg._replace(state=half, steps=leg.steps - leg.steps // 2, every=0)], Processor())[0]
     assert not differences(rest, (whole[0], rest[1]))
-    other, _, _ = ss.run(half, leg.law, leg.steps - leg.steps // 2, leg.dt, drag=leg.drag)
+    other, _, _ = ss.run(half, leg.law, leg.steps - leg.steps // 2, leg.dt, drag=leg.drag, spin_drag=leg.spin_drag)
     scale = np.abs(other.grains.position).max()
     assert np.abs(other.grains.position - rest[0].grains.position).max() < 1e-11 * scale
 

@@ -3,6 +3,15 @@
 
 #include "batch.h"
 
+namespace batch {
+
+int32_t fetch_add(int32_t *to, int32_t more) {
+  *to += more;
+  return *to - more;
+}
+
+}  // namespace batch
+
 namespace {
 
 struct Team {
@@ -13,10 +22,6 @@ struct Team {
   template <class Work>
   void once(const Work &work) const {
     work();
-  }
-  int32_t add(int32_t *to, int32_t more) const {
-    *to += more;
-    return *to - more;
   }
 };
 

@@ -6,6 +6,10 @@ __constant__ Batch systems;
 __constant__ Law law;
 }
 
+namespace batch {
+__device__ int32_t fetch_add(int32_t *to, int32_t more) { return atomicAdd(to, more); }
+}  // namespace batch
+
 namespace {
 
 struct Team {
@@ -19,7 +23,6 @@ struct Team {
     if (threadIdx.x == 0) work();
     __syncthreads();
   }
-  __device__ int32_t add(int32_t *to, int32_t more) const { return atomicAdd(to, more); }
 };
 
 struct Place {  // body of a thread

@@ -12,6 +12,8 @@
 
 namespace batch {
 
+int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once
+
 constexpr int64_t MODE = 3, REACHED = 4, FLAGS = ENTRY_FLAGS, IMAGE = ENTRY_IMAGE, PARTNER = ENTRY_PARTNER;
 constexpr int64_t ROWS = 16;  // of partial sums
 constexpr int64_t IMAGE_HALF = 1 << (IMAGE - 1);
@@ -90,6 +92,35 @@ inline Touch find_touch(const Slot &slot, int64_t a, int64_t word, int64_t now) 
   return out;
 }
 
+// Writes an event of a contact as body a sees it. Apart, so that it does not take registers from the step.
+__attribute__((noinline)) inline void write_event(const Batch &b, int64_t s, int64_t a, int64_t word, int64_t kind) {
+  const int64_t row = fetch_add(b.happened + s, 1);
+  if (row >= b.events) return;
+  const Slot slot(b, s);
+  const double time = slot.value[PACE_START] + double(slot.number[SLOT_STEP]) * slot.value[PACE_DT];
+  double *out = b.event + EVENT * (b.events * s + row);
+  out[0] = double(kind), out[1] = time, out[2] = double(a), out[3] = double(word >> PARTNER);
+  for (int k = 0; k < 3; ++k) {
+    out[4 + k] = double(image_of(word, k));
+    out[7 + k] = slot.point(a, slot.number[SLOT_NOW])[k];
+  }
+}
+
+inline void record_event(const Slot &slot, int64_t a, int64_t word, int64_t kind) {
+  if (slot.batch.events) write_event(slot.batch, slot.s, a, word, kind);
+}
+
+inline void open_entry(const Slot &slot, int64_t a, int64_t *entry) {
+  if ((*entry & MODE) == OPEN) return;
+  record_event(slot, a, *entry, OPENED);
+  *entry &= ~(MODE | REACHED);
+}
+
+// What a system does that may step.
+inline int64_t run_or_wait(const Slot &slot) {  // one step and a new list fill less than half of the rows
+  return 2 * int64_t(slot.batch.happened[slot.s]) > slot.batch.events ? WAITING : RUNNING;
+}
+
 struct Material {
   Parameters q;
   double r_eff, m_eff;
@@ -125,7 +156,7 @@ inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int6
     const Vec<double> r = find_pair<DIM>(slot, own, other[k], word[k]);
     const bool apart = !slot.is_wall(word[k] >> PARTNER) && dot(r, r) > (1.0 + 1e-15) * (reach * reach);
     touches[k] = e + step * k < count && !apart;
-    if (e + step * k < count && apart && (word[k] & MODE) != OPEN) entry[step * k] = word[k] & ~(MODE | REACHED);
+    if (e + step * k < count && apart) open_entry(slot, a, entry + step * k);
   }
 }
 
@@ -138,7 +169,7 @@ inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t
   const int64_t word = *entry, before = word & MODE;
   const Touch touch = find_touch<DIM>(slot, a, word, now);
   if (touch.overlap <= 0.0) {
-    if (before != OPEN) *entry = word & ~(MODE | REACHED);
+    open_entry(slot, a, entry);
     return {};
   }
   double *slip[3];
@@ -171,6 +202,8 @@ inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t
   const int64_t mode = out.slides ? SLIDE : STICK, reached = out.slides && limit > 0.0 ? REACHED : word & REACHED;
   const int64_t after = (word & ~(MODE | REACHED)) | mode | reached;
   if (after != word) *entry = after;
+  if (before == OPEN) record_event(slot, a, word, CLOSED);
+  if (reached && !(word & REACHED)) record_event(slot, a, word, REACHED_LIMIT);
   const Vec<double> f = fn * n + out.tangential, turn = radius * cross(out.tangential, n);
   return {{f.x, f.y, f.z, turn.x, turn.y, turn.z}};
 }
@@ -295,7 +328,7 @@ inline void finish_step(const Slot &slot, const Team &team) {
     number[SLOT_NOW] = 1 - now;
     number[SLOT_STEP] += go_on;
     if (go_on) slot.value[PACE_CLOCK] += slot.value[PACE_DT];
-    number[SLOT_PHASE] = !go_on ? SAMPLING : number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : RUNNING;
+    number[SLOT_PHASE] = !go_on ? SAMPLING : number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
   });
 }
 
@@ -329,7 +362,7 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
     if (number[SLOT_PHASE] == BEGINNING) {
       number[SLOT_STEP] += 1;
       slot.value[PACE_CLOCK] += slot.value[PACE_DT];
-      number[SLOT_PHASE] = number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : RUNNING;
+      number[SLOT_PHASE] = number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
     }
   });
   if (number[SLOT_PHASE] != LISTING) return;
@@ -344,7 +377,7 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
       int64_t box, at_bin = 0;
       for (int k = 0; k < 3; ++k) at_bin = at_bin * bins[k] + bin_along(slot, at(slot.point(a, now)), k, &box);
       bin[a] = int32_t(at_bin);
-      team.add(bound + at_bin + 1, 1);
+      fetch_add(bound + at_bin + 1, 1);
     }
     for (int64_t a = t; a < number[SLOT_BODIES]; a += TEAM)
       for (int k = 0; k < 3; ++k) b.origin[3 * slot.row(a) + k] = slot.point(a, now)[k];
@@ -363,7 +396,7 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
     for (int64_t k = stretch * t; k < stretch * (t + 1) && k < count; ++k) bound[k + 1] = total += bound[k + 1];
   });
   team.each([&](int64_t t) {  // bodies from the last place of a bin on; their order does not matter
-    for (int64_t a = t; a < grains; a += TEAM) binned[team.add(bound + bin[a] + 1, -1) - 1] = int32_t(a);
+    for (int64_t a = t; a < grains; a += TEAM) binned[fetch_add(bound + bin[a] + 1, -1) - 1] = int32_t(a);
   });
 }
 
@@ -445,12 +478,16 @@ inline void build_list(const Slot &slot, int64_t a) {
   int64_t e = 0;
   for (int64_t c = 0; c < many; ++c) {
     const int64_t key = entry[c];
-    while (e < before && former[e] >> FLAGS < key) ++e;
+    for (; e < before && former[e] >> FLAGS < key; ++e) open_entry(slot, a, former + e);
     entry[c] = key << FLAGS;
-    if (e == before || former[e] >> FLAGS != key || (former[e] & MODE) == OPEN) continue;
-    entry[c] = former[e];
-    for (int k = 0; k < 3; ++k) slot.slip(a, list, k)[c] = slot.slip(a, old, k)[e];
+    if (e == before || former[e] >> FLAGS != key) continue;
+    if ((former[e] & MODE) != OPEN) {
+      entry[c] = former[e];
+      for (int k = 0; k < 3; ++k) slot.slip(a, list, k)[c] = slot.slip(a, old, k)[e];
+    }
+    ++e;
   }
+  for (; e < before; ++e) open_entry(slot, a, former + e);
   slot.entries(a, list) = int32_t(many);
 }
 
@@ -459,7 +496,7 @@ inline void finish_list(const Slot &slot) {
   if (number[SLOT_PHASE] != LISTING) return;
   number[SLOT_LISTED] = 1 - number[SLOT_LISTED];
   number[SLOT_MOVED_FAR] = 0;
-  number[SLOT_PHASE] = number[SLOT_CHANGED] ? (number[SLOT_CHANGED] < 0 ? APART : CROWDED) : RUNNING;
+  number[SLOT_PHASE] = number[SLOT_CHANGED] ? (number[SLOT_CHANGED] < 0 ? APART : CROWDED) : run_or_wait(slot);
 }
 
 // ---- samples
@@ -513,8 +550,8 @@ inline void count_contacts(const Slot &slot, const Team &team, const int32_t *un
         const int64_t word = slot.entry(a, list)[e], p = word >> PARTNER;
         const int64_t i = unit ? unit[first + a] : a, j = unit ? unit[first + p] : p;
         if ((word & MODE) == OPEN || i == j || b.loose[first + i] || b.loose[first + j]) continue;
-        team.add(b.touching + first + i, 1);
-        if (slot.is_wall(p)) team.add(b.touching + first + j, 1);
+        fetch_add(b.touching + first + i, 1);
+        if (slot.is_wall(p)) fetch_add(b.touching + first + j, 1);
       }
   });
 }
@@ -623,6 +660,12 @@ inline void write_sample(const Law &law, const Slot &slot, const Team &team) {
       }
     });
     reduce(slot, team, SUMS);
+    team.each([&](int64_t t) {
+      for (int64_t a = t; a < number[SLOT_GRAINS] && a < b.tracks; a += TEAM) {
+        double *row = b.track + 6 * (b.tracks * at_row + a);
+        for (int k = 0; k < 3; ++k) row[k] = slot.point(a, number[SLOT_NOW])[k], row[3 + k] = b.angle[3 * slot.row(a) + k];
+      }
+    });
   }
   team.once([&] {
     if (due) write_row(slot, b.series + COLUMNS * at_row), number[SLOT_ROWS] += 1;

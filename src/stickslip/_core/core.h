@@ -326,6 +326,7 @@ constexpr int64_t SLOT_PHASE = 0, SLOT_NOW = 1, SLOT_LISTED = 2, SLOT_STEP = 3, 
 constexpr int64_t SLOT_EVERY = 6, SLOT_ROWS = 7, SLOT_BODIES = 8, SLOT_GRAINS = 9, SLOT_SINGLE = 10, SLOT_MOVED_FAR = 11;
 constexpr int64_t SLOT_BROKEN = 12, SLOT_CHANGED = 13, SLOT_BINS = 14, SLOT_NUMBERS = 17;
 constexpr int64_t RUNNING = 0, SAMPLING = 1, BEGINNING = 2, LISTING = 3, FINISHED = 4, BROKE = 5, CROWDED = 6, APART = 7;
+constexpr int64_t WAITING = 8;  // for room for events: the caller takes these away, and the system goes on
 // columns of `Batch.value`: members of `Pace`; skin; time of the start, and that of the positions; lower bounds and
 // spacings of bins, in parts of the cell
 constexpr int64_t PACE_DT = 0, PACE_KEEP = 1, PACE_SLOW = 2, PACE_KEEP_T = 3, PACE_SLOW_T = 4, PACE_SKIN = 5;
@@ -344,6 +345,8 @@ struct Batch {  // S slots with room for R bodies, in each of which is a system 
   int64_t courses;   // C
   int64_t samples;   // T, rows of `series`
   int64_t least;     // contacts that a grain needs not to be a rattler
+  int64_t events;    // E, rows of `event`; 0: none are recorded
+  int64_t tracks;    // P, bodies of each sample: R or none
   int64_t *number;   // (S, SLOT_NUMBERS)
   double *value;     // (S, PACE_VALUES)
   double *vectors;   // (S, 3, 3)
@@ -381,6 +384,9 @@ struct Batch {  // S slots with room for R bodies, in each of which is a system 
   double *partial;   // (S, TEAM, SUMS)
   double *series;    // (S, T, COLUMNS)
   double *group;     // (S, T, G, 4, 3) see `RecordBuffers.groups`
+  double *track;     // (S, T, P, 6) positions and angles
+  double *event;     // (S, E, EVENT) as in `Writing`, of each contact from both sides
+  int32_t *happened;  // (S,) events that have been recorded
 };
 
 // Takes `steps` steps in all systems that are RUNNING, then samples, begins steps and builds lists where these are due

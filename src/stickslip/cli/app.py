@@ -97,7 +97,7 @@ Device = Annotated[
     str | None,
     typer.Option(
         "--device",
-        help="cuda: run all realizations of fault gouge side by side on a graphics processor.",
+        help="cuda: run all realizations of gouge or of a sliding array side by side on a graphics processor.",
         autocompletion=complete_from(DEVICES),
     ),
 ]

@@ -329,15 +329,17 @@ def _sweep_tables(tables: dict, engine: EngineOptions) -> dict:
 
 def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
     """Check the options for parallel runs, and return them as arguments of `simulate`."""
+    from ..experiments.registry import EXPERIMENTS, experiment_of
+
     workers, scheduler, device = processes
     if device is not None:
         check_choice("device", device, DEVICES)
-        if getattr(chosen, "experiment", "") != "gouge":
-            raise ValueError("--device was given, but only single runs of 'gouge' have one: leave it out")
+        if not chosen or not experiment_of(chosen).device:
+            allowed = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.device)
+            raise ValueError(f"--device was given, but only single runs of {allowed} have one: leave it out")
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
     from ..ensemble import reach
-    from ..experiments.registry import experiment_of
 
     if chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")

@@ -58,6 +58,7 @@ class Experiment(NamedTuple):
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
     export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
     parallel: bool = True  # whether realizations can be distributed over the workers of a cluster
+    device: bool = False  # whether `simulate`, and `reproduce` of its paper, can run them on a graphics processor
 
     @property
     def name(self) -> str:

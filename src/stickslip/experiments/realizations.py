@@ -1,11 +1,16 @@
 """The loop over realizations, shared by all experiments: run in parallel, save, skip saved ones, report failures."""
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
-from ..core.progress import Report, silent
+from ..core.dynamics.batch import Device, Together, check_law
+from ..core.laws.builtin import Law
+from ..core.progress import Report, silent, within
 from ..data.checkpoint import Checkpoint
 from ..ensemble import Workers, run_members
+
+MOST = 256  # realizations side by side on a device
 
 
 class Task(NamedTuple):
@@ -60,12 +65,31 @@ class Realizations(NamedTuple):
         return results
 
 
+def open_device(name: str, law: Law) -> Device:
+    """Return the device of this name.
+
+    Raises
+    ------
+    ValueError
+        If it cannot evaluate the law, or if no device has this name.
+    MissingExtraError
+        If CuPy is missing.
+    RuntimeError
+        If there is no such device.
+    """
+    from ..core.dynamics.device import open_device
+
+    check_law(law)
+    return open_device(name)
+
+
 def run_realizations(
     function: Callable,
     tasks: Sequence[Task],
     *,
     stage: str,
     workers: Workers = None,
+    device: Device | None = None,
     report: Report = silent,
     **options,
 ) -> Realizations:
@@ -74,6 +98,7 @@ def run_realizations(
     Parameters
     ----------
     function : called as function(*arguments, report), to which it tells its own progress; importable by name
+    device : runs the legs of up to `MOST` tasks side by side; the function is called with an Engine as `engine`
     stage, workers, report, options : as for `run_members`
 
     Raises
@@ -81,6 +106,8 @@ def run_realizations(
     ArchiveError
         If a saved result is damaged, or belongs to another scenario or version.
     """
+    if device:
+        return _run_on_device(device, function, tasks, report, stage=stage, **options)
     places = {task.checkpoint.folder: task.checkpoint for task in tasks if task.checkpoint}
     for place in places.values():
         place.check()
@@ -101,3 +128,25 @@ def run_realizations(
         function, arguments, workers=workers, stage=stage, report=report, load=load, save=save, **options
     )
     return Realizations([m.result for m in members], [task.label for task in tasks], [m.failure for m in members])
+
+
+def _run_on_device(device: Device, function: Callable, tasks: Sequence[Task], report: Report, **options):
+    """Run tasks side by side in groups; see `run_realizations`."""
+    parts = []
+    for first in range(0, len(tasks), MOST):
+        group = tasks[first : first + MOST]
+        batches = Together(device, sum(not (task.checkpoint and task.checkpoint.has(task.name)) for task in group))
+
+        def run(*arguments, batches=batches):
+            try:
+                with batches.turn:
+                    return function(*arguments, engine=batches.engine)
+            finally:
+                batches.leave()
+
+        tell = within(report, first / len(tasks), (first + len(group)) / len(tasks))
+        try:
+            parts.append(run_realizations(run, group, report=tell, together=True, **options))
+        finally:
+            batches.stopped = True
+    return Realizations(*(list(chain(*part)) for part in zip(*parts, strict=True)))

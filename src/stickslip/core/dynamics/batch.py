@@ -42,7 +42,8 @@ _WIDTHS = {  # columns of the arrays of bodies
     "touching": 0, "spring": 6, "leads": 3, "bin": 0, "binned": 0,
 }  # fmt: skip
 _TYPES = {"free": np.bool_, "leads": np.int64} | dict.fromkeys(
-    ("material", "unit", "supports", "loose", "touching", "entries", "bin", "bound", "binned", "arrived"), np.int32
+    ("material", "unit", "supports", "loose", "touching", "entries", "bin", "bound", "binned", "arrived", "happened"),
+    np.int32,
 )
 _INTEGERS = "number", "periodic", "members", "entry"
 
@@ -59,6 +60,8 @@ class Sizes(NamedTuple):
     courses: int
     samples: int
     least: int  # contacts that a grain needs not to be a rattler
+    events: int  # rows for the events of a system
+    tracks: int  # bodies of each sample
     table: tuple[int, ...]  # shape of the table of a law
 
 
@@ -107,6 +110,7 @@ class _System(NamedTuple):
     state: State  # at the start, with the forces of its last step
     order: np.ndarray  # (B,) number of each body in the state
     single: int  # number of single grains
+    events: np.ndarray  # (E, EVENT) of the start, see `RecordBuffers.events`
 
 
 def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | RuntimeError]:
@@ -137,21 +141,29 @@ def _run_systems(systems: list[_System], device: Device) -> list[tuple[State, Re
         for slot, system in enumerate(systems):
             for name, place, values in _pack(system, slot, sizes):
                 device.write(name, place, values)
-        number = _run(device, max(system.leg.steps for system in systems))
+        number, events = _run(device, max(system.leg.steps for system in systems), sizes)
         if not (number[:, core.SLOT_PHASE] == core.CROWDED).any():
-            return [_unpack(system, slot, device, number[slot]) for slot, system in enumerate(systems)]
+            return [_unpack(system, slot, device, number[slot], events[slot]) for slot, system in enumerate(systems)]
         most = min(2 * most, max(most + 1, core.MOST_ENTRIES))
 
 
-def _run(device: Device, wanted: int) -> np.ndarray:
-    """Run all systems until each has ended, or a list was too short; return `number`."""
+def _run(device: Device, wanted: int, sizes: Sizes) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Run all systems until each has ended, or a list was too short; return `number`, and the events of each."""
+    events = [[] for _ in range(sizes.slots)]
     while True:
         number = device.run(wanted + 1)
         phase = number[:, core.SLOT_PHASE]
-        going = ~np.isin(phase, (core.FINISHED, core.BROKE, core.APART))
-        if not going.any() or (phase == core.CROWDED).any():
-            return number
-        wanted = int((number[:, core.SLOT_STOP] - number[:, core.SLOT_STEP])[going].max())
+        ended = np.isin(phase, (core.FINISHED, core.BROKE, core.APART))
+        crowded = (phase == core.CROWDED).any()
+        for slot in np.flatnonzero(ended if ended.all() else phase == core.WAITING) if sizes.events else ():
+            count = int(device.read("happened", slice(slot, slot + 1))[0])
+            events[slot].append(device.read("event", (slot, slice(count))))
+            device.write("happened", slice(slot, slot + 1), [0])
+        for slot in np.flatnonzero(phase == core.WAITING):
+            device.write("number", (slot, slice(core.SLOT_PHASE, core.SLOT_PHASE + 1)), [core.RUNNING])
+        if ended.all() or crowded:
+            return number, [np.concatenate([np.zeros((0, core.EVENT)), *rows]) for rows in events]
+        wanted = int((number[:, core.SLOT_STOP] - number[:, core.SLOT_STEP])[~ended].max())
 
 
 def check_law(law: Law) -> None:
@@ -200,11 +212,12 @@ def _prepare(leg: Leg) -> _System:
     """Evaluate the forces at the start of a leg, unless the state has them, and choose the order of its bodies."""
     check_leg(leg)
     state, law = leg.state, leg.law
-    plan, instant = make_plan(state, leg.drag, leg.drag, leg.dt), matching_instant(state, law, "difference")
-    state = with_neighbor_list(state, law)
+    plan, instant = _plan(leg), matching_instant(state, law, "difference")
+    state, events = with_neighbor_list(state, law), np.zeros((0, core.EVENT))
     if instant is None:
-        nothing = allocate_buffers(state, 0, 0, (), False, None)
-        state = run_steps(state, law, plan, 0, nothing, None, None, rate=0, threads=1)[0]
+        nothing = allocate_buffers(state, 0, 0, (), leg.detailed, None)
+        state, *_, writing, _ = run_steps(state, law, plan, 0, nothing, None, None, rate=0, threads=1)
+        events = writing.events[: writing.event_count[0]]
     here = bodies_at_start(state, state.instant)
     check_time_step(state, law, here, leg.dt)
     control, n = state.control, len(state.grains.radius)
@@ -213,7 +226,12 @@ def _prepare(leg: Leg) -> _System:
     single = single[np.argsort(-state.grains.radius[single], kind="stable")]
     single = np.concatenate([single[k :: len(single) // WARP + 1] for k in range(len(single) // WARP + 1)])
     rest = rest[np.argsort(control.group[rest] % (control.group.max(initial=0) + 2), kind="stable")]  # none comes last
-    return _System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single))
+    return _System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single), events)
+
+
+def _plan(leg: Leg):
+    """Return what the bodies of a leg do."""
+    return make_plan(leg.state, leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag, leg.dt)
 
 
 def _entries(systems: list[_System]) -> int:
@@ -241,14 +259,16 @@ def _sizes(systems: list[_System], most: int) -> Sizes:
         raise ValueError(
             "systems of different dimensions or laws were given to one batch: run them in batches of their own"
         )
-    room = max(state.n_bodies for state in states)
+    room = -(-max(state.n_bodies for state in states) // WARP) * WARP
+    detailed = any(leg.detailed for leg in legs)
     return Sizes(
-        len(systems), -(-room // WARP) * WARP, most, dim,
+        len(systems), room, most, dim,
         max(int(state.control.group.max(initial=-1)) + 1 for state in states),
         max(1, *(len(state.control.knots) for state in states)),
         max(1, *(state.control.course.shape[1] for state in states)),
         max(leg.steps // leg.every + 1 if leg.every else 0 for leg in legs),
-        2 if _has_friction(law) else dim + 1, law.table.shape,
+        2 if _has_friction(law) else dim + 1, 6 * room * most if detailed else 0, room if detailed else 0,
+        law.table.shape,
     )  # fmt: skip
 
 
@@ -272,7 +292,8 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
         "course": (s, sizes.knots, sizes.courses), "entry": (2, s, r, sizes.most), "slip": (2, 3, s, r, sizes.most),
         "entries": (2, s, r), "bound": (s, r + 1), "arrived": (s,),
         "partial": (s, core.TEAM, core.SUMS), "series": (s, t, core.COLUMNS),
-        "group": (s, t, g, 4, 3),
+        "group": (s, t, g, 4, 3), "track": (s, t, sizes.tracks, 6), "event": (s, sizes.events, core.EVENT),
+        "happened": (s,),
     }  # fmt: skip
     return {
         name: (shape, _TYPES.get(name, np.int64 if name in _INTEGERS else np.float64)) for name, shape in shapes.items()
@@ -281,9 +302,9 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
 
 def _pack(system: _System, slot: int, sizes: Sizes):
     """Yield name, place and values of every part of a system that is not zero."""
-    leg, state, order, single = system
+    leg, state, order, single, _ = system
     control, here, n = state.control, bodies_at_start(state, state.instant), len(state.grains.radius)
-    plan, place = make_plan(state, leg.drag, leg.drag, leg.dt), np.argsort(order)
+    plan, place = _plan(leg), np.argsort(order)
     body, grains = (slot, slice(len(order))), (slot, slice(n))
     inertia = np.append(state.grains.inertia, np.ones(len(order) - n))
     unit, number = supports(state)
@@ -351,7 +372,7 @@ def _pack_contacts(state: State, place: np.ndarray, slot: int, sizes: Sizes):
 
 def _pack_numbers(system: _System, slot: int, sizes: Sizes):
     """Yield the counters of a system and its coefficients of motion."""
-    leg, state, order, single = system
+    leg, state, order, single, _ = system
     n, skin, grid = len(state.grains.radius), _skin(state), grid_of(state.cell)
     reach, dim = 2 * float(state.grains.radius.max(initial=0.0)) + skin, state.cell.dim
     part = state.grains.position @ grid.inverse
@@ -365,8 +386,8 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
     number[core.SLOT_STOP], number[core.SLOT_EVERY] = leg.steps, leg.every
     number[core.SLOT_BODIES], number[core.SLOT_GRAINS], number[core.SLOT_SINGLE] = len(order), n, single
     number[core.SLOT_BINS : core.SLOT_BINS + 3] = bins
-    half = 0.5 * leg.dt * leg.drag
-    value[: core.PACE_LOWEST] = leg.dt, *(1 - half, 1 / (1 + half)) * 2, skin, state.time, state.time
+    half, turn = (0.5 * leg.dt * drag for drag in (leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag))
+    value[: core.PACE_LOWEST] = leg.dt, 1 - half, 1 / (1 + half), 1 - turn, 1 / (1 + turn), skin, *(state.time,) * 2
     value[core.PACE_LOWEST : core.PACE_DENSITY] = low
     value[core.PACE_DENSITY :] = bins / np.where(high > low, high - low, 1.0)
     yield "number", slot, number
@@ -374,9 +395,11 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
     yield "table", slot, law_struct(leg.law, members=FORCES)["table"]
 
 
-def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> tuple[State, Record] | RuntimeError:
+def _unpack(
+    system: _System, slot: int, device: Device, number: np.ndarray, events: np.ndarray
+) -> tuple[State, Record] | RuntimeError:
     """Last state and record of a system, or why it became unstable."""
-    leg, state, order, _ = system
+    leg, state, order, *_ = system
     ended = f"the run ended at time {state.time + number[core.SLOT_STEP] * leg.dt:.6g}"
     if number[core.SLOT_PHASE] == core.APART:
         return RuntimeError(f"{ended}: {TOO_FAR}")
@@ -407,11 +430,30 @@ def _unpack(system: _System, slot: int, device: Device, number: np.ndarray) -> t
     time = float(device.read("value", slot)[core.PACE_CLOCK]) if sprung else state.time + leg.steps * leg.dt
     end = state_after(state, here, contacts, time)
     instant = Instant(read("force"), np.zeros((3, 3)), state_checksum(end, leg.law, "difference"))
-    writing = allocate_buffers(state, leg.steps, leg.every, (), False, None)
+    grains = np.arange(len(state.grains.radius))
+    writing = allocate_buffers(state, leg.steps, leg.every, grains if leg.detailed else (), False, None)
     samples, groups = len(writing.series), writing.groups.shape[1]
     series, motion = device.read("series", (slot, slice(samples))), device.read("group", (slot, slice(samples)))
     writing = writing._replace(series=series, groups=motion[:, :groups])
+    if leg.detailed:
+        writing.tracks[:, order[grains]] = device.read("track", (slot, slice(samples), slice(len(grains))))
+        events = np.concatenate([system.events, _unpack_events(events, order)])
+        writing = writing._replace(events=events, event_count=np.array([len(events)]))
     return end._replace(instant=instant), make_record(writing, leg.steps, None, end.cell)
+
+
+def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Events in the order of time, each once."""
+    out = events.copy()
+    out[:, 2], out[:, 3] = order[events[:, 2].astype(int)], order[events[:, 3].astype(int)]
+    out = out[_is_first(out[:, 2], out[:, 3], out[:, 4:7])]
+    return out[np.lexsort([out[:, 0], *out[:, 6:3:-1].T, out[:, 3], out[:, 2], out[:, 1]])]
+
+
+def _is_first(i: np.ndarray, j: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Whether contacts, which are known from both sides, are seen from their first body."""
+    forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # of a grain with its own image
+    return (i < j) | ((i == j) & forward)
 
 
 def _unpack_contacts(system: _System, slot: int, device: Device, held: int) -> Contacts:
@@ -422,8 +464,7 @@ def _unpack_contacts(system: _System, slot: int, device: Device, held: int) -> C
     word = entry[row, column]
     i, j = order[row], order[word >> core.ENTRY_PARTNER]
     image = np.stack([(word >> shift & 2 * _HALF - 1) - _HALF for shift in _SHIFTS], axis=1)
-    forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # of a grain with its own image
-    mine = np.flatnonzero((i < j) | ((i == j) & forward))
+    mine = np.flatnonzero(_is_first(i, j, image))
     slip = device.read("slip", (held, slice(None), slot))[:, row[mine], column[mine]].T
     out = empty_contacts(len(order), len(mine), old.skin)
     return out._replace(

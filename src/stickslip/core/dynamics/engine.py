@@ -37,7 +37,9 @@ class Leg(NamedTuple):
     steps: int  # from the state
     samples: int = 1  # states that come back, evenly spaced, the last one at the end
     drag: float = 0.0  # [1/time]
+    spin_drag: float | None = None  # [1/time], if it differs; LAMMPS has none
     every: int = 0  # steps between samples of the record; 0: none
+    detailed: bool = False  # whether the record has contact events, and every grain at each sample; not from LAMMPS
     before: tuple[int, int] = 0, 0  # samples and steps that preceded the state, if samples are spaced with them
     walls: tuple[int, ...] | None = None  # number of each wall, if earlier legs had more walls
     waves: Mapping[int, Wave] = MappingProxyType({})  # courses, by column, that are waves

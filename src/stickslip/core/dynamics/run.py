@@ -148,7 +148,9 @@ def _pieces(threads: int | None, leg: Leg) -> Iterator[tuple[State, Record]]:
     """Run a leg; see `Engine`."""
     state, done = leg.state, 0
     for step in [leg.steps] if leg.every else leg.sample_steps:
-        options = {"drag": leg.drag, "every": leg.every, "threads": threads}
+        options = {"drag": leg.drag, "spin_drag": leg.spin_drag, "every": leg.every, "threads": threads}
+        if leg.detailed:
+            options |= {"probes": np.arange(len(state.grains.radius)), "events": True}
         state, record, outcome = run(state, leg.law, step - done, leg.dt, **options)
         if not outcome.ok:
             raise RuntimeError(f"the run ended at time {state.time:.6g}: {outcome}")

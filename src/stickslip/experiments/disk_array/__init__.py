@@ -33,6 +33,7 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     failures=_here("report.failures"),
+    device=True,
     smallest=(SMALLEST,),
     paper=Paper(
         title="Charan et al. 2020: an array of frictional disks",

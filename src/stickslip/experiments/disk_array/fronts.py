@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from ...core.dynamics.engine import Engine, Leg
+from ...core.dynamics.run import own_engine
 from ...core.laws.builtin import Law
 from ...core.state import SLIDE, State
-from ...loading.protocols import free_run, perturbed
+from ...loading.protocols import perturbed
 
 BOOTSTRAPS = 1000
 AROUND = (
@@ -89,34 +91,63 @@ def run_transition(
     thresholds,
     drag=0.0,
     spin_drag=None,
+    engine: Engine | None = None,
 ) -> Transition:
     """Run the dynamics freely from an equilibrium perturbed by random velocities."""
-    start = perturbed(state, seed, velocity)
-    _, record, outcome = free_run(start, law, duration=duration, dt=dt, sample=sample, drag=drag, spin_drag=spin_drag)
-    if outcome.broken:
-        raise FloatingPointError(str(outcome))
-    along, time = record.position[:, :, 0] - state.grains.position[:, 0], record.time - state.time
+    start, every = perturbed(state, seed, velocity), max(1, round(sample / dt))
+    leg = Leg(start, law, dt, round(duration / dt), every=every, detailed=True, drag=drag, spin_drag=spin_drag)
+    run = _run_in_pieces(leg, engine or own_engine()._replace(samples=leg.steps))
+    along, time = run.along - state.grains.position[:, 0], run.time - state.time
     smooth = uniform_filter1d(along, 2 * AROUND + 1, axis=0, mode="nearest")
     slide = crossing_times(time, along, thresholds)
     late = time >= duration * 2 / 3
     slides = late.sum() > 4 and bool((slide[np.argmax(thresholds)] < duration * 2 / 3).all())
-    breach = breach_times(record.events, start) - state.time
-    limits = record.events["j"][record.events["kind"] == "limit"]
+    breach = breach_times(run.events, start) - state.time
+    limits = run.events["j"][run.events["kind"] == "limit"]
     thin = slice(None, None, max(1, len(time) // 500))
     return Transition(
         breach,
         slide,
-        velocity_of(time[late], record.center[late, 0]) if slides else np.nan,
+        velocity_of(time[late], run.center[late, 0]) if slides else np.nan,
         float(limits[0] >= along.shape[1]) if len(limits) else np.nan,
-        float(np.interp(np.nanmin(breach), time, record.msd)) if np.isfinite(breach).any() else np.nan,
-        unloading(state, time, record.position[:, :, 1], breach),
-        msd_power(time[late], record.msd[late], breach) if slides else np.nan,
-        *(late_halves(time[late], record.center[late]) if slides else np.full((2, 2), np.nan)),
+        float(np.interp(np.nanmin(breach), time, run.msd)) if np.isfinite(breach).any() else np.nan,
+        unloading(state, time, run.height, breach),
+        msd_power(time[late], run.msd[late], breach) if slides else np.nan,
+        *(late_halves(time[late], run.center[late]) if slides else np.full((2, 2), np.nan)),
         crossing_times(time, smooth, thresholds),
         *drift_profile(time, smooth, thresholds),
-        record.time[thin].copy(),  # not views, which would keep the whole record
-        record.center[thin, :2].copy(),
+        run.time[thin].copy(),  # not views, which would keep the whole record
+        run.center[thin].copy(),
     )
+
+
+class _Run(NamedTuple):
+    """What a transition is measured from, at T samples."""
+
+    time: np.ndarray  # (T,)
+    msd: np.ndarray  # (T,) from the positions at the start of the run
+    center: np.ndarray  # (T, 2)
+    along: np.ndarray  # (T, N)
+    height: np.ndarray  # (T, N)
+    events: np.ndarray
+
+
+def _run_in_pieces(leg: Leg, engine: Engine) -> _Run:
+    """Run a leg in pieces, each with as many samples as an engine returns at once."""
+    state, parts, left = leg.state, [], leg.steps
+    while left:
+        steps = min(left, engine.samples * leg.every)
+        ((state, record),) = engine.pieces(leg._replace(state=state, steps=steps))
+        position, new = record.position, slice(1 if parts else 0, None)
+        way = position - leg.state.grains.position
+        parts.append(
+            _Run(
+                record.time[new], (way**2).sum(axis=(1, 2))[new], record.center[new, :2], position[new, :, 0],
+                position[new, :, 1], record.events,
+            )
+        )  # fmt: skip
+        left -= steps
+    return _Run(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def velocity_of(time: np.ndarray, position: np.ndarray) -> float:

@@ -16,7 +16,8 @@ from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...loading.threshold import KineticThreshold
 from ...reports.claims import Claim, note_quick_run
-from ..realizations import Task, run_realizations
+from ..contact_law import make_law
+from ..realizations import Task, open_device, run_realizations
 from .arrest import Arrest, find_arrests, kick_array
 from .claims import evaluate_claims
 from .printed import FRONT_LOADS, STABLE_LOAD
@@ -72,7 +73,13 @@ def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario
 
 
 def reproduce(
-    *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent
+    *,
+    quick: bool = False,
+    seed: int = 0,
+    folder=None,
+    workers: Workers = None,
+    device: str | None = None,
+    report: Report = silent,
 ) -> Reproduction:
     """Run both scenarios and evaluate every claim of the paper.
 
@@ -81,16 +88,18 @@ def reproduce(
     quick : use fewer realizations and shorter runs
     seed : seed of all random velocities
     workers : number of processes for the realizations, or the address of a Dask scheduler
+    device : "cuda": realizations of sliding run on a graphics processor; see `simulate_disk_array` for errors
     report : called as report(stage, share done, text)
     """
     ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)
+    where = device and open_device(device, make_law(ones[0].law))
     folders = folder, folder and folder / UNFINISHED / "quarter"
     kept = [open_checkpoint(*here) for here in zip(folders, ones, strict=True)]
     tasks = [Task(name, (name, *case), name, None) for name, *case in zip(MODELS, ones, kept, strict=True)]
     report(PUSHED, 0.0, f"models: {', '.join(MODELS)}")
     main, quarter = run_realizations(_before_sliding, tasks, stage=PUSHED, workers=workers, report=report).complete
-    main = add_sliding(main, kept[0], workers, report)
-    quarter = add_sliding(quarter, kept[1], workers, within(report, prefix="quarter: "))
+    main = add_sliding(main, kept[0], workers, report, where)
+    quarter = add_sliding(quarter, kept[1], workers, within(report, prefix="quarter: "), where)
     threshold = kick_array(main, quick=quick, folder=folder, workers=workers, report=report)
     arrests = find_arrests(main, folder)
     report("claims", 0.0, "births by bisection, for four load steps")

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.dynamics.batch import Device
 from ...core.laws.builtin import Law
 from ...core.outcome import Outcome, Status
 from ...core.progress import Report, silent, within
@@ -26,7 +27,7 @@ from ...loading.protocols import (
 from ...solve.spectrum import Spectrum, spectrum
 from ..contact_law import make_law
 from ..experiment import result_of
-from ..realizations import Task, run_realizations
+from ..realizations import Task, open_device, run_realizations
 from . import EXPERIMENT, fronts
 from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
 from .scenario import DiskArrayScenario
@@ -132,6 +133,7 @@ def run_sliding(
     report: Report = silent,
     *,
     kept: Checkpoint | None = None,
+    device: Device | None = None,
 ) -> dict[float, Ensemble]:
     """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
@@ -157,7 +159,7 @@ def run_sliding(
         for seed in seeds
     ]
     runs = run_realizations(
-        _transition_task, tasks, stage="realizations of sliding", workers=workers, report=report,
+        _transition_task, tasks, stage="realizations of sliding", workers=workers, device=device, report=report,
         describe=_describe_member,
     )  # fmt: skip
     out = {}
@@ -181,9 +183,9 @@ def _describe_member(member) -> str:
     return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
 
 
-def _transition_task(state, law, load, seed, options, report):
+def _transition_task(state, law, load, seed, options, report, engine=None):
     report(f"push {load:g}, seed {seed}", 0.0, "started")
-    return fronts.run_transition(state, law, seed, **options)
+    return fronts.run_transition(state, law, seed, engine=engine, **options)
 
 
 def simulate_disk_array(
@@ -191,6 +193,7 @@ def simulate_disk_array(
     *,
     folder: Path | None = None,
     workers: Workers = None,
+    device: str | None = None,
     sensitivity: bool = False,
     report: Report = silent,
 ) -> DiskArrayResult:
@@ -202,6 +205,8 @@ def simulate_disk_array(
         killed resumes from them
     workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
         not depend on it
+    device : "cuda": run the realizations of sliding side by side on a graphics processor; they agree with those of
+        other processors until round-off has grown
     sensitivity : also track the pairs on the same path with twice the load step, to see how much births depend on it
     report : called as report(stage, share done, text with the relevant quantities)
 
@@ -209,6 +214,12 @@ def simulate_disk_array(
     ------
     NotInEquilibriumError
         If the scenario's method finds no equilibrium at a load. The message names the load and suggests a remedy.
+    ValueError
+        If the device cannot run this scenario.
+    MissingExtraError
+        If CuPy is missing.
+    RuntimeError
+        If there is no such device.
 
     Examples
     --------
@@ -219,9 +230,10 @@ def simulate_disk_array(
     >>> [len(point.spectrum.pairs) for point in simulate_disk_array(short).path]
     [0, 1, 1]
     """
+    where = device and open_device(device, make_law(scenario.law))
     kept = open_checkpoint(folder, scenario)
     result = simulate_before_sliding(scenario, kept, sensitivity, report)
-    return add_sliding(result, kept, workers, report)
+    return add_sliding(result, kept, workers, report, where)
 
 
 def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpoint | None:
@@ -267,14 +279,20 @@ def simulate_before_sliding(
 
 
 def add_sliding(
-    result: DiskArrayResult, kept: Checkpoint | None, workers: Workers = None, report: Report = silent
+    result: DiskArrayResult,
+    kept: Checkpoint | None,
+    workers: Workers = None,
+    report: Report = silent,
+    device: Device | None = None,
 ) -> DiskArrayResult:
     """Run the realizations of sliding from loads on the path of a result."""
     scenario = result.scenario
     if not scenario.sliding.loads:
         return result
     points = [point_at_load(result.path, load) for load in scenario.sliding.loads]
-    sliding = run_sliding(points, result.law, scenario, workers, report, kept=kept and kept.of("sliding"))
+    sliding = run_sliding(
+        points, result.law, scenario, workers, report, kept=kept and kept.of("sliding"), device=device
+    )
     return result._replace(sliding=sliding)
 
 

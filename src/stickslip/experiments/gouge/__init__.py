@@ -48,6 +48,7 @@ EXPERIMENT = Experiment(
     files=_here("report.files"),
     export=_here("queue.export"),
     announce=_here("report.announce"),
+    device=True,
     smallest=(SMALLEST,),
     paper=Paper(
         title="Ferdowsi & Rubin 2021: fault gouge at a reduced scale",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
-from ...core.dynamics.batch import Device, Together, check_law
+from ...core.dynamics.batch import Device
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import own_engine
 from ...core.progress import Report, silent, within
@@ -14,7 +14,7 @@ from ...data import archive
 from ...data.checkpoint import Checkpoint, checkpoint_in
 from ...ensemble import Workers
 from ..experiment import result_of
-from ..realizations import Realizations, Task, run_realizations
+from ..realizations import Realizations, Task, open_device, run_realizations
 from . import EXPERIMENT
 from .dimensionless import Range
 from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk
@@ -64,7 +64,7 @@ def simulate_gouge(
     ArchiveError
         If a file of a finished realization is damaged, or was written by another version.
     """
-    where = open_device(device, scenario) if device else find_engine(scenario, folder) and None
+    where = _open_device(device, scenario) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
@@ -146,22 +146,7 @@ class _Ensemble:
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
         stage, report = f"realizations ({len(self.alone)} to run)", within(self.report, begin, end)
-        if not self.device:
-            return run_realizations(function, tasks, stage=stage, workers=self.workers, report=report)
-        left = sum(not (task.checkpoint and task.checkpoint.has(task.name)) for task in tasks)
-        batches = Together(self.device, left)
-
-        def run(*arguments):
-            try:
-                with batches.turn:
-                    return function(*arguments, engine=batches.engine)
-            finally:
-                batches.leave()
-
-        try:
-            return run_realizations(run, tasks, stage=stage, report=report, together=True)
-        finally:
-            batches.stopped = True
+        return run_realizations(function, tasks, stage=stage, workers=self.workers, device=self.device, report=report)
 
     def _save(self, member: GougeScenario, result: Realization) -> None:
         if self.folder:
@@ -192,16 +177,13 @@ def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
     return lammps_engine(scenario.ranks)
 
 
-def open_device(name: str, scenario: GougeScenario) -> Device:
+def _open_device(name: str, scenario: GougeScenario) -> Device:
     """Return the device that runs a scenario; see `simulate_gouge` for errors."""
-    from ...core.dynamics.device import open_device
-
     if scenario.engine != "stickslip":
         raise ValueError(
             f'device = "{name}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
         )
-    check_law(gouge_law(scenario, scenario.law.mu))
-    return open_device(name)
+    return open_device(name, gouge_law(scenario, scenario.law.mu))
 
 
 def _trunk_task(text: str, kept: Checkpoint | None, report: Report, engine: Engine | None = None) -> Trunk:
