@@ -1,9 +1,9 @@
 """Multifrontal LU factors of the dynamical matrix, ordered by nested dissection of the grains.
 
 A box of grains is cut in two halves, and the grains of one half that touch the other are eliminated last, at every
-level. What is left of each part is a dense matrix, so that nearly all work is done by BLAS. With one thread, factors
-take 1.7 times as long as SuperLU's for 1000 spheres and a third of that time for 4000. The same fronts count the
-eigenvalues of a symmetric matrix below a shift.
+level. What is left of each part is a dense matrix, so that nearly all work is done by BLAS. From a few
+thousand spheres on, factors take less time than SuperLU's. The same fronts count the eigenvalues of a symmetric matrix
+below a shift.
 """
 
 from typing import NamedTuple

@@ -51,7 +51,7 @@ EXPERIMENT = Experiment(
     device=True,
     smallest=(SMALLEST,),
     paper=Paper(
-        title="Ferdowsi & Rubin 2021: fault gouge at a reduced scale",
+        title="Ferdowsi & Rubin 2021: fault gouge",
         cuts=(
             "2 samples of 300 grains with 2 states each, instead of 8 of 500 with 3; holds of 0.1 s instead of 1 s, "
             "after less slip and with no slides after them; two damping values instead of three"

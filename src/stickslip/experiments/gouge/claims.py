@@ -6,6 +6,7 @@ the study itself or from other sources serve as references. Tolerances were fixe
 
 import numpy as np
 
+from ...core.readable import pluralize
 from ...friction.fitting import fit
 from ...friction.model_comparison import compare_laws
 from ...reports.claims import Claim, claim
@@ -54,12 +55,12 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
 
 
 def _scale_note(result: GougeResult) -> str:
-    """Describe the reduced scale of a result."""
+    """Describe the scale of a result."""
     chosen, first = result.scenario, result.realizations[0]
     branches = len({(t.part, t.branch) for t in first.tests if t.kind in ("hold", "step", "reslide")})
     return (
-        f"{len(result.realizations)} samples of {chosen.grains.number} mobile grains, {max(branches, 1)} states of "
-        f"each, γ_n = {damping(chosen):.2g} 1/(m s); paper 8 × 4800 grains"
+        f"{len(result.realizations)} samples of {chosen.grains.number} mobile grains, "
+        f"{pluralize(max(branches, 1), 'state')} of each, γ_n = {damping(chosen):.2g} 1/(m s); paper 8 × 4800 grains"
     )
 
 
@@ -303,7 +304,7 @@ def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
 def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
     """Claim about the granular temperature over the normal stress, with the direct effect in the note."""
     result = steps or main
-    chosen, before = result.scenario, measures.velocities(main)[0]
+    chosen, before = result.scenario, measures.holds(main)[-1]
     mean = measures.mean_of(result, before, "temperature")
     normalised = mean.value * chosen.grains.density / chosen.load.normal_stress
     seen = measures.response(steps) if steps else None

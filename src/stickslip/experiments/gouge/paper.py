@@ -41,8 +41,9 @@ class Reproduction(NamedTuple):
 
     @property
     def results(self) -> dict[str, GougeResult]:
-        """All results by name."""
-        return self.holds | self.more
+        """Each result once, by its first name."""
+        held = list(self.holds.values())
+        return self.holds | {name: result for name, result in self.more.items() if not any(result is h for h in held)}
 
 
 def paper_scenario(

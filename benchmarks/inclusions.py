@@ -1,0 +1,86 @@
+"""Inflated grains beside elasticity, with nothing fitted, and what fits prefer: `python -m benchmarks.inclusions`.
+
+A lattice, frictionless disks (single grains), and sheared disks with friction (every tenth grain; 13 of these in steps
+by 2 % and by 10 %). A number of disks, as `python -m benchmarks.inclusions 300`, makes it shorter.
+"""
+
+import sys
+import warnings
+
+import numpy as np
+
+import stickslip as ss
+
+SMOOTH, ROUGH = ss.laws.hertz_mindlin(mu=0.0), ss.laws.hertz_mindlin(mu=0.3)
+SHEARED = {0.95: 1e-4, 0.86: 2e-5, 0.845: 2e-5}  # by packing fraction: steps of shear strain
+CENTERS = 30  # single grains of each frictionless packing
+OVERLAP = 1e-8
+
+
+def lattice(law, across: int):
+    """Disks of diameter 1 on a triangular lattice."""
+    site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
+    steps = np.array([[2 * i, 3**0.5 * j] for i in range(across // 2) for j in range(across // 2)])
+    place = (steps[:, None] + site).reshape(-1, 2)
+    cell = [across, across / 2 * 3**0.5]
+    return ss.packings.from_arrays(place, np.full(len(place), 0.5 + OVERLAP / 2), law, cell=cell, dim=2)
+
+
+def sheared(disks: int, fraction: float):
+    """Disks that have been sheared a little, so that friction has come into play."""
+    state, _ = ss.packings.jammed(disks, packing_fraction=fraction, dim=2, seed=3)
+    for _ in range(3):
+        state, outcome = ss.equilibrate(ss.packings.sheared(state, SHEARED[fraction]), ROUGH)
+        assert outcome.ok
+    return state
+
+
+def describe(field) -> str:
+    """Amplitude over that of the moduli, κ_e², and the model that is preferred."""
+    fits = field.fit()
+    elastic, dipole = fits.models[:2]
+    lame = np.mean(field.lame)
+    return (
+        f"A {elastic.near.real / lame:.3f} ± {elastic.errors[0] / abs(lame):.3f} | {dipole.screening.real:.1e} ± "
+        f"{dipole.errors[-1]:.1e} | {fits.preferred}"
+    )
+
+
+def main(disks: int = 1000) -> None:
+    """Print the rows."""
+    law = ss.laws.linear(1.0, 0.5, 0.5)
+    field = ss.modes.inflate(lattice(law, 40), law, growth=1e-9)
+    rings = field.fit().rings
+    expected = field.elastic(rings.radius)
+    print(f"triangular lattice: rings off by {np.abs(rings.mean[0] - expected).max() / expected.max():.1e} at most")
+    for fraction in (0.95, 0.86):
+        state, _ = ss.packings.jammed(disks, packing_fraction=fraction, dim=2, seed=1)
+        centers = np.flatnonzero(~ss.measure.rattlers(state, 3))[:: disks // CENTERS][:CENTERS]
+        inside, preferred = 0, []
+        for center in centers:
+            field = ss.modes.inflate(state, SMOOTH, int(center), growth=1e-9)
+            fits = field.fit()
+            inside += abs(fits.models[0].near.real - field.lame[0]) < fits.models[0].errors[0]
+            preferred.append(fits.preferred)
+        print(
+            f"frictionless, {fraction}: A of the moduli in {inside} of {len(centers)} intervals, elastic preferred in "
+            f"{preferred.count('elastic')}"
+        )
+    for fraction in SHEARED:
+        state = sheared(disks, fraction)
+        centers = np.flatnonzero(~ss.measure.rattlers(state, 2))[::10]
+        field = ss.modes.inflate(state, ROUGH, centers, growth=1e-8)
+        print(f"μ = 0.3, {fraction}, linear, {len(centers)}: {describe(field)}")
+        for growth in (0.02, 0.1):
+            field = ss.protocols.inflate(state, ROUGH, centers[::8], growth=growth, steps=5, tolerance=1e-12)
+            opened, slid = field.changes.sum(axis=1).mean(axis=0)[1:3]
+            print(
+                f"μ = 0.3, {fraction}, steps to {growth}, {len(field.centers)}: {describe(field)}; around each "
+                f"{opened:.0f} contacts opened, {slid:.0f} began to slide"
+            )
+
+
+if __name__ == "__main__":
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        main(*map(int, sys.argv[1:2]))
