@@ -73,7 +73,7 @@ def main(disks: int = 1000) -> None:
         print(f"μ = 0.3, {fraction}, linear, {len(centers)}: {describe(field)}")
         for growth in (0.02, 0.1):
             field = ss.protocols.inflate(state, ROUGH, centers[::8], growth=growth, steps=5, tolerance=1e-12)
-            opened, slid = field.changes.sum(axis=1).mean(axis=0)[1:3]
+            opened, _, slid, _ = field.changes.sum(axis=1).mean(axis=0)
             print(
                 f"μ = 0.3, {fraction}, steps to {growth}, {len(field.centers)}: {describe(field)}; around each "
                 f"{opened:.0f} contacts opened, {slid:.0f} began to slide"
