@@ -41,3 +41,9 @@ def test_a_law_that_a_device_cannot_evaluate_is_refused(tmp_path):
     law = {"file": str(path), "parameters": {"kn": 1.0, "mu": 0.5}}
     with pytest.raises(ValueError, match="a law of a user"):
         simulate_disk_array(scenario(trust=True, law=law), device="cuda")
+
+
+def test_a_run_shorter_than_a_step_slides_nowhere():
+    short = scenario().model_copy(update={"sliding": scenario().sliding.model_copy(update={"duration": 0.01})})
+    ensemble = simulate_disk_array(short, workers=1).sliding[0.08]
+    assert not ensemble.failures and np.isnan(ensemble.velocity).all() and len(ensemble.time) == 1

@@ -24,7 +24,7 @@ from ..library import core
 from ..measure import supports
 from ..state import OPEN, Contacts, Instant, State, empty_contacts
 from .cell_motion import needs_frame
-from .coefficients import find_members, make_plan, movable, state_after
+from .coefficients import Plan, find_members, make_plan, movable, state_after
 from .driver import run_steps
 from .engine import Engine, Leg
 from .last_forces import bodies_at_start, matching_instant, state_checksum
@@ -229,8 +229,8 @@ def _prepare(leg: Leg) -> _System:
     return _System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single), events)
 
 
-def _plan(leg: Leg):
-    """Return what the bodies of a leg do."""
+def _plan(leg: Leg) -> Plan:
+    """Return how the bodies of a leg are moved."""
     return make_plan(leg.state, leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag, leg.dt)
 
 
@@ -386,7 +386,7 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
     number[core.SLOT_STOP], number[core.SLOT_EVERY] = leg.steps, leg.every
     number[core.SLOT_BODIES], number[core.SLOT_GRAINS], number[core.SLOT_SINGLE] = len(order), n, single
     number[core.SLOT_BINS : core.SLOT_BINS + 3] = bins
-    half, turn = (0.5 * leg.dt * drag for drag in (leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag))
+    half, turn = (0.5 * leg.dt * drag for drag in _plan(leg).drags)
     value[: core.PACE_LOWEST] = leg.dt, 1 - half, 1 / (1 + half), 1 - turn, 1 / (1 + turn), skin, *(state.time,) * 2
     value[core.PACE_LOWEST : core.PACE_DENSITY] = low
     value[core.PACE_DENSITY :] = bins / np.where(high > low, high - low, 1.0)

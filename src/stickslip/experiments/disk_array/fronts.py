@@ -135,7 +135,7 @@ class _Run(NamedTuple):
 def _run_in_pieces(leg: Leg, engine: Engine) -> _Run:
     """Run a leg in pieces, each with as many samples as an engine returns at once."""
     state, parts, left = leg.state, [], leg.steps
-    while left:
+    while left or not parts:
         steps = min(left, engine.samples * leg.every)
         ((state, record),) = engine.pieces(leg._replace(state=state, steps=steps))
         position, new = record.position, slice(1 if parts else 0, None)
