@@ -282,6 +282,14 @@ def test_a_grain_may_have_256_neighbours():
         run_legs([crowd(257)], Processor())
 
 
+def test_contacts_that_close_at_the_start_are_events():
+    leg = crowd(30)._replace(detailed=True)
+    ((_, known),) = own_engine().pieces(leg)
+    ((_, mine),) = run_legs([leg], Processor())
+    assert (known.events["time"] == 0.0).sum() > 20
+    assert_same_details(mine, known)
+
+
 def test_touching_grains_may_not_be_too_many_boxes_apart():
     grains = ss.spheres([[0.0, 0.0, 0.0], [0.3, 0.9, 0.0]], 0.5)
     state = ss.assembly(grains, cell=ss.box([2.1, 5, 5], periodic=[True] * 3))

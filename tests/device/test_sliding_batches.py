@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.dynamics import device
-from stickslip.core.dynamics.batch import Processor
+from stickslip.core.dynamics.batch import Processor, Together
 from stickslip.experiments import realizations
 from stickslip.experiments.disk_array.simulate import simulate_disk_array
 
@@ -23,10 +23,12 @@ def scenario(**more):
 def test_realizations_of_sliding_are_those_of_single_runs(monkeypatch, tmp_path):
     monkeypatch.setattr(device, "open_device", lambda name: Processor())
     monkeypatch.setattr(realizations, "MOST", 3)
+    monkeypatch.setattr(Together, "SAMPLES", 17)
     mine = simulate_disk_array(scenario(), folder=tmp_path, device="cuda").sliding
     known = simulate_disk_array(scenario(), workers=1).sliding
     assert list(mine) == list(known) == [0.08, 0.07]
     assert np.isfinite(known[0.08].breach).any() and np.isfinite(known[0.08].slide).any()
+    assert len(known[0.08].time) > 4 * Together.SAMPLES
     for load, ensemble in known.items():
         for name, values in ensemble._asdict().items():
             if name != "failures":
