@@ -1,6 +1,7 @@
 """The command line of fault gouge: a whole run, wrong input, and what is left in the folder."""
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -149,6 +150,11 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
         (["reproduce", "gouge", "--realizations", "2"], "only --paper-size has a number of them: leave it out"),
         (["reproduce", "sphere-shear", "--device", "cuda"], "only single runs of 'disk-array' and 'gouge' have one"),
         (["reproduce", "gouge", "--device", "rocm"], "rocm"),
+        pytest.param(
+            ["reproduce", "disk-array", "--device", "cuda"],
+            "cupy is not installed",
+            marks=pytest.mark.skipif(find_spec("cupy") is not None, reason="CuPy is installed"),
+        ),
     ],
 )
 def test_options_of_what_has_none_are_refused(words, sentence, tmp_path):

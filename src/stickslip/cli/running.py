@@ -333,10 +333,13 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
 
     workers, scheduler, device = processes
     if device is not None:
+        from ..core.dynamics.device import open_device
+
         check_choice("device", device, DEVICES)
         if not chosen or not experiment_of(chosen).device:
             allowed = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.device)
             raise ValueError(f"--device was given, but only single runs of {allowed} have one: leave it out")
+        open_device(device)
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
     from ..ensemble import reach
