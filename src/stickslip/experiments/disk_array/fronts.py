@@ -122,7 +122,7 @@ def run_transition(
 
 
 class _Run(NamedTuple):
-    """What a transition is measured from, at T samples."""
+    """Motion of an array at T samples, and its contact events."""
 
     time: np.ndarray  # (T,)
     msd: np.ndarray  # (T,) from the positions at the start of the run
