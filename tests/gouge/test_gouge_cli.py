@@ -147,7 +147,10 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
         (["reproduce", "disk-array", "--full"], "disk-array has no --full: leave it out"),
         (["reproduce", "disk-array", "--paper-size"], "disk-array has no --paper-size: leave it out"),
         (["reproduce", "gouge", "--full", "--paper-size"], "--paper-size was given with --full: give only one of them"),
-        (["reproduce", "gouge", "--realizations", "2"], "only --paper-size has a number of them: leave it out"),
+        (
+            ["reproduce", "gouge", "--realizations", "2"],
+            "--realizations was given, but only --paper-size has samples: leave it out",
+        ),
         (["reproduce", "sphere-shear", "--device", "cuda"], "only single runs of 'disk-array' and 'gouge' have one"),
         (["reproduce", "gouge", "--device", "rocm"], "rocm"),
         pytest.param(

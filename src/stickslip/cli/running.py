@@ -79,6 +79,13 @@ def reproduce(
         int | None,
         typer.Option("--realizations", min=1, metavar="N", help="With --paper-size: number of samples; default: 8."),
     ] = None,
+    samples: Annotated[
+        Path | None,
+        typer.Option(
+            "--samples",
+            help="With --paper-size: evaluate the samples stored in a folder; --realizations N adds to them.",
+        ),
+    ] = None,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     processes: ProcessOptions,
@@ -91,23 +98,26 @@ def reproduce(
     given = [f"--{name}" for name, value in size.items() if value]
     if len(given) > 1:
         raise ValueError(f"{given[1]} was given with {given[0]}: give only one of them")
-    if experiment != "gouge" and (full or paper_size):
-        raise ValueError(f"{experiment} has no {given[0]}: leave it out")
-    if realizations and not paper_size:
-        raise ValueError("--realizations was given, but only --paper-size has a number of them: leave it out")
+    for name, value in (("--realizations", realizations), ("--samples", samples)):
+        if value and not paper_size:
+            raise ValueError(f"{name} was given, but only --paper-size has samples: leave it out")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
-    from ..runs.resume import mark_reproduction
+    from ..runs.resume import mark_reproduction, reproduction_arguments
 
-    more = {"paper_size": True, "realizations": realizations} if paper_size else {}
-    chosen = papers()[experiment].paper.scenario(quick=quick, seed=seed, **more)
+    more = {"full": full, "paper_size": paper_size, "realizations": realizations}
+    more |= {"samples": samples and samples.absolute()}
+    more = {name: value for name, value in more.items() if value}
+    if unknown := [name for name in more if name not in reproduction_arguments(experiment).model_fields]:
+        raise ValueError(f"{experiment} has no --{unknown[0].replace('_', '-')}: leave it out")
+    asked = {"quick": quick, "seed": seed} | more
+    chosen = papers()[experiment].paper.scenario(**{name: value for name, value in asked.items() if name != "full"})
     spread = _choose_processes(processes, chosen)
     folder = out or Path("results") / (experiment + ("-quick" if quick else "-paper-size" if paper_size else ""))
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        asked = {"experiment": experiment, "quick": quick, "seed": seed} | more | ({"full": True} if full else {})
-        mark_reproduction(folder, chosen, **asked)
-        _reproduce_in("reproduce", folder, spread, output, **asked)
+        mark_reproduction(folder, chosen, experiment, **asked)
+        _reproduce_in("reproduce", folder, spread, output, experiment=experiment, **asked)
 
 
 @contextmanager

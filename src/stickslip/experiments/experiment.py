@@ -92,11 +92,18 @@ def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str
 
 
 def lazy_function(package: str, path: str) -> Callable:
-    """Return a function that imports `path` ("module.function") from a package when first called."""
+    """Return a function that imports `path` ("module.function") from a package when first called.
+
+    Its attribute `resolve` returns the function itself.
+    """
     module, _, name = path.partition(".")
 
+    def resolve() -> Callable:
+        return getattr(import_module(f"{package}.{module}"), name)
+
     def call(*args, **options):
-        return getattr(import_module(f"{package}.{module}"), name)(*args, **options)
+        return resolve()(*args, **options)
 
     call.__name__, call.__qualname__ = name, f"{package}.{path}"
+    call.resolve = resolve  # type: ignore[attr-defined]
     return call

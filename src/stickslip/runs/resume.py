@@ -1,8 +1,12 @@
 """Interrupted runs, for `stickslip resume`."""
 
+import inspect
 import json
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from ..data.atomic import write_atomically
 from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, checkpoint_in, unfinished_scenario
@@ -12,6 +16,8 @@ from ..data.schema import ScenarioBase
 from ..experiments.registry import papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
 from .folder import install_results
+
+WHERE = {"folder", "workers", "device", "report"}  # arguments of `reproduce` that do not change what is computed
 
 
 class UnfinishedRun(NamedTuple):
@@ -23,10 +29,20 @@ class UnfinishedRun(NamedTuple):
     figures: bool = False  # whether the members of the sweep draw figures
 
 
-def mark_reproduction(folder: Path, scenario, **arguments) -> None:
+@cache
+def reproduction_arguments(experiment: str) -> type[BaseModel]:
+    """Return the arguments of a paper's `reproduce` that define what is computed, as a model with their defaults."""
+    function = papers()[experiment].paper.reproduce.resolve()
+    kinds, parameters = get_type_hints(function), inspect.signature(function).parameters
+    fields: dict[str, Any] = {name: (kinds[name], one.default) for name, one in parameters.items() if name not in WHERE}
+    return create_model("Arguments", __config__=ConfigDict(extra="forbid", strict=True), **fields)
+
+
+def mark_reproduction(folder: Path, scenario, experiment: str, **arguments) -> None:
     """Save the arguments of a reproduction in its folder when it starts, for `find_unfinished`."""
     checkpoint_in(folder, scenario).announce()
-    write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
+    saved = reproduction_arguments(experiment)(**arguments).model_dump(mode="json") | {"experiment": experiment}
+    write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(saved).encode())
 
 
 def find_unfinished(folder: Path) -> UnfinishedRun | None:
@@ -61,11 +77,16 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
 
 def _read_arguments(path: Path) -> dict:
     """Read the arguments of `reproduce` that `mark_reproduction` saved; ValueError if they are others."""
-    arguments = read_json(path)
-    kinds = {"experiment": str, "quick": bool, "seed": int} | ({"full": bool} if "full" in arguments else {})
-    if {name: type(value) for name, value in arguments.items()} != kinds or arguments["experiment"] not in papers():
+    saved = read_json(path)
+    experiment = saved.pop("experiment", None)
+    if not isinstance(experiment, str) or experiment not in papers():
         raise ValueError(_damage_message(path))
-    return arguments
+    try:
+        arguments = reproduction_arguments(experiment).model_validate_json(json.dumps(saved))
+    except ValidationError as problem:
+        wrong = ", ".join(".".join(map(str, one["loc"])) for one in problem.errors())
+        raise ValueError(f"{_damage_message(path)} (wrong: {wrong})") from None
+    return {"experiment": experiment} | dict(arguments)
 
 
 def _damage_message(path: Path) -> str:

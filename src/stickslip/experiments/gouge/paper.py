@@ -13,7 +13,8 @@ from ...data.schema import validate_scenario
 from ...ensemble import Workers
 from ...reports.claims import Claim, note_quick_run
 from .claims import evaluate_claims
-from .report import announce
+from .report import announce, announce_samples
+from .samples import Sample, read_samples
 from .scenario import GougeScenario
 from .simulate import GougeResult, simulate_gouge
 
@@ -51,14 +52,26 @@ def paper_scenario(
     quick: bool = False,
     paper_size: bool = False,
     realizations: int | None = None,
+    samples: Path | None = None,
     seed: int = 0,
     damping: str = MAIN,
 ) -> GougeScenario:
     """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or that of the paper's own size.
 
-    Holds with other damping values are shorter.
+    Holds with other damping values are shorter. Without a number of realizations, it is that of the stored samples.
+
+    Raises
+    ------
+    ValueError
+        If realizations or samples are given without the paper's size, or if there are no stored samples.
+    ArchiveError
+        If a stored sample belongs to another scenario or version; see `samples.read_samples`.
     """
+    if not paper_size and (realizations or samples):
+        raise ValueError("realizations or samples were given, but only the paper's size has them: add paper_size")
     if paper_size:
+        if samples and not realizations:
+            realizations = len(stored_samples(samples)[damping])
         return paper_size_scenario(seed, damping, realizations)
     long = damping == MAIN and not quick
     hold = {
@@ -115,6 +128,27 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
     )  # fmt: skip
 
 
+def stored_samples(folder: Path) -> dict[str, dict[int, Sample]]:
+    """Return the samples of the paper's own size in a folder, by damping and seed.
+
+    Raises
+    ------
+    ValueError
+        If there are none with the paper's damping.
+    ArchiveError
+        As in `samples.read_samples`.
+    """
+    stored = read_samples(folder, {name: paper_size_scenario(damping=name) for name in (MAIN, LOW)})
+    if not stored[MAIN]:
+        raise ValueError(f"{folder} has no samples with {MAIN}: add --realizations N to compute N of them")
+    return stored
+
+
+def _stored_result(samples: dict[int, Sample], scenario: GougeScenario) -> GougeResult:
+    """Return the result of stored samples."""
+    return GougeResult(scenario, tuple(one.realization for one in samples.values()), (), len(samples))
+
+
 def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
     return validate_scenario(
         GougeScenario, seed=seed, realizations=runs, dt=4e-7, sample_every=250,
@@ -130,6 +164,7 @@ def reproduce(
     full: bool = False,
     paper_size: bool = False,
     realizations: int | None = None,
+    samples: Path | None = None,
     seed: int = 0,
     folder: Path | None = None,
     workers: Workers = None,
@@ -143,19 +178,30 @@ def reproduce(
     quick : run holds of 0.1 s with only two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
     paper_size : run the scenarios of the paper's own size instead
-    realizations : number of samples of each of these, 8 if not given
+    realizations : number of samples of each of these, 8 if neither it nor `samples` are given
+    samples : folder of samples of the paper's own size. Without `realizations`, the stored ones are evaluated, and
+        nothing is run. With it, those that are missing are run and added, and all are evaluated.
     """
     names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
-    size = {"quick": quick, "paper_size": paper_size, "realizations": realizations}
+    size = {"quick": quick, "paper_size": paper_size, "realizations": realizations, "samples": samples}
     chosen = {name: paper_scenario(**size, seed=seed, damping=name) for name in names}
     more = full_scenarios(seed) if full else {}
-    announce(*chosen.values(), *more.values())
+    if not samples or realizations:
+        announce(*chosen.values(), *more.values())
 
     def run(name, one):
         where = {"folder": folder, "workers": workers, "device": device}
-        return simulate_gouge(one, **where, report=within(report, prefix=f"{name}: "))
+        return simulate_gouge(one, **where, samples=samples, report=within(report, prefix=f"{name}: "))
 
-    holds = {name: run(name, scenario) for name, scenario in chosen.items()}
+    if samples:
+        before = {path.name for path in samples.glob("*.h5")}
+        for name, one in chosen.items() if realizations else ():
+            run(name, one)
+        stored = stored_samples(samples)
+        announce_samples(samples, stored, before)
+        holds = {name: _stored_result(mine, chosen[name]) for name, mine in stored.items() if mine}
+    else:
+        holds = {name: run(name, scenario) for name, scenario in chosen.items()}
     rest = {name: run(name, scenario) for name, scenario in more.items()}
     if paper_size:
         rest = {"reslides": holds[MAIN], "steps": holds[MAIN]}

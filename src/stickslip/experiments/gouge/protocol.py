@@ -75,6 +75,11 @@ class Branch(NamedTuple):
     before: float  # velocity of the load point [m/s]
     place: Gouge
 
+    @property
+    def name(self) -> str:
+        """Name of the state and of the saved tests that start from it."""
+        return f"branch-{self.part:02d}-{self.before:.6g}-{self.number:03d}"
+
 
 class Trunk(NamedTuple):
     """Realization without its branches."""
@@ -91,7 +96,7 @@ class Realization(NamedTuple):
     seed: int
     range: Range
     tests: tuple[Test, ...]  # tests of the trunk, then of the branches
-    states: dict[str, State]  # settled, steady, end
+    states: dict[str, State]  # settled, steady, end, and the starts of branches by `Branch.name`
     ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not requested
 
     def of(self, *kinds: str) -> list[Test]:
@@ -177,7 +182,8 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
     overlap = _mean_overlap(state) / scenario.grains.mean
     law = gouge_law(scenario, scenario.law.mu)
     good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
-    return Realization(seed, good, everything, trunk.states, trunk.ledger)
+    starts = {branch.name: branch.place.state for branch in trunk.branches}
+    return Realization(seed, good, everything, trunk.states | starts, trunk.ledger)
 
 
 def _slide_to_steadiness(legs: "_LegRunner", place):

@@ -20,6 +20,7 @@ from .curves import healing_peaks, holds_with_common_velocity, predict_hold, res
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from .protocol import Series
 from .sample import damping
+from .samples import Sample
 from .simulate import GougeResult
 from .slips import Slips, find_slips
 from .statistics import slope
@@ -44,6 +45,20 @@ def announce(*scenarios) -> None:
     console.print(
         "To shorten runs, use higher velocities, shorter holds or slips, or softer grains (law.young) and a longer dt."
     )
+
+
+def announce_samples(folder: Path, stored: dict[str, dict[int, Sample]], before: set[str]) -> None:
+    """Print which samples are evaluated, and where they come from; `before` has names of files that were there."""
+    for name, samples in stored.items():
+        versions = Counter(sample.version for sample in samples.values() if sample.path.name in before)
+        parts = [f"{number} from {folder} (stickslip {version})" for version, number in versions.items()]
+        new = len(samples) - versions.total()
+        seeds = ", ".join(map(str, samples)) or "none"
+        parts += [f"{new} computed now and added to {folder}"] if new else []
+        console.print(
+            f"{name}: {pluralize(len(samples), 'sample')} (seeds {seeds}), {'; '.join(parts) or 'not evaluated'}.",
+            soft_wrap=True,
+        )
 
 
 def figures(result: GougeResult):
@@ -98,7 +113,8 @@ def paper_figures(reproduction):
     yield "fig3_holds.png", figures_of.holds([(curves, predict_hold(main, before, curves[0].x))])
     yield "fig4_rest.png", _rest_figure({label: (r, before) for label, r in labelled})
     yield from _reslide_figures(reproduction.more.get("reslides", main), main)
-    yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
+    if main.realizations[0].states:  # stored samples have none
+        yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
 
 
 def _damping_label(result: GougeResult, name: str) -> str:

@@ -19,6 +19,7 @@ from . import EXPERIMENT
 from .dimensionless import Range
 from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk
 from .sample import Gouge, gouge_law
+from .samples import read_sample, sample_path, write_sample
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder next to the results
@@ -40,6 +41,7 @@ def simulate_gouge(
     folder: Path | None = None,
     workers: Workers = None,
     device: str | None = None,
+    samples: Path | None = None,
     report: Report = silent,
 ) -> GougeResult:
     """Run all realizations of a scenario.
@@ -51,6 +53,7 @@ def simulate_gouge(
     workers : number of processes, or the address of a Dask scheduler; by default, as many as there are cores, over the
         number of MPI ranks of each
     device : "cuda": run all realizations, and then all branches, side by side on a graphics processor
+    samples : folder to which each sample is written when it has finished; those that it contains are not run
     report : called as report(stage, share done, text)
 
     Raises
@@ -69,11 +72,11 @@ def simulate_gouge(
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
-    realizations = [_read_realization(_realization_path(member, folder)) for member in alone]
+    realizations = [_find_realization(member, folder, samples) for member in alone]
     missing = [k for k, member in enumerate(realizations) if member is None]
     failures = {}
     if missing:
-        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, workers, where, report)
+        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, samples, workers, where, report)
         for k, member in zip(missing, ensemble.run(), strict=True):
             realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
     sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
@@ -91,12 +94,13 @@ class _Ensemble:
         scenario: GougeScenario,
         alone: list,
         folder: Path | None,
+        samples: Path | None,
         workers: Workers,
         device: Device | None,
         report: Report,
     ):
-        self.scenario, self.alone, self.folder, self.workers, self.report = scenario, alone, folder, workers, report
-        self.device = device
+        self.scenario, self.alone, self.folder, self.samples = scenario, alone, folder, samples
+        self.workers, self.device, self.report = workers, device, report
         self.kept = checkpoint_in(folder, scenario)
         self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
         if self.kept:
@@ -136,7 +140,7 @@ class _Ensemble:
 
     def _run_branches(self, owners: list[int], starts: list[Branch]) -> Realizations:
         """Run the tests of every branch of every trunk."""
-        names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
+        names = [start.name for start in starts]
         places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
         tasks = [
             Task(name, (self.alone[k].text, start, place and place.of(name)), name, place)
@@ -149,6 +153,8 @@ class _Ensemble:
         return run_realizations(function, tasks, stage=stage, workers=self.workers, device=self.device, report=report)
 
     def _save(self, member: GougeScenario, result: Realization) -> None:
+        if self.samples:
+            write_sample(self.samples, member, result)
         if self.folder:
             path = _realization_path(member, self.folder)
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -205,6 +211,16 @@ def _branch_task(
 def _realization_path(member: GougeScenario, folder: Path | None) -> Path | None:
     """Path of a saved realization, named after the digest of its scenario so that no other scenario uses it."""
     return folder / MEMBERS / f"{member.digest}.h5" if folder else None
+
+
+def _find_realization(member: GougeScenario, folder: Path | None, samples: Path | None) -> Realization | None:
+    """Return a realization that has finished earlier, among the samples or in the run folder; None if there is none."""
+    if samples and (path := sample_path(samples, member)).exists():
+        return read_sample(path, member).realization
+    found = _read_realization(_realization_path(member, folder))
+    if samples and found:
+        write_sample(samples, member, found)
+    return found
 
 
 def _read_realization(path: Path | None) -> Realization | None:
