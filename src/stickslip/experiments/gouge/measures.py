@@ -1,5 +1,6 @@
 """Measures of gouge experiments: friction, thickness and energies in holds, after holds, and after velocity steps."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -345,7 +346,7 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
     Parameters
     ----------
-    samples : maximum number of samples in each record, shared equally among its legs; each is a mean over neighbours
+    samples : maximum number of samples in each record, equally spaced in slip; each is a mean over neighbours
     """
     records = []
     for sample in result.realizations:
@@ -371,13 +372,19 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
 
 def _make_record(chain: list[Test], samples: int) -> Data:
-    """Make the record of a chain of tests; after a change of velocity it begins in the middle of the first leg."""
+    """Make the record of a chain of tests, with samples that are equally spaced in slip.
+
+    After a change of velocity it begins in the middle of the first leg.
+    """
+    columns = [test.series.friction for test in chain]
+    if chain[0].before != chain[0].velocity:
+        columns[0] = columns[0][len(columns[0]) // 2 :]
+    intervals = [float(test.series.time[1] - test.series.time[0]) for test in chain]
+    slips = [test.velocity * interval for test, interval in zip(chain, intervals, strict=True)]
+    spacing = sum(slip * len(values) for slip, values in zip(slips, columns, strict=True)) / samples
     time, friction, legs, start = [], [], [], 0.0
-    for number, test in enumerate(chain):
-        interval = float(test.series.time[1] - test.series.time[0])
-        values = test.series.friction
-        values = values[len(values) // 2 :] if number == 0 and test.before != test.velocity else values
-        bunch = -(-len(values) * len(chain) // samples)
+    for test, values, interval, slip in zip(chain, columns, intervals, slips, strict=True):
+        bunch = min(len(values), max(1, math.ceil(spacing / slip * (1 - 1e-9))))
         count = len(values) // bunch * bunch
         inside = interval * np.arange(1, len(values) + 1)
         time.append(start + inside[:count].reshape(-1, bunch).mean(axis=1))

@@ -26,6 +26,7 @@ DAMPINGS = {  # keys are the names used in claims and figures
 }
 MAIN, LOW, CALIBRATED = DAMPINGS
 STIFF = 425.0  # the paper's stiffness, interpreted as k D/σ
+STEPS = (1.0, 8.0, 4.0, 1.0, 1.0)  # slips of steps at the paper's size; see `benchmarks/gouge_steps.py` [D]
 
 
 class Reproduction(NamedTuple):
@@ -117,7 +118,7 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
     """
     hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
     long = {"holds": (1e-2, 1e-1, 1.0, 1.43), "after": (PAPER, 0.05, 0.1, 0.3)}
-    steps = {"kind": "velocity-steps", "velocities": (PAPER, 0.2, PAPER, 0.002, PAPER), "slip": 1.0}
+    steps = {"kind": "velocity-steps", "velocities": (PAPER, 0.2, PAPER, 0.002, PAPER), "slip": STEPS}
     main = damping == MAIN
     return validate_scenario(
         GougeScenario, seed=seed, realizations=realizations or 8, dt=3.125e-7, sample_every=640, most_steps=1e8,

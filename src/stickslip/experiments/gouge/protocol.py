@@ -75,11 +75,6 @@ class Branch(NamedTuple):
     before: float  # velocity of the load point [m/s]
     place: Gouge
 
-    @property
-    def name(self) -> str:
-        """Name of the state and of the saved tests that start from it."""
-        return f"branch-{self.part:02d}-{self.before:.6g}-{self.number:03d}"
-
 
 class Trunk(NamedTuple):
     """Realization without its branches."""
@@ -96,7 +91,7 @@ class Realization(NamedTuple):
     seed: int
     range: Range
     tests: tuple[Test, ...]  # tests of the trunk, then of the branches
-    states: dict[str, State]  # settled, steady, end, and the starts of branches by `Branch.name`
+    states: dict[str, State]  # settled, steady, end
     ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not requested
 
     def of(self, *kinds: str) -> list[Test]:
@@ -182,8 +177,7 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
     overlap = _mean_overlap(state) / scenario.grains.mean
     law = gouge_law(scenario, scenario.law.mu)
     good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
-    starts = {branch.name: branch.place.state for branch in trunk.branches}
-    return Realization(seed, good, everything, trunk.states | starts, trunk.ledger)
+    return Realization(seed, good, everything, trunk.states, trunk.ledger)
 
 
 def _slide_to_steadiness(legs: "_LegRunner", place):
@@ -230,12 +224,12 @@ def _run_slide(legs: "_LegRunner", place, part, velocity: float, seconds: float)
 def _run_steps(legs: "_LegRunner", start: Branch, part: VelocitySteps):
     """Yield the tests of one sequence of velocity steps."""
     size, place, old = legs.scenario.grains.mean, start.place, start.before
-    for velocity in part.velocities[1:]:
+    for velocity, slip in zip(part.velocities[1:], part.slips[1:], strict=True):
         stage = f"step from {old:g} to {velocity:g} m/s"
         if part.twin:
             _, series, elastic = legs.run(place, old, part.twin * size / old, f"{stage}, twin")
             yield Test("twin", old, old, 0.0, series, elastic=elastic)
-        place, series, elastic = legs.run(place, velocity, part.slip * size / velocity, stage)
+        place, series, elastic = legs.run(place, velocity, slip * size / velocity, stage)
         yield Test("step", old, velocity, 0.0, series, elastic=elastic)
         old = velocity
 

@@ -1,8 +1,8 @@
 """Samples of gouge as files: the series of one realization, compact enough to be kept and exchanged.
 
 A file contains its scenario, and can be evaluated together with files of the same scenario and other seeds. It contains
-no states; those at the starts of branches are written to a file of their own. All columns except times and
-displacements of the load point are rounded to single precision.
+no states; that at the end of the trunk, from which further tests can start, is written to a file of its own. All
+columns except times and displacements of the load point are rounded to single precision.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ from .scenario import GougeScenario
 
 PHYSICS = 1  # increase it whenever a change of the preparation, law, integrator or protocol changes the statistics
 EXACT = ("time", "load_point")  # columns whose small differences matter
-STARTS = "starts"  # folder of the states, next to the samples
+STATES = "states"  # folder of the states, next to the samples
 _FREE = {"seed", "realizations"}  # keys that differ between samples of one result
 
 
@@ -43,12 +43,11 @@ def sample_path(folder: Path, scenario: GougeScenario) -> Path:
 
 
 def write_sample(folder: Path, scenario: GougeScenario, realization: Realization) -> None:
-    """Write a sample, and the states at the starts of its branches; `scenario` is that of this sample alone."""
+    """Write a sample, and the state at the end of its trunk; `scenario` is that of this sample alone."""
     path = sample_path(folder, scenario)
-    (folder / STARTS).mkdir(parents=True, exist_ok=True)
+    (folder / STATES).mkdir(parents=True, exist_ok=True)
     about: dict[str, Any] = {"scenario": scenario.text, "version": __version__, "units": SI}
-    starts = {name: state for name, state in realization.states.items() if name.startswith("branch-")}
-    archive.write(folder / STARTS / path.name, {"physics": PHYSICS, "starts": starts}, **about)
+    archive.write(folder / STATES / path.name, {"physics": PHYSICS, "end": realization.states["end"]}, **about)
     tests = tuple(test._replace(series=_round(test.series)) for test in realization.tests)
     archive.write(path, {"physics": PHYSICS, "sample": realization._replace(tests=tests, states={})}, **about)
 

@@ -21,6 +21,7 @@ from ...data.schema import (
     ScenarioBase,
     ScenarioTable,
     Seed,
+    Several,
     Sized,
     require_lammps_for_ranks,
 )
@@ -227,11 +228,25 @@ class Branching(ScenarioTable):
 
 
 class VelocitySteps(Branching):
-    """Sequence of velocities, each for the same slip; tests branch off from the slide at the first one."""
+    """Sequence of velocities; tests branch off from the slide at the first one."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
     velocities: Many = Field(description="velocities of the load point, one after another [m/s]")
-    slip: Positive = Field(description="slip of the load point at each velocity [D]")
+    slip: Several = Field(description="slip of the load point at each velocity, or one value for all [D]")
+
+    @model_validator(mode="after")
+    def _check_slips(self):
+        if isinstance(self.slip, tuple) and len(self.slip) != len(self.velocities):
+            raise ValueError(
+                f"{len(self.slip)} values of slip were given for {len(self.velocities)} velocities: give one for each, "
+                f"or one for all"
+            )
+        return self
+
+    @property
+    def slips(self) -> tuple[float, ...]:
+        """Slip of the load point at each velocity [D]."""
+        return self.slip if isinstance(self.slip, tuple) else (self.slip,) * len(self.velocities)
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -241,12 +256,12 @@ class VelocitySteps(Branching):
     @property
     def first(self) -> float:
         """Slip of the trunk up to the first state [D]."""
-        return self.slip
+        return self.slips[0]
 
     def branch(self, velocity: float, size: float) -> list[float]:
         """Duration of each leg of one branch [s]; `size` is D [m]."""
         twins = [self.twin * size / v for v in self.velocities[:-1] if self.twin]
-        return [*(self.slip * size / v for v in self.velocities[1:]), *twins]
+        return [*(slip * size / v for v, slip in zip(self.velocities[1:], self.slips[1:], strict=True)), *twins]
 
 
 class SlideHoldSlide(Branching):

@@ -140,7 +140,7 @@ class _Ensemble:
 
     def _run_branches(self, owners: list[int], starts: list[Branch]) -> Realizations:
         """Run the tests of every branch of every trunk."""
-        names = [start.name for start in starts]
+        names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
         places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
         tasks = [
             Task(name, (self.alone[k].text, start, place and place.of(name)), name, place)
