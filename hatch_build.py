@@ -12,7 +12,7 @@ build = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / CORE / "bui
 
 
 class CoreHook(BuildHookInterface):
-    """Compile the core before a wheel is filled; an editable one, too."""
+    """Compile the core before a wheel is filled, for all levels; for an editable one only that of this machine."""
 
     def dependencies(self) -> list[str]:
         """The package with a compiler, where the machine has none."""
@@ -21,9 +21,10 @@ class CoreHook(BuildHookInterface):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the libraries and add them to the wheel."""
         try:
-            self.app.display_info(build.build())
+            self.app.display_info(build.build(levels=() if version == "editable" else build.LEVELS))
         except build.BuildError as error:
             self.app.abort(str(error))
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{build.platform_tag()}"
-        build_data["artifacts"] += [f"{CORE}/{build.library_path(level).name}" for level in build.LEVELS]
+        names = (build.PROBE, *build.LEVELS)
+        build_data["artifacts"] += [f"{CORE}/{build.library_path(name).name}" for name in names]

@@ -20,7 +20,9 @@ SOURCES = {
     "fused.cpp": '// build: -DSCALE=7 -ffp-contract=fast\n#include <math.h>\n#include "level.h"\n'
     f"{API} double scaled(double x) {{ return SCALE * exp(x); }}\n"
     f"{API} int level(void) {{ return LEVEL; }}\n",
+    build.PROBE_SOURCE: (build.HERE / build.PROBE_SOURCE).read_text(),
 }
+ALL = {"levels": build.LEVELS}
 
 
 @pytest.fixture
@@ -40,8 +42,7 @@ def loaded(folder, level="base"):
 
 
 def check_levels(folder):
-    build.build()
-    for number, level in enumerate(build.LEVELS[: build.LEVELS.index(build.best_level()) + 1]):
+    for number, level in enumerate(build.usable_levels(folder)):
         library = loaded(folder, level)
         assert (library.version(), library.level()) == (3, number)
         assert library.scaled(0.0) == 7.0  # the flag in the first line of its source
@@ -56,7 +57,7 @@ def changed(folder, work):
 
 
 def test_the_library_of_every_level_holds_every_source(trial):
-    assert "was built in" in build.build(trial)
+    assert f"({' and '.join(build.LEVELS)}) was built in" in build.build(trial, **ALL)
     check_levels(trial)
     stamps = [build.stamp(build.library_path(level, trial)) for level in build.LEVELS]
     assert {stamp["digest"] for stamp in stamps} == {build.digest(trial)}
@@ -66,17 +67,40 @@ def test_the_library_of_every_level_holds_every_source(trial):
 
 def test_only_what_changed_is_compiled(trial):
     levels = len(build.LEVELS)
-    build.build(trial)
-    assert changed(trial, lambda: build.build(trial)) == []
+    probe = ["core", "stamp"]
+    build.build(trial, **ALL)
+    assert changed(trial, lambda: build.build(trial, **ALL)) == []
     (trial / "version.cpp").write_text(SOURCES["version.cpp"].replace("VERSION;", "VERSION + 1;"))
-    assert changed(trial, lambda: build.build(trial)) == sorted(["core", "stamp", "version"] * levels)
+    expected = sorted([*["core", "stamp", "version"] * levels, *probe])
+    assert changed(trial, lambda: build.build(trial, **ALL)) == expected
     (trial / "version.h").write_text("#define VERSION 4\n")
-    assert changed(trial, lambda: build.build(trial)) == sorted(["core", "fused", "stamp", "version"] * levels)
+    expected = sorted([*["core", "fused", "level", "stamp", "version"] * levels, *probe, "level"])
+    assert changed(trial, lambda: build.build(trial, **ALL)) == expected
     assert loaded(trial).version() == 5
-    assert len(list(trial.rglob("*.o"))) == 3 * levels  # none of older sources
-    assert changed(trial, lambda: build.build(trial, force=True)) == sorted(
-        ["core", "fused", "stamp", "version"] * levels
-    )
+    assert len(list(trial.rglob("*.o"))) == 4 * levels + 2  # none of older sources
+    assert changed(trial, lambda: build.build(trial, **ALL, force=True)) == expected
+
+
+def test_only_the_level_of_this_machine_is_built_unless_others_are_asked_for(trial, monkeypatch):
+    build.build(trial)
+    best = build.usable_levels(trial)[-1]
+    libraries = sorted(path.name for path in trial.glob("core-*"))
+    assert libraries == sorted(build.library_path(name, trial).name for name in (best, build.PROBE))
+    monkeypatch.setenv("STICKSLIP_CORE", str(trial))
+    monkeypatch.setattr(build, "digest", lambda: build.stamp(build.library_path(best))["digest"])
+    assert build.best_level() == best
+    if best == "base":
+        return
+    monkeypatch.setenv("STICKSLIP_LEVEL", "base")
+    with pytest.raises(build.BuildError, match=r"core-base\.\w+ does not exist: .*build.py --level base builds it$"):
+        build.library(build.best_level())
+    monkeypatch.delenv("STICKSLIP_LEVEL")
+    build.library_path(best).unlink()  # of another machine, say, with a lower level
+    monkeypatch.undo()
+    build.build(trial, levels=("base",))
+    monkeypatch.setenv("STICKSLIP_CORE", str(trial))
+    monkeypatch.setattr(build, "digest", lambda: build.stamp(build.library_path("base"))["digest"])
+    assert build.best_level() == "base"
 
 
 def test_an_error_in_a_source_gives_a_one_sentence_error_with_its_line(trial):
@@ -85,7 +109,7 @@ def test_an_error_in_a_source_gives_a_one_sentence_error_with_its_line(trial):
         build.build(trial)
     assert str(error.value).startswith(f"the core was not built: {trial / 'wrong.cpp'}, line 2: ")
     assert "third" in str(error.value) and "\n" not in str(error.value)
-    assert not build.library_path("base", trial).exists()
+    assert [path.name for path in trial.glob("core-*")] == [build.library_path(build.PROBE, trial).name]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere linkers say it in other words")
@@ -125,12 +149,11 @@ def test_another_compiler_in_cxx_builds_again(trial, monkeypatch):
     build.build(trial)
     monkeypatch.setenv("CXX", f"{build.find_compiler().command[0]} -DVERSION_OF_CXX")
     assert "was built" in build.build(trial)
-    assert "-DVERSION_OF_CXX" in build.stamp(build.library_path("base", trial))["command"]
+    assert "-DVERSION_OF_CXX" in build.stamp(build.library_path(build.PROBE, trial))["command"]
     assert "up to date" in build.build(trial)
 
 
 def test_the_level_is_that_of_the_processor_or_a_lower_one(monkeypatch):
-    build.build()
     monkeypatch.delenv("STICKSLIP_LEVEL", raising=False)
     best = build.best_level()
     if sys.platform == "linux" and build.MACHINE == "x86_64":
@@ -148,10 +171,10 @@ def test_the_level_is_that_of_the_processor_or_a_lower_one(monkeypatch):
 
 def test_a_core_of_other_sources_is_refused_with_the_command_that_builds_it(trial, monkeypatch):
     monkeypatch.setenv("STICKSLIP_CORE", str(trial))
-    remedy = rf": .*python\S* {build.HERE / 'build.py'} builds it$"
+    remedy = rf": .*python\S* {build.HERE / 'build.py'} --level base builds it$"
     with pytest.raises(build.BuildError, match=f"does not exist{remedy}"):
         build.library("base")
-    build.build(trial)
+    build.build(trial, levels=("base",))
     with pytest.raises(build.BuildError, match=f"was built from other sources than those in {build.HERE}{remedy}"):
         build.library("base")
 
@@ -161,7 +184,7 @@ def test_the_compiler_of_the_package_index_builds_for_each_level(trial, monkeypa
     """Left alone it compiles for the processor at hand."""
     pytest.importorskip("ziglang")
     monkeypatch.setenv("CXX", "ziglang")
-    build.build(trial)
+    build.build(trial, **ALL)
     assert build.stamp(build.library_path("base", trial))["compiler"].startswith("ziglang: clang")
     monkeypatch.delenv("CXX")
     check_levels(trial)
@@ -180,7 +203,7 @@ def test_a_sanitizer_stops_at_an_index_beyond_the_end(trial):
     compiler = build.find_compiler()
     if compiler.is_zig:
         pytest.skip("sanitizers need GCC or Clang")
-    build.build(trial, trial / "out", sanitize="address,undefined")
+    build.build(trial, trial / "out", levels=("base",), sanitize="address,undefined")
     call = f"import ctypes; ctypes.CDLL({str(build.library_path('base', trial / 'out'))!r}).outside(%d)"
     env = os.environ | {"LD_PRELOAD": build.preload("address,undefined"), "ASAN_OPTIONS": "detect_leaks=0"}
     inside, beyond = (

@@ -147,7 +147,7 @@ def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alo
     assert tops == {"stickslip", f"stickslip-{wheel.name.split('-')[1]}.dist-info"}
     assert not [name for name in names if {"tests", "benchmarks", "__pycache__"} & set(name.split("/"))]
     assert re.fullmatch(r"stickslip-[\w.]+-py3-none-(?!any)\w+\.whl", wheel.name)  # a platform, and every Python
-    libraries = [build.library_path(level).name for level in build.LEVELS]
+    libraries = [build.library_path(name).name for name in (build.PROBE, *build.LEVELS)]
     assert {f"stickslip/_core/{name}" for name in [*libraries, "core.h", "level.cpp"]} <= set(names)
     assert not [name for name in names if ".objects" in name]
     with tarfile.open(sdist) as archive:

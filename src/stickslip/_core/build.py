@@ -1,10 +1,12 @@
 """Build the compiled core: one shared library for each level of processors, beside the sources.
 
-    python src/stickslip/_core/build.py [--force] [--verbose] [--sanitize address,undefined --out DIR]
+    python src/stickslip/_core/build.py [--all | --level base] [--force] [--verbose]
+    python src/stickslip/_core/build.py --sanitize address,undefined --out DIR
 
-Every source is compiled for every level, by the C++ compiler of the machine or else by that of the package `ziglang`.
-Each library holds a stamp with the digest of its sources, and is built again only if the digest differs. This file
-needs the standard library alone, because it also runs before the package is installed.
+The library for this machine is built unless others are asked for, by the C++ compiler of the machine or else by that of
+the package `ziglang`. A small library, the probe, finds the level of a processor. Each library holds a stamp with the
+digest of its sources, and is built again only if the digest differs. This file needs the standard library alone,
+because it also runs before the package is installed.
 """
 
 import argparse
@@ -42,6 +44,7 @@ _X86 = {
 }
 _MARCH = _X86 if MACHINE == "x86_64" else {"base": []}
 LEVELS = tuple(_MARCH)  # lowest first
+PROBE, PROBE_SOURCE = "probe", "level.cpp"  # library that finds the level, compiled for the lowest one
 FLAGS = [
     "-std=c++17", "-O3", "-fPIC", "-fvisibility=hidden", "-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics",
     "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off",
@@ -170,7 +173,8 @@ def stamp(path: Path) -> dict[str, str]:
 
 def library(level: str) -> Path:
     """Path of the library of a level. An error if there is none, or if it was built from other sources."""
-    path, remedy = library_path(level), f"{shlex.join([sys.executable, str(HERE / 'build.py')])} builds it"
+    choice = ["--level", level] if level in LEVELS else []
+    path, remedy = library_path(level), f"{shlex.join([sys.executable, str(HERE / 'build.py'), *choice])} builds it"
     if not path.exists():
         raise BuildError(f"the compiled core {path} does not exist: {remedy}")
     if stamp(path).get("digest") != digest():
@@ -178,11 +182,17 @@ def library(level: str) -> Path:
     return path
 
 
+def usable_levels(folder: Path | None = None) -> tuple[str, ...]:
+    """Levels that this processor runs, lowest first; the probe is beside the sources or in a folder."""
+    probe = library_path(PROBE, folder) if folder else library(PROBE)
+    return LEVELS[: ctypes.CDLL(str(probe)).core_processor_level() + 1]
+
+
 def best_level() -> str:
-    """Highest level that this processor runs, or the lower one that STICKSLIP_LEVEL names."""
-    highest = ctypes.CDLL(str(library("base"))).core_processor_level()
-    usable = LEVELS[: highest + 1]
-    asked = os.environ.get("STICKSLIP_LEVEL") or usable[-1]
+    """Highest level that this processor runs and whose library was built, or the one that STICKSLIP_LEVEL names."""
+    usable = usable_levels()
+    built = [level for level in usable if library_path(level).exists()]
+    asked = os.environ.get("STICKSLIP_LEVEL") or (built or usable)[-1]
     if asked not in usable:
         raise BuildError(f"STICKSLIP_LEVEL is {asked}: this processor runs {' and '.join(usable)}")
     return asked
@@ -192,20 +202,27 @@ def platform_tag() -> str:
     """Tag of the platform for a wheel with these libraries."""
     if sys.platform == "darwin":
         return f"macosx_{MACOS}_{platform.machine()}".replace(".", "_")
-    if stamp(library_path("base", HERE)).get("target", "").endswith(GLIBC):
+    if stamp(library_path(PROBE, HERE)).get("target", "").endswith(GLIBC):
         return f"manylinux_{GLIBC}_{MACHINE}".replace(".", "_")
     return sysconfig.get_platform().replace("-", "_").replace(".", "_")
 
 
 def build(
-    folder: Path = HERE, out: Path | None = None, *, sanitize: str = "", force: bool = False, verbose: bool = False
+    folder: Path = HERE,
+    out: Path | None = None,
+    *,
+    levels: tuple[str, ...] = (),
+    sanitize: str = "",
+    force: bool = False,
+    verbose: bool = False,
 ) -> str:
-    """Build the libraries of all levels, if they are not those of the sources, and return what was done in one line.
+    """Build the probe and libraries, if they are not those of the sources, and return what was done in one line.
 
     Parameters
     ----------
     folder : sources
     out : where libraries and objects go; the folder of the sources if not given
+    levels : to build; if none is given, the highest one that this processor runs
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
     verbose : print commands, and all that the compiler says of an error
@@ -214,7 +231,11 @@ def build(
     wanted = {"digest": digest(folder), "sanitize": sanitize}
     if asked := os.environ.get("CXX"):
         wanted["asked"] = asked
-    if not force and all(wanted.items() <= stamp(library_path(level, out)).items() for level in LEVELS):
+
+    def is_current(name: str) -> bool:
+        return wanted.items() <= stamp(library_path(name, out)).items()
+
+    if not force and is_current(PROBE) and all(map(is_current, levels or usable_levels(out)[-1:])):
         return "the compiled core is up to date"
     compiler = find_compiler()
     if compiler is None:
@@ -225,39 +246,54 @@ def build(
     made |= {"target": _zig_target() if compiler.is_zig else ""}
     if force:
         shutil.rmtree(out / ".objects", ignore_errors=True)
-    _compile_and_link(compiler, folder, out, wanted | made, verbose)
-    return f"the compiled core was built in {time.perf_counter() - start:.1f} s by {compiler.version}"
+    making = _Making(compiler, folder, out, wanted | made, verbose)
+    making.make([PROBE])
+    levels = levels or usable_levels(out)[-1:]
+    making.make(levels)
+    names, seconds = " and ".join(levels), time.perf_counter() - start
+    return f"the compiled core ({names}) was built in {seconds:.1f} s by {compiler.version}"
 
 
-def _compile_and_link(compiler: Compiler, folder: Path, out: Path, made: dict[str, str], verbose: bool) -> None:
-    objects = out / ".objects"
-    objects.mkdir(parents=True, exist_ok=True)
-    stamp_source = objects / "stamp.cpp"
-    _replace(stamp_source, _STAMP.format(json.dumps(_MARK + json.dumps(made))).encode())
-    extra = [f"-fsanitize={made['sanitize']}", *_SANITIZE] if made["sanitize"] else []
-    shared = b"".join(path.read_bytes() for path in _headers(folder)) + compiler.version.encode()
-    sources = sorted([stamp_source, *folder.glob("*.cpp")], key=lambda path: -path.stat().st_size)
+class _Making:
+    """Compilation and linking of libraries."""
 
-    def compile_source(source: Path, level: str) -> Path:
+    def __init__(self, compiler: Compiler, folder: Path, out: Path, made: dict[str, str], verbose: bool):
+        self.compiler, self.folder, self.out, self.made, self.verbose = compiler, folder, out, made, verbose
+        self.objects = out / ".objects"
+        self.objects.mkdir(parents=True, exist_ok=True)
+        self.shared = b"".join(path.read_bytes() for path in _headers(folder)) + compiler.version.encode()
+        self.stamp = self.objects / "stamp.cpp"
+        _replace(self.stamp, _STAMP.format(json.dumps(_MARK + json.dumps(made))).encode())
+
+    def make(self, names) -> None:
+        """Build the libraries of levels, or the probe, side by side."""
+        every = sorted(self.folder.glob("*.cpp"), key=lambda path: -path.stat().st_size)
+        sources = {name: [self.folder / PROBE_SOURCE] if name == PROBE else every for name in names}
+        jobs = [(path, name) for name in reversed(names) for path in [*sources[name], self.stamp]]
+        with ThreadPoolExecutor(_cores()) as pool:
+            made = list(pool.map(lambda job: self._compile(*job), jobs))
+        for name in names:
+            own = [target for target, job in zip(made, jobs, strict=True) if job[1] == name]
+            command = [*self.compiler.link(self.made["sanitize"]), *self._extra(name), *sorted(own)]
+            _make(library_path(name, self.out), command, self.objects, self.verbose)
+            for path in set(self.objects.glob(f"*-{name}-*.o")) - set(own):
+                path.unlink(missing_ok=True)
+
+    def _extra(self, name: str) -> list[str]:
+        """Flags of the sanitizers; the probe has none, because it is loaded here."""
+        asked = self.made["sanitize"]
+        return [f"-fsanitize={asked}", *_SANITIZE] if asked and name != PROBE else []
+
+    def _compile(self, source: Path, name: str) -> Path:
         text = source.read_bytes()
         first = text.partition(b"\n")[0].decode()
         own = shlex.split(first.removeprefix("// build:")) if first.startswith("// build:") else []
-        command = [*compiler.compile(level), *own, *extra]
-        key = hashlib.sha256(shared + text + "\0".join(command).encode()).hexdigest()[:16]
-        target = objects / f"{source.stem}-{level}-{key}.o"
+        command = [*self.compiler.compile(LEVELS[0] if name == PROBE else name), *own, *self._extra(name)]
+        key = hashlib.sha256(self.shared + text + "\0".join(command).encode()).hexdigest()[:16]
+        target = self.objects / f"{source.stem}-{name}-{key}.o"
         if not target.exists():
-            _make(target, [*command, "-c", source], objects, verbose)
+            _make(target, [*command, "-c", source], self.objects, self.verbose)
         return target
-
-    jobs = [(source, level) for source in sources for level in reversed(LEVELS)]
-    with ThreadPoolExecutor(_cores()) as pool:
-        made_objects = list(pool.map(lambda job: compile_source(*job), jobs))
-        for level in LEVELS:
-            own = [target for target, job in zip(made_objects, jobs, strict=True) if job[1] == level]
-            command = [*compiler.link(made["sanitize"]), *extra, *sorted(own)]
-            _make(library_path(level, out), command, objects, verbose)
-    for path in set(objects.glob("*.o")) - set(made_objects):
-        path.unlink(missing_ok=True)
 
 
 def _cores() -> int:
@@ -303,6 +339,8 @@ def preload(sanitize: str) -> str:
 def main() -> None:
     """Build the core from the command line."""
     parser = argparse.ArgumentParser(description="Build the compiled core.")
+    parser.add_argument("--all", action="store_true", help="for all levels of processors")
+    parser.add_argument("--level", action="append", choices=LEVELS, default=[], help="for this level")
     parser.add_argument("--force", action="store_true", help="even if it is up to date")
     parser.add_argument("--verbose", action="store_true", help="print commands and all messages of the compiler")
     parser.add_argument("--find", action="store_true", help="print the compiler only; the exit status is 1 without one")
@@ -315,7 +353,9 @@ def main() -> None:
         compiler = find_compiler()
         sys.exit(print(compiler.version) if compiler else NO_COMPILER)
     try:
-        print(build(HERE, given.out, sanitize=given.sanitize, force=given.force, verbose=given.verbose))
+        levels = LEVELS if given.all else tuple(given.level)
+        options = {"sanitize": given.sanitize, "force": given.force, "verbose": given.verbose}
+        print(build(HERE, given.out, levels=levels, **options))
     except (BuildError, OSError) as error:
         sys.exit(str(error))
     if given.sanitize:
