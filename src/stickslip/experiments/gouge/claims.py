@@ -5,9 +5,10 @@ the study itself or from other sources serve as references. Tolerances were fixe
 """
 
 import numpy as np
+from scipy.special import chdtri
 
 from ...core.readable import pluralize
-from ...friction.fitting import fit
+from ...friction.fitting import Fit, fit
 from ...friction.model_comparison import compare_laws
 from ...reports.claims import Claim, claim
 from . import measures
@@ -178,7 +179,7 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
 
     if result is None:
         return [_missing_claim(n, where(n), v, units.get(n, "1"), tolerance, "not run") for n, v in printed.items()]
-    records = [steps.data for steps in measures.mean_records(result, samples=200)]
+    records = [steps.data for steps in measures.mean_records(result)]
     seen = measures.response(result)
     eta = max(seen.impedance.value, 0.0)
     known = {"stiffness": stiffness(result.scenario) / result.scenario.load.normal_stress, "damping": eta}
@@ -189,12 +190,25 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
     note = (
         f"slip law fitted to steps averaged over branches, with known k and radiation damping η = {eta:.3f} s/m from "
         f"the peaks; from the peaks alone a = {_interval(seen.a)}, η = {_interval(seen.impedance)} s/m; "
-        f"{slip.sentence or 'all parameters are known'}; {compare_laws(slip, aging).sentence}; {_scale_note(result)}"
+        f"{slip.sentence}{_joint_interval(slip)}; {compare_laws(slip, aging).sentence}; {_scale_note(result)}"
     )
     return [
         claim(n, where(n), printed[n], parameters[n][0], units.get(n, "1"), tolerance, note, error=parameters[n][1])
         for n in printed
     ]
+
+
+def _joint_interval(found: Fit) -> str:
+    """Describe the joint 95 % region of b and D_c, an ellipse; empty if the data do not determine both."""
+    k, m = (found.names.index(name) for name in ("b", "dc"))
+    (var_b, both), (_, var_dc) = found.covariance[np.ix_([k, m], [k, m])]
+    if not np.isfinite(both):
+        return ""
+    half_b, half_dc = np.sqrt(chdtri(2, 0.05) * np.array([var_b, var_dc]))
+    return (
+        f"; joint 95 % region of b and D_c: {found.values['b']:.4f} ± {half_b:.4f} and {found.values['dc']:.2g} ± "
+        f"{half_dc:.1g} m with a correlation of {both / np.sqrt(var_b * var_dc):.2f}"
+    )
 
 
 def _symmetry(result: GougeResult | None) -> Claim:
