@@ -17,6 +17,7 @@ _TEMPORARY = "STICKSLIP_CACHE"
 
 # libraries that each extra of pyproject.toml installs, by import name; a test compares the two
 EXTRAS = {
+    "laws": ("numba",),
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
     "exchange": ("gsd", "ase", "pyevtk", "networkx"),

@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 import warnings
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.laws import kinds
 from stickslip.core.laws.compiled import law_struct
+from stickslip.extras import MissingExtraError
 
 SCALE = 2.0
 TABLE = [1.0, 2.0]
@@ -168,3 +170,13 @@ def test_a_file_takes_values_and_refuses_names(tmp_path):
         ss.laws.from_file(path, wel=0.2)
     with pytest.raises(ValueError, match="is not a file"):
         ss.laws.from_file(tmp_path / "other.py")
+
+
+def test_a_law_names_the_extra_that_compiles_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    law = ss.laws.custom(normal_force=lambda overlap: 0.123 * overlap)
+    with pytest.raises(
+        MissingExtraError, match=r"^numba is not installed: `pip install \"stickslip\[laws\]\"` installs"
+    ):
+        law_struct(law)
+    law_struct(ss.laws.linear())

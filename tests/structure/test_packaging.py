@@ -107,7 +107,7 @@ def test_the_demo_installs_the_same_versions_and_no_tools():
         for name in ("requirements.lock", "requirements-run.lock")
     )
     assert {name: version for name, version in run.items() if everything.get(name) != version} == {}
-    assert not {"pytest", "ruff", "selenium", "dask", "gsd"} & set(run) and "numba" in run
+    assert not {"pytest", "ruff", "selenium", "dask", "gsd", "numba"} & set(run) and "k3d" in run
 
 
 IMPORTS = """
@@ -240,7 +240,7 @@ def test_the_changelog_has_a_screen_for_each_release_newest_first():
     heads = re.findall(r"^## (.+)$", text, flags=re.M)
     dates = [re.fullmatch(r"(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)", head) for head in heads if head != "Unreleased"]
     assert all(dates) and sorted((date[2] for date in dates), reverse=True) == [date[2] for date in dates]
-    assert max(len(part.splitlines()) for part in text.split("\n## ")) <= 60
+    assert max(len(part.splitlines()) for part in text.split("\n## ")) <= 90
 
 
 def test_the_conda_recipe_has_the_dependencies_of_the_package():

@@ -93,7 +93,7 @@ def test_commands_of_the_readme_print_what_it_shows_with_what_they_install(tmp_p
     assert len(commands) >= 2
     core = installed_with_core_dependencies()
     blocked = set(metadata.packages_distributions()) - core
-    assert {"numba", "k3d"} <= core and {"gsd", "dask", "pytest", "imageio_ffmpeg"} <= blocked
+    assert {"numpy", "k3d"} <= core and {"gsd", "dask", "pytest", "imageio_ffmpeg", "numba"} <= blocked
     (tmp_path / "sitecustomize.py").write_text(BLOCK.format(blocked=blocked))
     paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
     ss.examples.copy(to=tmp_path / "examples")

@@ -19,7 +19,7 @@ from ..ensemble import default_workers
 from ..lammps.process import load_error
 from ..solve.linear import factorised
 
-CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
+CORE = ("numpy", "scipy", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
 DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if it differs from the import name
 MPI = "`pip install mpich` installs the library"
 
@@ -77,6 +77,7 @@ def compiled_core() -> dict[str, str]:
 def parts() -> list[OptionalPart]:
     """Check every extra and external engine."""
     return [
+        _check_extra("laws", "laws of your own"),
         _check_extra("fast", "PARDISO, a solver", _check_pardiso),
         _check_extra("cluster", "Dask clusters"),
         _check_extra("exchange", "other formats"),

@@ -15,6 +15,7 @@ from functools import cache, lru_cache, partial
 import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS, FIRST_OF_OWN
+from ...extras import require
 from ..library import core
 from .builtin import (
     DAMPING_N,
@@ -142,17 +143,19 @@ def block_function(kind: Kind, name: str):
 
     Raises
     ------
+    MissingExtraError
+        if Numba is not installed.
     ValueError
         with a one-sentence message that names the line, if Numba cannot compile it.
     """
-    from numba import cfunc
-    from numba.types import CPointer, float64, int64, void
-
+    numba = require("numba", "laws")
+    numbers = numba.types.CPointer(numba.types.float64)
+    signature = numba.types.void(numbers, numba.types.int64, *6 * [numbers])
     own, scope = USER_LAWS[kind], dict(numba_functions(kind))
     exec(compile(_block_text(own, name), "<contact law>", "exec"), scope)
     try:
         with warnings.catch_warnings(action="ignore"):
-            return cfunc(void(CPointer(float64), int64, *6 * [CPointer(float64)]), **_OPTIONS)(scope["block"])
+            return numba.cfunc(signature, **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
         files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
         place, reason = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
@@ -162,9 +165,8 @@ def block_function(kind: Kind, name: str):
 @cache
 def numba_functions(kind: Kind) -> dict:
     """Functions of a user's law for Numba, and other names that blocks use."""
-    from numba import njit
-
     made: dict = {}
+    njit = require("numba", "laws").njit
     functions = {name: _compile(function, made, njit) for name, function in USER_LAWS[kind].functions.items()}
     return functions | {"GAUSS": _GAUSS, "STEP": STEP, "sqrt": np.sqrt}
 
