@@ -71,7 +71,7 @@ $(RUN): requirements-run.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"
 	@echo "installing into .venv (about half a minute, once)"
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-run.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-run.lock
 	$(COMPILER)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
@@ -87,12 +87,12 @@ $(LEVELS): $(CORE)  # tests compare the levels of processors
 
 $(STAMP): $(RUN) requirements.lock | $(LEVELS)
 	@echo "installing the development tools into .venv (once)"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
 	@touch $@
 
 $(DOCS): $(STAMP) requirements-docs.lock
 	@echo "installing the documentation tools into .venv (once)"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-docs.lock
 	@touch $@
 
 clean:
