@@ -14,13 +14,16 @@ endef
 
 unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would compile the package anew
 
-.PHONY: demo test coverage quick slow lint bench docs release wheel lock clean
+.PHONY: demo test durations coverage quick slow lint bench docs release wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+durations: $(STAMP)  ## run the tests, store their processor time in tests/durations.json, and print the slowest
+	$(BIN)/python -m pytest -n 2 --dist loadfile --store-durations
 
 coverage: $(STAMP)  ## run the tests and print the share of Python lines that they execute; fails below a floor
 	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report= --cov-fail-under=90

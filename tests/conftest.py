@@ -24,6 +24,8 @@ settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True
 settings.load_profile("ci")
 
 
+pytest_plugins = ("tests.durations",)
+
 # folders of `make quick`, without files that start other processes or prepare samples for long
 QUICK = ("unit", "derivatives", "laws", "friction", "exchange")
 

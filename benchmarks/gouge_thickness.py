@@ -1,0 +1,66 @@
+"""Does fault gouge depend on the thickness of the layer? One sample of 14 D beside the stored samples of 20 D.
+
+The cell, the distribution of diameters and the protocol are those of the paper's size; only the number of grains
+differs. The sample is run unless it is stored, which takes an hour of one core; a run that is stopped goes on.
+
+python -m benchmarks.gouge_thickness
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.special import stdtrit
+
+from stickslip.experiments.gouge import measures
+from stickslip.experiments.gouge.curves import healing_peaks, reslides_after_longest
+from stickslip.experiments.gouge.paper import MAIN, PAPER, paper_size_scenario, stored_samples
+from stickslip.experiments.gouge.simulate import GougeResult, simulate_gouge
+from stickslip.experiments.gouge.statistics import slope
+from stickslip.reports.terminal import progress
+
+from .engine import console
+
+STORED = Path(__file__).parents[1] / "docs/reference"
+NUMBER = 2900  # mobile grains of a layer of 14 D
+
+
+def quantities(result: GougeResult) -> dict[str, float]:
+    """Numbers of one sample that the paper prints or shows."""
+    _, after, peaks, _ = reslides_after_longest(result, PAPER)
+    return {
+        "thickness [D]": result.realizations[0].range.thickness,
+        "steady friction at 0.02 m/s": measures.mean_friction(result, PAPER).value,
+        "friction per e-fold of hold time": measures.per_efold(measures.hold_curve(result, PAPER)).value,
+        "thickness per e-fold of hold time [D]": measures.per_efold(
+            measures.hold_curve(result, PAPER, "thickness")
+        ).value
+        / result.scenario.grains.mean,
+        "peak per e-fold of hold time": healing_peaks(result, PAPER)[2].value,
+        "peak per e-fold of V_r/V_i": slope(np.log(after / PAPER), peaks).value,
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    thick = paper_size_scenario(realizations=1)
+    thin = thick.model_copy(update={"grains": thick.grains.model_copy(update={"number": NUMBER})})
+    with progress() as report:
+        folder = Path("results/gouge-14-D")
+        one = simulate_gouge(thin, folder=folder, samples=STORED / "gouge_14_D", workers=1, report=report)
+    found = quantities(one)
+    stored = stored_samples(STORED / "gouge_paper_size")[MAIN].values()
+    others = [quantities(GougeResult(thick, (sample.realization,), (), 1)) for sample in stored]
+    count = len(others)
+    console.print(
+        f"quantity | 14 D, one sample | 20 D, mean of {count} | a further sample of 20 D, 95 %", highlight=False
+    )
+    for name, value in found.items():
+        values = np.array([other[name] for other in others])
+        half = np.nan
+        if count > 1:
+            half = stdtrit(count - 1, 0.975) * values.std(ddof=1) * np.sqrt(1 + 1 / count)
+        console.print(f"{name} | {value:.4g} | {values.mean():.4g} | ± {half:.2g}", highlight=False)
+
+
+if __name__ == "__main__":
+    main()
