@@ -29,7 +29,7 @@ from stickslip.experiments.element_test.paths import drive_of
 from stickslip.experiments.element_test.report import columns, figures
 from stickslip.experiments.element_test.sample import check_pressures, make_sample
 from stickslip.experiments.experiment import named_measures
-from stickslip.figures.style import png
+from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
 from tests.unit import element_test_lammps

@@ -4,7 +4,7 @@ from textwrap import fill
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
+from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
 from ..core.arguments import Result
@@ -139,7 +139,7 @@ def failure_directions(
     turn = 360 / len(envelope.angle)
     rows = np.degrees(np.append(envelope.angle, 2 * np.pi)) - 0.5 * turn
     work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
-    shades = plt.get_cmap("RdBu").with_extremes(bad=BLACK)
+    shades = colormaps["RdBu"].with_extremes(bad=BLACK)
     drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
     below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
     label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
