@@ -17,6 +17,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, ScalarFormatter
 
 from ..core.arguments import checked
+from ..core.scales import ROUND_OFF
 from ..core.units import unit_name
 
 WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
@@ -141,13 +142,15 @@ def power_of_ten(number: float, error: float | None = None) -> str:
 
 
 def label_axes(
-    axes, *, x: Words | None = None, y: Words | None = None, z: Words | None = None, whole: str = ""
-) -> None:
+    axes, *, x: Words | None = None, y: Words | None = None, z: Words | None = None, whole: str = "",
+    least: dict[str, float] | None = None,
+) -> None:  # fmt: skip
     """Label axes with a quantity, or a pair of quantity and unit, after their scales have been chosen.
 
     Dimensions such as "length" become the units in use.
 
-    `whole` contains the names of axes whose numbers are integers.
+    `whole` contains the names of axes whose numbers are integers, `least` the least ranges of axes by name: they do not
+    zoom into noise. No linear axis zooms into round-off.
 
     Every axis of a figure is labelled here. Linear axes get as many ticks as fit side by side; if their numbers are
     large or small, the label takes up a power of ten, as in "strain [10⁻⁵]". Logarithmic axes of little more than a
@@ -160,7 +163,7 @@ def label_axes(
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
-            axis.set_major_locator(_FittingLocator(integer=name in whole))
+            axis.set_major_locator(_FittingLocator(integer=name in whole, least=(least or {}).get(name, 0.0)))
             axis.set_major_formatter(_PowerFormatter(quantity, unit))
         elif axis.get_scale() == "log":
             axis.set_major_locator(LogLocator(numticks=7))
@@ -188,9 +191,17 @@ class _PowerFormatter(ScalarFormatter):
 class _FittingLocator(AutoLocator):
     """As many round numbers as fit side by side."""
 
-    def __init__(self, *, integer: bool) -> None:
+    def __init__(self, *, integer: bool, least: float = 0.0) -> None:
         super().__init__()
         self.set_params(integer=integer)
+        self.least = least
+
+    def nonsingular(self, v0: float, v1: float) -> tuple[float, float]:
+        """Limits of an axis without margins, wider than those of the data where these differ by noise only."""
+        low, high = sorted((v0, v1))
+        size = max(abs(low), abs(high))
+        noise = self.least if high - low < self.least else 0.05 * size if high - low <= ROUND_OFF * size else 0.0
+        return super().nonsingular(low - 0.5 * noise, high + 0.5 * noise)
 
     def __call__(self):
         low, high = self.axis.get_view_interval()
