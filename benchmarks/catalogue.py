@@ -24,7 +24,7 @@ from stickslip.experiments.catalogue.predictors import PREDICTORS, Skill, skills
 from stickslip.experiments.catalogue.report import law_label
 from stickslip.experiments.catalogue.tables import Table, read_table, rows_of, stack_tables, write_table
 from stickslip.figures import catalogue as figures
-from stickslip.figures.style import save
+from stickslip.figures.saving import save
 from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
 from stickslip.runs.writer import write_result

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 import stickslip as ss
-from stickslip.figures.style import save
+from stickslip.figures.saving import save
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/directions_of_failure", ROOT / "docs/directions_of_failure.md"

@@ -15,8 +15,8 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.experiments.sphere_shear.claims_of_laws import BIRTHS, share_interval
+from stickslip.figures.saving import save
 from stickslip.figures.sphere_shear import births_by_law as births_figure
-from stickslip.figures.style import save
 
 from .births import UNLIMITED, Births, births_by_law, law_words
 

@@ -38,8 +38,10 @@ def test_no_import_cycles_between_modules():
         # what `stickslip stability` imports
         ("import stickslip.reports.packing, stickslip.data.exchange.files, stickslip.reports.terminal",
          ("matplotlib", "xarray", "pandas", "scipy.stats", "scipy.optimize", "scipy.spatial")),
+        # pyplot belongs to the user: with it, a backend is chosen
+        ("import stickslip.figures.animation, stickslip.figures.saving", ("matplotlib.pyplot",)),
     ],
-    ids=["package", "help", "stability"],
+    ids=["package", "help", "stability", "figures"],
 )  # fmt: skip
 def test_import_stays_light(code, heavy):
     code = f"import sys; {code}; print([m for m in {heavy!r} if m in sys.modules])"

@@ -347,6 +347,21 @@ def test_what_can_be_seen_is_drawn_point_by_point():
     assert not axes.collections and holds(axes, x, np.sin(60 * x))
 
 
+@pytest.mark.parametrize("values, least, wide", [
+    ([0.7, 0.7 + 3e-12], 0.0, (0.03, 0.1)),  # round-off of a constant
+    ([1e5, 1e5 + 0.1], 1e3, (1e3, 1.2e3)),  # held by a servo
+    ([1e9, 1e9 + 1e3], 0.0, (1e3, 1.2e3)),  # late time steps
+    ([0.0, 3e-7], 0.0, (3e-7, 4e-7)),  # small, but not beside anything
+])  # fmt: skip
+def test_axes_do_not_zoom_into_noise(values, least, wide):
+    figure, axes = styled(column_axes)()
+    axes.plot(values, values)
+    label_axes(axes, x="a", y="b", least={"x": least, "y": least})
+    figure.draw_without_rendering()
+    for low, high in (axes.get_xlim(), axes.get_ylim()):
+        assert wide[0] < high - low < wide[1] and low < values[0] and values[1] < high
+
+
 def test_logarithmic_axes_of_a_decade_show_two_and_five():
     _, axes = column_axes(1, 2.0)
     axes.loglog([1.5e5, 6e5], [1e-3, 1e7])

@@ -16,7 +16,7 @@ from stickslip.experiments.cyclic_shear import measures, report, sands
 from stickslip.experiments.cyclic_shear import simulate as cyclic
 from stickslip.experiments.element_test.sample import make_sample
 from stickslip.experiments.experiment import named_measures
-from stickslip.figures.style import png
+from stickslip.figures.saving import render as png
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}
 SPHERES = {"grains": 60, "friction": 0.1}

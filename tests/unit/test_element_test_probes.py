@@ -16,7 +16,7 @@ from stickslip.experiments.element_test.measures import estimates, sentences
 from stickslip.experiments.element_test.probes import describe_direction, first_seen, plane_of, probe
 from stickslip.experiments.element_test.report import figures
 from stickslip.experiments.experiment import named_measures
-from stickslip.figures.style import png
+from stickslip.figures.saving import render as png
 from stickslip.runs.page import folder_content
 
 DISKS = {"dim": 2, "grains": 60, "pressure": 100.0, "friction": 0.0}

@@ -27,7 +27,7 @@ from stickslip.data import archive
 from stickslip.data.exchange.files import packing_units
 from stickslip.experiments.registry import EXPERIMENTS, read_tables
 from stickslip.figures.quantities import quantities
-from stickslip.figures.style import png
+from stickslip.figures.saving import render as png
 from stickslip.figures.view3d import view_data
 from stickslip.loading.event_types import Events
 from stickslip.runs import page

@@ -128,6 +128,28 @@ class Output(NamedTuple):
     as_json: AsJson = False
 
 
+class FigureOptions(NamedTuple):
+    """Options of the figures that a command writes."""
+
+    formats: Annotated[
+        list[str] | None, typer.Option("--format", help="pdf or svg: also write figures so, besides PNG; repeatable.")
+    ] = None
+    width: Annotated[
+        int, typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column), or 178 (two).")
+    ] = 86
+    letters: Annotated[bool, typer.Option("--letters", help="Letter the panels of figures: (a), (b) …")] = False
+
+    def look(self):
+        """How figures are written; ValueError with one sentence if this is not possible."""
+        from ..figures.saving import FORMATS, WIDTHS, Look
+
+        for kind in self.formats or ():
+            check_choice("format", kind, FORMATS)
+        if self.width not in WIDTHS:
+            raise ValueError(f"--width {self.width} was given: use 86 or 178 [mm]")
+        return Look(("png", *(self.formats or ())), self.width, self.letters)
+
+
 class EngineOptions(NamedTuple):
     """Options of the engine that runs a scenario."""
 

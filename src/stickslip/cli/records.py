@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from .app import Out, Output, check_choice, command, complete_from, examples, number_option
+from .app import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -74,6 +74,7 @@ def fit(
     steps: Annotated[int, typer.Option("--steps", help="Longest chain of --posterior.")] = 4000,
     out: Out = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
+    drawing: FigureOptions,
     output: Output,
 ) -> None:
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
@@ -83,6 +84,7 @@ def fit(
     from ..reports import terminal
     from ..runs import json_output
 
+    look = drawing.look()
     if out is not None:
         fit_report.check_folder(out, overwrite)
     with terminal.console_output(*output):
@@ -91,7 +93,7 @@ def fit(
             free=model.free_names(), before=model.before, normal=model.normal, columns=columns, form=model.form,
             steps=steps if posterior else None, velocity=velocity,
         )  # fmt: skip
-    paths = fit_report.write(out, result) if out else []
+    paths = fit_report.write(out, result, look) if out else []
     if output.as_json:
         print(
             json_output.to_json(

@@ -11,6 +11,7 @@ from .app import (
     DEVICES,
     ENGINES,
     EngineOptions,
+    FigureOptions,
     Out,
     Output,
     Overwrite,
@@ -90,10 +91,12 @@ def reproduce(
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
+    drawing: FigureOptions,
     output: Output,
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
     check_choice("experiment", experiment, _papers())
+    look = drawing.look()
     size = {"quick": quick, "full": full, "paper-size": paper_size}
     given = [f"--{name}" for name, value in size.items() if value]
     if len(given) > 1:
@@ -103,7 +106,7 @@ def reproduce(
             raise ValueError(f"{name} was given, but only --paper-size has samples: leave it out")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
-    from ..runs.resume import mark_reproduction, reproduction_arguments
+    from ..runs.resume import mark_look, mark_reproduction, reproduction_arguments
 
     more = {"full": full, "paper_size": paper_size, "realizations": realizations}
     more |= {"samples": samples and samples.absolute()}
@@ -117,7 +120,8 @@ def reproduce(
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         mark_reproduction(folder, chosen, experiment, **asked)
-        _reproduce_in("reproduce", folder, spread, output, experiment=experiment, **asked)
+        mark_look(folder, chosen, look)
+        _reproduce_in("reproduce", folder, spread, output, look, experiment=experiment, **asked)
 
 
 @contextmanager
@@ -136,7 +140,9 @@ def _working_in(folder: Path, output: Output):
             raise StoppedError("stopped by the user before anything was saved: run the command again") from None
 
 
-def _reproduce_in(command: str, folder: Path, spread, output: Output, *, experiment: str, quick: bool, **asked) -> None:
+def _reproduce_in(
+    command: str, folder: Path, spread, output: Output, look, *, experiment: str, quick: bool, **asked
+) -> None:  # fmt: skip
     """Run or continue a paper's experiment in a folder."""
     from ..experiments.registry import papers
     from ..reports import terminal
@@ -150,7 +156,7 @@ def _reproduce_in(command: str, folder: Path, spread, output: Output, *, experim
     with convert_errors(), terminal.progress() as tell:
         reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_reproduction(folder, chosen, reproduction)
+        paths = write_reproduction(folder, chosen, reproduction, look)
     finish(
         lambda: json_output.describe_run(command, folder, reproduction.main, paths, reproduction.claims), paths,
         lambda: show_claims(reproduction.claims, chosen.paper.shows()), output,
@@ -174,6 +180,7 @@ def run(
     trust: Trust = False,
     yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False,
     figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
+    drawing: FigureOptions,
     output: Output,
 ) -> None:
     """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
@@ -181,7 +188,9 @@ def run(
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
     from ..runs import folder as run_folder
+    from ..runs.resume import mark_look
 
+    look = drawing.look()
     if out is not None and export is not None:
         raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
     out = out or Path("results") / scenario.stem
@@ -193,7 +202,8 @@ def run(
             raise ValueError("--export was given with a sweep: export its members one by one")
         tables, spread = _sweep_tables(tables, engine), _choose_processes(processes)
         with _working_in(out, output):
-            return _run_sweep_in("run", tables, out, spread, output, overwrite=overwrite, yes=yes, figures=figures)
+            options = {"overwrite": overwrite, "yes": yes, "figures": figures, "look": look}
+            return _run_sweep_in("run", tables, out, spread, output, **options)
     chosen = _with_engine(make_scenario(**tables), engine)
     if export:
         return _export_to(export, chosen, output, overwrite=overwrite)
@@ -201,7 +211,8 @@ def run(
     spread = _choose_processes(processes, chosen)
     with _working_in(out, output):
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
-        return _run_in("run", chosen, out, spread, output)
+        mark_look(out, chosen, look)
+        return _run_in("run", chosen, out, spread, output, look)
 
 
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
@@ -228,7 +239,7 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
     )  # fmt: skip
 
 
-def _run_in(command: str, chosen, folder: Path, spread, output: Output) -> None:
+def _run_in(command: str, chosen, folder: Path, spread, output: Output, look) -> None:
     """Run or continue a scenario in a folder."""
     from ..core.units import units_in_use
     from ..experiments.registry import experiment_of
@@ -241,7 +252,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output) -> None:
     with convert_errors(), terminal.progress() as tell:
         result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_result(folder, experiment, result)
+        paths = write_result(folder, experiment, result, look)
     with units_in_use(chosen.named_units):
         finish(
             lambda: json_output.describe_run(command, folder, result, paths), paths, lambda: experiment.show(result),
@@ -275,10 +286,11 @@ def resume(
             check_law_files(tables)
             spread = _choose_processes(processes, saved.scenario)
             if saved.reproduction:
-                return _reproduce_in("resume", folder, spread, output, **saved.reproduction)
+                return _reproduce_in("resume", folder, spread, output, saved.look, **saved.reproduction)
             if saved.sweep:
-                return _run_sweep_in("resume", saved.sweep, folder, spread, output, yes=True, figures=saved.figures)
-            return _run_in("resume", saved.scenario, folder, spread, output)
+                options = {"yes": True, "figures": saved.figures, "look": saved.look}
+                return _run_sweep_in("resume", saved.sweep, folder, spread, output, **options)
+            return _run_in("resume", saved.scenario, folder, spread, output, saved.look)
 
 
 def _report_finished(folder: Path, output: Output) -> None:
@@ -297,8 +309,9 @@ def _report_finished(folder: Path, output: Output) -> None:
 
 
 def _run_sweep_in(
-    command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, figures: bool, overwrite: bool = False
-) -> None:
+    command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, figures: bool, look,
+    overwrite: bool = False,
+) -> None:  # fmt: skip
     """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
     from ..runs import json_output
     from ..runs.sweep import report as sweep_report
@@ -314,7 +327,7 @@ def _run_sweep_in(
         return typer.confirm(f"Run {chosen.count} members?")
 
     swept = sweep_report.run_with_progress(
-        chosen, out, **spread, overwrite=overwrite, figures=figures, confirm=confirm
+        chosen, out, **spread, overwrite=overwrite, figures=figures, look=look, confirm=confirm
     )  # fmt: skip
     if swept is None:
         return print("nothing was run")

@@ -12,6 +12,7 @@ from .laws.kinds import Kind
 from .laws.values import evaluate
 from .state import State
 
+ROUND_OFF = 1e-8  # of the terms of a sum that cancel: what is left below this share of them is no result
 VALIDATED = 0.1  # overlap, over the diameter, up to which user-defined laws are validated
 
 
@@ -32,6 +33,17 @@ def natural_scales(state: State, law: Law, length: float | None = None) -> Scale
     length = 2.0 * float(state.grains.radius.min()) if length is None else length
     force = float(_forces_at(law, length).max())
     return Scales(length, force, float(np.sqrt(state.grains.mass.min() * length / force)))
+
+
+def clear_round_off(values, scale):
+    """Values, with zeros in place of those that are only round-off of terms of a size `scale`.
+
+    Examples
+    --------
+    >>> clear_round_off(np.array([3e-12, 1e-4]), 0.1).tolist()
+    [0.0, 0.0001]
+    """
+    return np.where(np.abs(values) <= ROUND_OFF * np.max(np.abs(scale), initial=0.0), 0.0, values)
 
 
 def _forces_at(law: Law, overlap: float) -> np.ndarray:

@@ -21,7 +21,7 @@ _FOLDER, _OTHER = "folder", "neither"  # in place of a digest, for folders and f
 _OVERWRITABLE = "overwritten.json"  # with the checkpoint: files that --overwrite may replace when the run ends
 
 _PART = re.compile(r"\..+\.\d+(\.\w+)?")  # temporary file of an unfinished write
-_PIECE = re.compile(r".+\.(records|h5)|(scenario|part)(-\w+)?\.json|reproduce\.json|" + re.escape(_OVERWRITABLE))
+_PIECE = re.compile(r".+\.(records|h5)|(scenario|part)(-\w+)?\.json|(reproduce|look)\.json|" + re.escape(_OVERWRITABLE))
 _SWEEP_FILES = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
 Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced

@@ -8,6 +8,7 @@ from .checkpoint import SCENARIO
 NUMBERS, MOVIE = "results.h5", "transition.gif"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
+LOOK = "look.json"  # how its figures are written
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 SERIES, CURVES, THRESHOLD = "series.csv", "curves.csv", "threshold.csv"
 EVENTS, STEPS, SLIPS, CYCLES = "events.csv", "steps.csv", "slips.csv", "cycles.csv"
@@ -15,7 +16,7 @@ COLLAPSES, PROBES, ENVELOPES = "collapses.csv", "probes.csv", "envelopes.csv"
 TABLES = (SERIES, CURVES, THRESHOLD, EVENTS, STEPS, SLIPS, CYCLES, COLLAPSES, PROBES, ENVELOPES)
 RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, *TABLES, PAGE, FILM)
 _RUN_FILE = re.compile(
-    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt|"
+    r"(fig\d_\w+|claims)\.(png|pdf|svg)|steps_\d+_\d+\.csv|(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt|"
     r"(devol|slip|shear_stress|normal_stress)\.dat|" + "|".join(map(re.escape, RUN_FILES))
 )
 SHOWN = 8  # file names listed in a message

@@ -1,6 +1,10 @@
 """Figures: each function takes a result and returns a matplotlib Figure.
 
-Those of an experiment are in its own module, as `figures.flow.snapshots`.
+Those of an experiment are in its own module, as `figures.flow.snapshots`. A notebook shows a figure as a picture;
+pyplot and its backend are left alone. `figure.savefig` or `save` writes it.
+
+    save                   write a figure as PNG, PDF or SVG, one or two columns wide, with letters of its panels
+    Look                   formats, width and letters of the figures of a sweep
 
 Any packing
 

@@ -16,5 +16,7 @@ from .inflation import inclusion as inclusion
 from .instability import bursts as bursts
 from .instability import growth_by_amplitude as growth_by_amplitude
 from .instability import static_and_kinetic as static_and_kinetic
+from .saving import Look as Look
+from .saving import save as save
 from .view3d import view as view
 from .waves import dispersion as dispersion

@@ -17,7 +17,7 @@ from ..extras import require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
 from .page import MARK
 from .quantities import Mode
-from .style import plt, styled
+from .style import OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
@@ -63,8 +63,11 @@ def movie(
     below, above = 0.85 if colour else 0.4, 0.3  # for the legend and the colour bar, and for the title
     height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
     inches, height = (round(50 * size) / 50 for size in (inches, height))  # even numbers of pixels, as H.264 requires
-    with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": 100, "font.size": 11}):
-        figure = plt.figure(figsize=(inches, height), dpi=100)
+    settings = {"savefig.dpi": 100, "font.size": 11}
+    if path.suffix.lower() == ".mp4":
+        settings["animation.ffmpeg_path"] = _find_ffmpeg()
+    with common_style(**settings):
+        figure = OwnFigure(figsize=(inches, height), dpi=100)
         axes = figure.add_axes([0.01, below / height, 0.98, 1 - (below + above) / height])
         writer = _make_writer(path, fps)
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
@@ -78,7 +81,6 @@ def movie(
                     draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
                 writer.grab_frame()
                 report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
-    plt.close(figure)
     return path
 
 
@@ -107,7 +109,6 @@ def _explain_ffmpeg_failure():
 def _make_writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
         return GifWriter(fps=fps)
-    plt.rcParams["animation.ffmpeg_path"] = _find_ffmpeg()
     extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
     return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 

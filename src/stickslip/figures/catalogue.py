@@ -3,7 +3,6 @@
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ..core.arguments import Result
@@ -13,6 +12,7 @@ from .style import (
     COLORS,
     GREEN,
     ORANGE,
+    PAGE,
     PURPLE,
     RED,
     SKY,
@@ -21,6 +21,7 @@ from .style import (
     label_axes,
     legend_above,
     styled,
+    subplots,
 )
 
 # class of an event: its label and colour
@@ -184,7 +185,7 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
     panels = found if found and isinstance(found[0], list) else [found]
     rows = -(-len(panels) // 2)
     width = min(2, len(panels))
-    figure, grid = plt.subplots(rows, width, figsize=(WIDTH * width, 3.9 * rows), squeeze=False)
+    figure, grid = subplots(rows, width, figsize=((WIDTH, PAGE)[width - 1], 3.9 * rows), squeeze=False)
     for axes, skills, title in zip(grid.flat, panels, titles, strict=False):
         for skill in skills:
             (label, color), roc = PREDICTORS[skill.predictor], skill.roc

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, WIDTH, plt, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, PAGE, PURPLE, RED, OwnFigure, styled
 
 GREY = "0.55"
 MARKS = {  # colour, marker, filled: distinguishable without colours
@@ -21,7 +21,6 @@ MARKS = {  # colour, marker, filled: distinguishable without colours
 REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at the edge
 PITCH = 0.165  # height of a row [inch]
 MARGIN = 1.15  # height of title, axis and legend [inch]
-PAGE = 2.45 * WIDTH
 SHORT = 34  # longest label [characters]
 
 
@@ -45,7 +44,7 @@ class Row(NamedTuple):
 def claims_chart(rows: list[Row], title: str):
     """Deviation of every measurement from the paper's value, with error, tolerance and verdict, one row per claim."""
     height = PITCH * (len(rows) + 1) + MARGIN
-    figure = plt.figure(figsize=(PAGE, height), layout="none")
+    figure = OwnFigure(figsize=(PAGE, height))
     bottom = 0.75 * MARGIN / height
     axes = figure.add_axes((0.25, bottom, 0.235, PITCH * (len(rows) + 1) / height))
     axes.axvspan(-1, 1, color="0.9", lw=0, zorder=0)

@@ -3,10 +3,25 @@
 from typing import Annotated, Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
 from ..core.arguments import Result
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, column_axes, label_axes, plt, styled
+from .style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
+    WIDTH,
+    column_axes,
+    label_axes,
+    styled,
+    subplots,
+)
 
 _Table = Annotated[Any, Result("table of the last cycles", keys=("amplitude", "G_ratio", "damping"))]
 AMPLITUDE = r"amplitude of the shear strain $\gamma_0$"
@@ -30,7 +45,7 @@ def loops(curves: dict):
     chosen = sorted(curves)[-6:]
     rows = -(-len(chosen) // 2)
     size = (WIDTH, 0.5 + 1.35 * rows)
-    figure, panels = plt.subplots(rows, 2, figsize=size, sharex=True, sharey=True, squeeze=False)
+    figure, panels = subplots(rows, 2, figsize=size, sharex=True, sharey=True, squeeze=False)
     for axes, amplitude in zip(panels.flat, chosen, strict=False):
         gamma, tau = curves[amplitude]
         tau = tau - 0.5 * (tau[-1].max() + tau[-1].min())
@@ -120,7 +135,7 @@ def returns(displacements: dict, kinds: dict[float, str]):
     figure, axes = column_axes(1, 2.8)
     for k, (amplitude, values) in enumerate(displacements.items()):
         kind, number = kinds[amplitude], np.arange(1, len(values) + 1)
-        color = plt.cm.viridis(0.9 * k / max(len(displacements) - 1, 1))
+        color = colormaps["viridis"](0.9 * k / max(len(displacements) - 1, 1))
         axes.plot(number, values, f"{MARKERS[kind]}-", color=color, label=f"{amplitude:g} {kind}")
     axes.axhline(1e-2, color=BLACK, lw=0.6, ls="--")
     axes.set_yscale("log")

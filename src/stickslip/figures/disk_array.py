@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -22,7 +21,9 @@ from .style import (
     RED,
     SKY,
     TIME,
+    OwnFigure,
     column_axes,
+    common_style,
     label_axes,
     legend_above,
     plot_fast,
@@ -238,8 +239,8 @@ def transition_movie(result, path: str | Path, frames: int = round(FPS * SECONDS
     start, stop = events.min() - 200, min(np.max(events) + 200, data.time[-1])
     times = np.linspace(max(start, data.time[0]), stop, frames)
     length, n = result.pressed.cell.vectors[0, 0], len(radius)
-    with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": "figure"}):
-        figure = plt.figure(figsize=(6.4, 1.6), dpi=110)
+    with common_style(**{"savefig.dpi": "figure"}):
+        figure = OwnFigure(figsize=(6.4, 1.6), dpi=110)
         axes = figure.add_axes([0.02, 0.2, 0.96, 0.62])
         axes.set(xlim=(-0.1, length + 0.1), ylim=(-0.15, 2.3 * radius.max()), aspect="equal")
         axes.axis("off")
@@ -277,5 +278,4 @@ def transition_movie(result, path: str | Path, frames: int = round(FPS * SECONDS
             for time in times:
                 draw(time)
                 writer.grab_frame()
-    plt.close(figure)
     return Path(path)

@@ -4,7 +4,7 @@ from textwrap import fill
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
+from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
 from ..core.arguments import Result
@@ -14,6 +14,7 @@ STRAINS = {
     "axial_strain": r"axial strain $\varepsilon_a$", "gamma": r"shear strain $\gamma$",
     "volumetric_strain": r"volumetric strain $\varepsilon_v$",
 }  # fmt: skip
+HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
@@ -32,7 +33,7 @@ def _lines(axes, tables, x: str, y: str) -> None:
 
 @styled
 def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table | None = None):
-    """Deviatoric stress and volumetric strain against the imposed strain, one line for each sample.
+    """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table |
     """
     figure, panels = column_axes(2, 3.8, sharex=True)
     quantities = {"q": ("$q$", unit), "volumetric_strain": STRAINS["volumetric_strain"]}
+    if "pore_pressure" in tables[0]:
+        quantities = {"q": ("$q$", unit), "pore_pressure": ("excess pore\npressure $\\Delta u$", unit)}
     if strain == "volumetric_strain":
         quantities = {"p": ("$p$", unit), "void_ratio": "void ratio $e$"}
     for axes, (name, words) in zip(panels, quantities.items(), strict=True):
@@ -61,7 +64,8 @@ def stress_path(tables: list[_Table], unit: str):
     """Stress paths in the plane of mean and deviatoric stress."""
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
-    label_axes(axes, x=("$p$", unit), y=("$q$", unit))
+    largest = max(np.abs(table["p"]).max() for table in tables)
+    label_axes(axes, x=("$p$", unit), y=("$q$", unit), least={"x": HELD * largest})
     legend_above(axes)
     return figure
 
@@ -139,7 +143,7 @@ def failure_directions(
     turn = 360 / len(envelope.angle)
     rows = np.degrees(np.append(envelope.angle, 2 * np.pi)) - 0.5 * turn
     work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
-    shades = plt.get_cmap("RdBu").with_extremes(bad=BLACK)
+    shades = colormaps["RdBu"].with_extremes(bad=BLACK)
     drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
     below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
     label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import pyplot as plt
 
-from .style import BLACK, COLORS, RED, WIDTH, label_axes, styled
+from .style import BLACK, COLORS, PAGE, RED, label_axes, styled, subplots
 
 
 @styled
@@ -21,7 +20,7 @@ def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: t
     labels : one for each
     names : of the components along the two axes of the plane
     """
-    figure, (left, right) = plt.subplots(1, 2, figsize=(2 * WIDTH, 3.0), layout="constrained")
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
     closed = [np.append(np.arange(len(e.angle)), 0) for e in envelopes]
     for k, (envelope, rows) in enumerate(zip(envelopes, closed, strict=True)):
         color, label = COLORS[k % len(COLORS)], labels[k] if k < len(labels) else None

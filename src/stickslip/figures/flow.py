@@ -3,15 +3,26 @@
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.collections import EllipseCollection
 from matplotlib.lines import Line2D
 
 from ..core.arguments import Array, Result, Series
 from ..core.measure import wrapped
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, WIDTH, column_axes, label_axes, legend_above, plot_fast, styled
+from .style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PAGE,
+    column_axes,
+    label_axes,
+    legend_above,
+    plot_fast,
+    styled,
+    subplots,
+)
 
-WIDE = 2.07 * WIDTH  # two columns and the gap between them
 PANELS = 6
 WALL = "0.25"
 HIDDEN = 0.002  # fraction of grains that may be out of view at either end: grains that roll away would shrink the rest
@@ -31,9 +42,9 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
         tops = np.array([np.quantile(p[:, 1], 1 - HIDDEN) for p in places]) + 4 * shown[0].grains.radius.max()
         tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
     shares = tops - low[1]
-    height = min(float((WIDE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
-    figure, panels = plt.subplots(
-        rows, columns, figsize=(WIDE, height), squeeze=False, sharex=True, height_ratios=shares,
+    height = min(float((PAGE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
+    figure, panels = subplots(
+        rows, columns, figsize=(PAGE, height), squeeze=False, sharex=True, height_ratios=shares,
         sharey="row" if columns == 1 else True,
     )  # fmt: skip
     loose = result.poured.loose

@@ -3,7 +3,6 @@
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 
 from ..core.arguments import Requirement, Result, Series, require_filled
 from ..core.measure import wrapped
@@ -22,6 +21,7 @@ from .style import (
     legend_above,
     plot_fast,
     styled,
+    subplots,
 )
 
 HELD = ("time held", "s")  # quantity and unit
@@ -195,7 +195,7 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
     place, radius = wrapped(state), float(state.grains.radius.max())
     low, high = 1e3 * (place[:, 1].min() - 1.2 * radius), 1e3 * (place[:, 1].max() + 1.2 * radius)
     length = 1e3 * scenario.cell.length
-    figure, axes = plt.subplots(figsize=(WIDTH, 0.8 * WIDTH * (high - low) / length + 0.7))
+    figure, axes = subplots(figsize=(WIDTH, 0.8 * WIDTH * (high - low) / length + 0.7))
     speed = np.linalg.norm(state.grains.velocity[loose], axis=1)
     shown = state._replace(
         grains=state.grains._replace(radius=1e3 * state.grains.radius),

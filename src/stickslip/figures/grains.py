@@ -3,8 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.colors import to_rgba
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
@@ -15,7 +17,7 @@ from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import Mode, quantities
-from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, plt, styled
+from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, styled, subplots
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
@@ -89,7 +91,7 @@ def packing(
     frame = frame_of(state, law) if law is not None else bare_frame(state)
     layout = layout_of([frame], colour=colour, mode=mode)
     wide, tall = layout.high - layout.low
-    figure, axes = plt.subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + (1.0 if colour else 0.6)))
+    figure, axes = subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + (1.0 if colour else 0.6)))
     drawn = draw(axes, frame, layout, mode=mode)
     if mode is not None:
         draw_orbits(axes, frame, mode)
@@ -143,7 +145,7 @@ def draw(
     basis, radius = view_basis(frame), BALL[dim] * state.grains.radius
     place = wrapped(state) @ basis.T
     colors = _face_colours(frame, layout, mode, first)
-    drawn = plt.cm.ScalarMappable(plt.Normalize(*layout.limits), cmap="viridis")
+    drawn = ScalarMappable(Normalize(*layout.limits), cmap="viridis")
     start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
     slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
     if dim == 3:
@@ -291,13 +293,13 @@ def _face_colours(frame: Frame, layout: Layout, mode, first) -> np.ndarray:
         return np.where(loose[:, None], to_rgba("white"), to_rgba(PALE))
     fields = quantities(frame, first=first, mode=mode)
     values = fields[layout.colour][0] if layout.colour in fields else np.zeros(len(frame.state.grains.radius))
-    return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
+    return colormaps["viridis"](Normalize(*layout.limits)(values.astype(float)))
 
 
 def start_drawing(frame: Frame, layout: Layout, width: float):
     """Figure and axes with balls in pale grey, walls and cell, but without contacts."""
     wide, tall = layout.high - layout.low
-    figure, axes = plt.subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + 0.6))
+    figure, axes = subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + 0.6))
     none = {name: value[:0] for name, value in frame.contacts.items()}
     draw(axes, frame._replace(contacts=none), layout, near=False)
     return figure, axes

@@ -1,11 +1,10 @@
 """Figure of the displacements around an inflated grain."""
 
 import numpy as np
-from matplotlib import pyplot as plt
 
 from ..solve.inclusion import Inflation
 from ..solve.screening import ScreeningFits
-from .style import BLACK, BLUE, GREEN, RED, WIDTH, label_axes, styled
+from .style import BLACK, BLUE, GREEN, PAGE, RED, WIDTH, label_axes, styled, subplots
 
 LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
 
@@ -23,7 +22,7 @@ def inclusion(field: Inflation, fits: ScreeningFits | None = None):
     """
     fits = field.fit() if fits is None else fits
     rings, size = fits.rings, 1 / field.growth
-    figure, panels = plt.subplots(1, len(rings.mean), figsize=(len(rings.mean) * WIDTH, 2.7), squeeze=False)
+    figure, panels = subplots(1, len(rings.mean), figsize=((WIDTH, PAGE)[len(rings.mean) > 1], 2.7), squeeze=False)
     r = np.linspace(rings.radius[0], rings.radius[-1], 300)
     for k, (axes, name) in enumerate(zip(panels[0], ("radial", "tangential"), strict=False)):
         axes.errorbar(rings.radius, size * rings.mean[k], size * rings.error[k], fmt="o", color=BLACK, label="grains")

@@ -3,11 +3,10 @@
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 from scipy.ndimage import gaussian_filter
 
 from ..core.arguments import Result, Series
-from .style import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, column_axes, label_axes, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, PAGE, SKY, WIDTH, column_axes, label_axes, styled, subplots
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"
@@ -96,7 +95,7 @@ def corner(columns: dict, intervals: dict, units: dict):
     names, many = list(columns), len(columns)
     bases = {name: name.partition("[")[0] for name in names}
     labels = {name: (SYMBOLS.get(base, name), units.get(base, "")) for name, base in bases.items()}
-    figure, panels = plt.subplots(many, many, figsize=(max(WIDTH, 1.05 * many),) * 2, sharex="col", squeeze=False)
+    figure, panels = subplots(many, many, figsize=(np.clip(1.05 * many, WIDTH, PAGE),) * 2, sharex="col", squeeze=False)
     for row, below in enumerate(names):
         for column, across in enumerate(names):
             axes = panels[row, column]

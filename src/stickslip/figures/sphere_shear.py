@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
+from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
 from ..core.arguments import Requirement, Result, require_filled
@@ -16,6 +16,7 @@ from .style import (
     RED,
     TIME,
     WIDTH,
+    OwnFigure,
     column_axes,
     label_axes,
     legend_above,
@@ -119,7 +120,7 @@ def _oscillation(time, growth):
 @styled
 def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequency"))], dim: int, grains: int = 4):
     """Displacements during a few of the many turns of growth: grains in space, and one grain against time (Fig 4)."""
-    figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
+    figure = OwnFigure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6), layout="constrained")
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")
         return figure
@@ -161,7 +162,7 @@ def _label_space(axes, labels, dim: int) -> None:
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_tick_params(pad=-3, labelsize=6)
             axis.labelpad = -3 if axis is axes.zaxis else -5
-            axis.set_major_locator(plt.MaxNLocator(4))
+            axis.set_major_locator(MaxNLocator(4))
 
 
 @styled

@@ -1,25 +1,26 @@
 """Common style of all figures: width, palette, labels and ticks of axes, envelopes of fast oscillations, legends.
 
-Figures are one column wide (86 mm), in the colour-blind-safe palette of Okabe and Ito.
+Figures are one column wide (86 mm), or two (178 mm), in the colour-blind-safe palette of Okabe and Ito.
 """
 
 import re
+from contextlib import contextmanager
 from functools import wraps
 from io import BytesIO
-from pathlib import Path
+from threading import RLock
 
 import matplotlib
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, ScalarFormatter
 
-matplotlib.use("Agg", force=False)
-from matplotlib import pyplot as plt
-
 from ..core.arguments import checked
+from ..core.scales import ROUND_OFF
 from ..core.units import unit_name
 
-WIDTH = 3.39  # inches, one column
+WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#0072B2",
     "#E69F00",
@@ -49,8 +50,12 @@ STYLE = {
     "xtick.top": True,
     "ytick.right": True,
     "axes.formatter.use_mathtext": True,
-    "axes.prop_cycle": plt.cycler(color=COLORS),
-    "figure.constrained_layout.use": True,
+    "axes.prop_cycle": matplotlib.cycler(color=COLORS),
+    "figure.constrained_layout.use": False,  # figures choose: matplotlib would give one to those without when saved
+    "pdf.fonttype": 42,  # TrueType: journals refuse Type 3
+    "ps.fonttype": 42,
+    "svg.fonttype": "none",  # text remains text
+    "svg.hashsalt": "stickslip",  # the same figure has the same bytes
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
 POWERS = (-3, 4)  # powers of ten up to and from which one is taken out of the numbers of an axis, into its unit
@@ -61,21 +66,60 @@ BIN = 1.0  # width of the bins of an envelope [points]: less than one oscillatio
 Words = str | tuple[str, str]  # quantity, or quantity and unit
 
 
+_DRAWING = RLock()  # matplotlib has one set of settings: threads would restore each other's
+
+
+@contextmanager
+def common_style(**more):
+    """Draw in the common style, with more settings if given; those of the user are restored."""
+    with _DRAWING, matplotlib.rc_context(STYLE | more):
+        yield
+
+
 def styled(function):
     """Decorate a drawing function to use the common style; its arguments are checked."""
     drawn = checked(function)
 
     @wraps(function)
     def inner(*args, **options):
-        with plt.rc_context(STYLE):
+        with common_style():
             return drawn(*args, **options)
 
     return inner
 
 
+class OwnFigure(Figure):
+    """Figure in the common style wherever it is shown or saved; pyplot, and thereby its backend, does not know it."""
+
+    def __init__(self, *args, **options) -> None:
+        super().__init__(*args, **options)
+        FigureCanvasAgg(self)
+
+    def draw(self, renderer) -> None:
+        """Draw in the common style, which matplotlib also needs for ticks made only now."""
+        with common_style():
+            super().draw(renderer)
+
+    def savefig(self, *args, **options) -> None:
+        """Save the figure; see matplotlib."""
+        with common_style():
+            super().savefig(*args, **options)
+
+    def _repr_png_(self) -> bytes:
+        content = BytesIO()
+        self.savefig(content, format="png", dpi="figure")
+        return content.getvalue()
+
+
+def subplots(rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options):
+    """Create a figure with a grid of axes; see `matplotlib.figure.Figure.subplots`."""
+    figure = OwnFigure(figsize=figsize, layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
 def column_axes(rows: int = 1, height: float = 2.5, **options):
     """Create a figure one column wide with stacked axes; height in inches."""
-    return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
+    return subplots(rows, figsize=(WIDTH, height), **options)
 
 
 def axis_label(quantity: str, unit: str = "", power: int = 0) -> str:
@@ -98,13 +142,15 @@ def power_of_ten(number: float, error: float | None = None) -> str:
 
 
 def label_axes(
-    axes, *, x: Words | None = None, y: Words | None = None, z: Words | None = None, whole: str = ""
-) -> None:
+    axes, *, x: Words | None = None, y: Words | None = None, z: Words | None = None, whole: str = "",
+    least: dict[str, float] | None = None,
+) -> None:  # fmt: skip
     """Label axes with a quantity, or a pair of quantity and unit, after their scales have been chosen.
 
     Dimensions such as "length" become the units in use.
 
-    `whole` contains the names of axes whose numbers are integers.
+    `whole` contains the names of axes whose numbers are integers, `least` the least ranges of axes by name: they do not
+    zoom into noise. No linear axis zooms into round-off.
 
     Every axis of a figure is labelled here. Linear axes get as many ticks as fit side by side; if their numbers are
     large or small, the label takes up a power of ten, as in "strain [10⁻⁵]". Logarithmic axes of little more than a
@@ -117,7 +163,7 @@ def label_axes(
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
-            axis.set_major_locator(_FittingLocator(integer=name in whole))
+            axis.set_major_locator(_FittingLocator(integer=name in whole, least=(least or {}).get(name, 0.0)))
             axis.set_major_formatter(_PowerFormatter(quantity, unit))
         elif axis.get_scale() == "log":
             axis.set_major_locator(LogLocator(numticks=7))
@@ -145,9 +191,17 @@ class _PowerFormatter(ScalarFormatter):
 class _FittingLocator(AutoLocator):
     """As many round numbers as fit side by side."""
 
-    def __init__(self, *, integer: bool) -> None:
+    def __init__(self, *, integer: bool, least: float = 0.0) -> None:
         super().__init__()
         self.set_params(integer=integer)
+        self.least = least
+
+    def nonsingular(self, v0: float, v1: float) -> tuple[float, float]:
+        """Limits of an axis without margins, wider than those of the data where these differ by noise only."""
+        low, high = sorted((v0, v1))
+        size = max(abs(low), abs(high))
+        noise = self.least if high - low < self.least else 0.05 * size if high - low <= ROUND_OFF * size else 0.0
+        return super().nonsingular(low - 0.5 * noise, high + 0.5 * noise)
 
     def __call__(self):
         low, high = self.axis.get_view_interval()
@@ -227,20 +281,3 @@ def legend_above(axes, *handles, title: str = "", ncol: int = 2, **options) -> N
     )  # fmt: skip
     for line in legend.get_lines():
         line.set_linewidth(max(1.0, line.get_linewidth()))
-
-
-@styled
-def save(figure, path: str | Path) -> Path:
-    """Write a figure (the extension selects the format) and close it."""
-    figure.savefig(path)
-    plt.close(figure)
-    return Path(path)
-
-
-@styled
-def png(figure) -> bytes:
-    """Return a figure as the content of a PNG file, and close the figure."""
-    content = BytesIO()
-    figure.savefig(content, format="png")
-    plt.close(figure)
-    return content.getvalue()

@@ -1,10 +1,9 @@
 """Figure of the dispersion and damping of waves."""
 
 import numpy as np
-from matplotlib import pyplot as plt
 
 from ..solve.waves import Dispersion
-from .style import COLORS, WIDTH, label_axes, styled
+from .style import COLORS, PAGE, label_axes, styled, subplots
 
 
 @styled
@@ -16,7 +15,7 @@ def dispersion(waves: Dispersion, speeds: np.ndarray | None = None):
     waves : from `modes.dispersion`
     speeds : (K, dim) from `modes.elastic_speeds` for these wave vectors, drawn as lines ω = c k with their means
     """
-    figure, (left, right) = plt.subplots(1, 2, figsize=(2 * WIDTH, 3.0), layout="constrained")
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
     k, names = np.linalg.norm(waves.wavevector, axis=1), waves.names
     order, kinds = np.argsort(k, kind="stable"), list(dict.fromkeys(names))
     for name, marker in zip(kinds, "os^", strict=True):

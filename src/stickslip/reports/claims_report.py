@@ -8,7 +8,7 @@ from rich.table import Table
 
 from ..data.run_files import CHART, CLAIMS, NOTES
 from ..figures.claims import Row, claims_chart
-from ..figures.style import save as save_figure
+from ..figures.saving import PLAIN, Look, render_all
 from .claims import (
     CAN,
     FACTOR,
@@ -40,13 +40,16 @@ MEANING = {
 WIDE = 120  # columns from which on each line includes the content of the figure
 
 
-def write_claims(folder: Path, claims: list[Claim], shows: Shows, title: str, failures=()) -> None:
+def write_claims(
+    folder: Path, claims: list[Claim], shows: Shows, title: str, failures=(), look: Look = PLAIN
+) -> None:  # fmt: skip
     """Write claims.json, claims.md and claims.png; `failures` are sentences, printed and listed in claims.md."""
     for failure in failures:
         console.print(failure, style="yellow")
     write_json(folder / CLAIMS, claims)
     (folder / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
-    save_figure(claims_chart(chart_rows(claims, shows), title), folder / CHART)
+    for name, content in render_all(CHART, claims_chart(chart_rows(claims, shows), title), look).items():
+        (folder / name).write_bytes(content)
 
 
 def place(made: Claim) -> str:

@@ -27,7 +27,7 @@ from ..figures import view3d as scene
 from ..figures.between import frames_between
 from ..figures.grains import bare_frame, packing
 from ..figures.quantities import DISPLACEMENT
-from ..figures.style import png
+from ..figures.saving import render
 from ..reports import claims as claims_table
 from ..reports.output_file import staged_file
 from ..reports.packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict
@@ -393,7 +393,8 @@ def packing_content(
         sections.append(("Modes out of equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
     if n <= DRAWN:
         drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
-        sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
+        caption += ", and the fastest mode" if mine else ""
+        sections.append(("Figure", page.pictures({caption: render(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
     return PageContent(
         file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence

@@ -11,10 +11,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from ..data.atomic import write_atomically
 from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, checkpoint_in, unfinished_scenario
 from ..data.manifest import check_hidden, find_foreign
-from ..data.run_files import NUMBERS, OPTIONS, REPRODUCTION, is_run_file, join_names
+from ..data.run_files import LOOK, NUMBERS, OPTIONS, REPRODUCTION, is_run_file, join_names
 from ..data.schema import ScenarioBase
 from ..experiments.registry import papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
+from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look
 from .folder import install_results
 
 WHERE = {"folder", "workers", "device", "report"}  # arguments of `reproduce` that do not change what is computed
@@ -27,6 +28,7 @@ class UnfinishedRun(NamedTuple):
     reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
     sweep: dict | None = None  # tables, if it is a sweep
     figures: bool = False  # whether the members of the sweep draw figures
+    look: Look = PLAIN  # of figures
 
 
 @cache
@@ -45,6 +47,15 @@ def mark_reproduction(folder: Path, scenario, experiment: str, **arguments) -> N
     write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(saved).encode())
 
 
+def mark_look(folder: Path, scenario, look: Look) -> None:
+    """Save how figures are written in the folder of a run when it starts, for `find_unfinished`."""
+    if look != PLAIN:
+        checkpoint_in(folder, scenario).announce()
+        write_atomically(folder / UNFINISHED / LOOK, json.dumps(look._asdict()).encode())
+    else:
+        (folder / UNFINISHED / LOOK).unlink(missing_ok=True)
+
+
 def find_unfinished(folder: Path) -> UnfinishedRun | None:
     """Return the unfinished run in a folder, or None if the run is finished.
 
@@ -58,8 +69,9 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
     check_hidden(folder, is_run_file)
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS
-        figures = read_json(options).get("figures", False) if options.is_file() else False
-        return UnfinishedRun(None, sweep=read_tables(folder / SWEEP), figures=figures)
+        known = read_json(options) if options.is_file() else {}
+        look = _look_in(known["look"], options) if "look" in known else PLAIN
+        return UnfinishedRun(None, None, read_tables(folder / SWEEP), known.get("figures", False), look)
     install_results(folder)
     known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
@@ -72,7 +84,8 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
             f"move them away, then resume again"
         )
     reproduction = _read_arguments(arguments) if arguments.is_file() else None
-    return UnfinishedRun(read_scenario(known or folder / SCENARIO), reproduction)
+    look = _look_in(read_json(path), path) if (path := folder / UNFINISHED / LOOK).is_file() else PLAIN
+    return UnfinishedRun(read_scenario(known or folder / SCENARIO), reproduction, look=look)
 
 
 def _read_arguments(path: Path) -> dict:
@@ -87,6 +100,16 @@ def _read_arguments(path: Path) -> dict:
         wrong = ", ".join(".".join(map(str, one["loc"])) for one in problem.errors())
         raise ValueError(f"{_damage_message(path)} (wrong: {wrong})") from None
     return {"experiment": experiment} | dict(arguments)
+
+
+def _look_in(options, path: Path) -> Look:
+    try:
+        look = Look(**options)
+        if set(look.formats) <= set(FORMATS) and look.width in WIDTHS and isinstance(look.letters, bool):
+            return look._replace(formats=tuple(look.formats))
+    except TypeError:
+        pass
+    raise ValueError(_damage_message(path))
 
 
 def _damage_message(path: Path) -> str:

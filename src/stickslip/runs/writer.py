@@ -5,19 +5,19 @@ from pathlib import Path
 from ..core.units import units_in_use
 from ..data.run_files import list_files
 from ..experiments.experiment import Experiment, named_measures
-from ..figures.style import save as save_figure
+from ..figures.saving import PLAIN, Look, render_all
 from ..reports.claims_report import write_claims
 from .folder import save, staged_results
 
 
-def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
+def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAIN) -> list[Path]:
     """Write all files of a run as a unit and return the paths."""
     with (
         units_in_use(result.scenario.named_units),
         staged_results(folder, failures=experiment.failures(result)) as staging,
     ):
         save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
-        _write_files(staging, experiment.files(result), experiment.figures(result))
+        _write_files(staging, experiment.files(result), experiment.figures(result), look)
     return list_files(folder)
 
 
@@ -35,7 +35,7 @@ def _contents(experiment: Experiment, result, numbers: dict) -> dict:
     return numbers
 
 
-def write_reproduction(folder: Path, experiment: Experiment, reproduction) -> list[Path]:
+def write_reproduction(folder: Path, experiment: Experiment, reproduction, look: Look = PLAIN) -> list[Path]:
     """Write all files of the reproduction of a paper, with its claims, and return the paths."""
     paper = experiment.paper
     if paper is None:
@@ -48,13 +48,14 @@ def write_reproduction(folder: Path, experiment: Experiment, reproduction) -> li
     failures = of("failures")
     with units_in_use(reproduction.main.scenario.named_units), staged_results(folder, failures=failures) as staging:
         save(staging, reproduction.main.scenario, _contents(experiment, reproduction.main, of("numbers")))
-        _write_files(staging, of("files"), of("figures"))
-        write_claims(staging, reproduction.claims, paper.shows(), paper.title, failures)
+        _write_files(staging, of("files"), of("figures"), look)
+        write_claims(staging, reproduction.claims, paper.shows(), paper.title, failures, look)
     return list_files(folder)
 
 
-def _write_files(staging: Path, files, figures) -> None:
+def _write_files(staging: Path, files, figures, look: Look) -> None:
     for name, write in files:
         write(staging / name)
     for name, figure in figures:
-        save_figure(figure, staging / name)
+        for each, content in render_all(name, figure, look).items():
+            (staging / each).write_bytes(content)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
+from ...core.scales import clear_round_off
 from .probes import describe_direction, directions_seen, first_seen
 from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementSeries, ElementTestResult
@@ -26,7 +27,7 @@ UNITS = {
     "e0": "1", "coordination": "1", "G0": STRESS, "E0": STRESS, "nu0": "1", "E50": STRESS, "phi_peak": "degrees",
     "strain_at_peak": "1", "psi": "degrees", "phi_residual": "degrees", "e_critical": "1", "p_critical": STRESS,
     "K0": "1", "compression_index": "1", "phi_rowe": "degrees", "rowe_correlation": "1", "largest_unbalanced": "1",
-    "rearranged_share": "1", "strain_at_cone": "1", "cone_direction": "degrees",
+    "rearranged_share": "1", "strain_at_cone": "1", "cone_direction": "degrees", "u_at_peak": STRESS, "skempton": "1",
 }  # fmt: skip
 MEANING = {
     "e0": "void ratio of the sample", "coordination": "mean contact number of the sample",
@@ -40,6 +41,8 @@ MEANING = {
     "rearranged_share": "share of steps in which grains rearranged",
     "strain_at_cone": "strain at which second-order work is first seen to be negative, first sample",
     "cone_direction": "direction in which it is; 0 is axial compression, 90 lateral",
+    "u_at_peak": "excess pore pressure at the peak, at constant lateral pressure",
+    "skempton": "Skempton's A at the peak: excess pore pressure over q",
 }  # fmt: skip
 
 
@@ -49,6 +52,21 @@ def face_stress(series: ElementSeries, kind: str) -> np.ndarray:
     Shear stresses on the faces, which scatter about zero, are left out unless the path is simple shear.
     """
     return series.stress if kind == "simple-shear" else series.stress * np.eye(3)
+
+
+def volumetric_strain(series: ElementSeries) -> np.ndarray:
+    """Sum of the normal strains (T,), zero where these cancel, as they do in an undrained test."""
+    normal = series.strain[:, :3]
+    return clear_round_off(normal.sum(axis=1), normal)
+
+
+def pore_pressure(series: ElementSeries, dim: int) -> np.ndarray:
+    """Excess pore pressure of an undrained test at constant lateral pressure (T,) [force/length^(dim-1)].
+
+    The grains carry the effective stress. What its lateral part has lost since the start, water carries.
+    """
+    lateral = np.diagonal(series.stress, axis1=1, axis2=2)[:, : dim - 1].mean(axis=1)
+    return lateral[0] - lateral
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +107,8 @@ def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
     tensor = np.diag(rate[:3])
     tensor[0, 1] = tensor[1, 0] = -0.5 * rate[3]
     most, volumetric = np.linalg.eigvalsh(tensor[:dim, :dim])[-1], rate[:dim].sum()
-    return float(np.degrees(np.arcsin(np.clip(-volumetric / (2 * most - volumetric), -1, 1))))
+    volumetric = float(clear_round_off(volumetric, rate))
+    return float(np.degrees(np.arcsin(np.clip(-volumetric / (2 * most - volumetric), -1, 1)))) + 0.0
 
 
 def work(series: ElementSeries) -> np.ndarray:
@@ -143,6 +162,10 @@ def numbers_of(run: ElementRun, scenario: ElementTestScenario) -> dict[str, floa
         out |= {"strain_at_cone": abs(cone.load), "cone_direction": float(np.degrees(cone.weakest))}
     if kind in ("isotropic", "oedometric"):
         return out | _compression(legs[0], series, dim, kind)
+    if kind == "undrained":
+        top = int(legs[0].angle.argmax())
+        u, q = float(pore_pressure(series, dim)[top]), float(legs[0].q[top])
+        out |= {"u_at_peak": u, "skempton": u / q if q else NAN}
     return out | _peak(legs[0], dim, kind) | _critical(legs[-1], dim) | _rowe(legs[0], kind)
 
 

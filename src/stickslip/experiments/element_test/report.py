@@ -13,16 +13,29 @@ from ...data.run_files import ENVELOPES, PROBES, SERIES
 from ...figures import element_test as figures_of
 from ...figures.envelopes import response_envelopes
 from ...reports.terminal import console, new_table, show_table
-from .measures import MEANING, STRESS, UNITS, estimates, face_stress, friction_angle, invariants, sentences, work
+from .measures import (
+    MEANING,
+    STRESS,
+    UNITS,
+    estimates,
+    face_stress,
+    friction_angle,
+    invariants,
+    pore_pressure,
+    sentences,
+    volumetric_strain,
+    work,
+)
 from .probes import SIGNS, ProbedState, directions_seen, first_seen, plane_of
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
 COLUMNS = {
-    "axial_strain": "1", "volumetric_strain": "1", "gamma": "1", "p": STRESS, "q": STRESS, "sigma_xx": STRESS,
-    "sigma_yy": STRESS, "sigma_zz": STRESS, "sigma_xy": STRESS, "void_ratio": "1", "coordination": "1",
-    "fabric_anisotropy": "1", "sliding_fraction": "1", "phi": "degrees", "work": "energy/length^dim", "unbalanced": "1",
+    "axial_strain": "1", "volumetric_strain": "1", "gamma": "1", "p": STRESS, "q": STRESS, "pore_pressure": STRESS,
+    "sigma_xx": STRESS, "sigma_yy": STRESS, "sigma_zz": STRESS, "sigma_xy": STRESS, "void_ratio": "1",
+    "coordination": "1", "fabric_anisotropy": "1", "sliding_fraction": "1", "phi": "degrees",
+    "work": "energy/length^dim", "unbalanced": "1",
 }  # fmt: skip
 
 
@@ -31,7 +44,7 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
     series, dim, stress = run.series, scenario.sample.dim, face_stress(run.series, scenario.path.kind)
     p, q = invariants(stress, dim)
     signed = {
-        "axial_strain": series.strain[:, dim - 1], "volumetric_strain": series.strain[:, :3].sum(axis=1),
+        "axial_strain": series.strain[:, dim - 1], "volumetric_strain": volumetric_strain(series),
         "p": p, "q": q,
         **{f"sigma_{a}{b}": series.stress[:, "xyz".index(a), "xyz".index(b)] for a, b in ("xx", "yy", "zz", "xy")},
     }  # fmt: skip
@@ -40,8 +53,10 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
         "fabric_anisotropy": series.fabric_anisotropy, "sliding_fraction": series.sliding_fraction,
         "phi": friction_angle(stress, dim), "work": work(series), "unbalanced": series.unbalanced,
     }  # fmt: skip
-    table = {name: scenario.sign * values for name, values in signed.items()} | plain
-    return {name: table[name] for name in COLUMNS}
+    if scenario.path.kind == "undrained":
+        plain["pore_pressure"] = pore_pressure(series, dim)
+    table = {name: scenario.sign * values + 0.0 for name, values in signed.items()} | plain  # no zero is negative
+    return {name: table[name] for name in COLUMNS if name in table}
 
 
 def _tables(result: ElementTestResult) -> list[dict[str, np.ndarray]]:
@@ -110,10 +125,11 @@ def files(result: ElementTestResult):
 
 
 def _write_series(result: ElementTestResult, path: Path) -> None:
-    names = ["sample", *(heading(name, unit) for name, unit in COLUMNS.items())]
+    tables = _tables(result)
+    names = ["sample", *(heading(name, COLUMNS[name]) for name in tables[0])]
     rows = (
         (run.seed, *map(float, row))
-        for run, table in zip(result.runs, _tables(result), strict=True)
+        for run, table in zip(result.runs, tables, strict=True)
         for row in zip(*table.values(), strict=True)
     )
     write_table(path, names, rows)

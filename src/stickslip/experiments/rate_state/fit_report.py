@@ -13,7 +13,7 @@ from ...data.manifest import find_foreign, write_file
 from ...data.run_files import foreign_files_message
 from ...extras import require
 from ...figures import rate_state as figures
-from ...figures.style import png
+from ...figures.saving import FORMATS, PLAIN, Look, render_all
 from ...friction.fitting import Fit, Solution, build_fit, solve_fit
 from ...friction.laboratory import LabRecord, read_record, record_data
 from ...friction.model import Data
@@ -24,7 +24,7 @@ from ...reports.terminal import console, new_table, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 DRAWS, CORNER = "posterior.csv", "posterior.png"
-FILES = (NUMBERS, FIGURE, DRAWS, CORNER)
+FILES = (NUMBERS, DRAWS, *(name.replace("png", kind) for name in (FIGURE, CORNER) for kind in FORMATS))
 CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
 UNITS = {
     "dc": "m",
@@ -283,15 +283,15 @@ def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
     return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
 
 
-def write(out: Path, result: RecordFits) -> list[Path]:
+def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
     """Write the JSON file, the figures and the draws, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    contents = {FIGURE: png(figures.fitted(result.data, result.fits))}
+    contents = render_all(FIGURE, figures.fitted(result.data, result.fits), look)
     if (sampled := result.posterior) is not None:
         contents[DRAWS] = _draws_csv(result.file, sampled).encode()
-        contents[CORNER] = png(figures.corner(sampled.columns, sampled.fit.intervals, UNITS))
-    for name in (DRAWS, CORNER):
-        if name not in contents:
+        contents |= render_all(CORNER, figures.corner(sampled.columns, sampled.fit.intervals, UNITS), look)
+    for name in FILES:
+        if name not in (NUMBERS, *contents):
             (out / name).unlink(missing_ok=True)  # of an earlier fit
     for name, data in contents.items():
         write_file(out, name, data)

@@ -8,7 +8,7 @@ import numpy as np
 from ... import __version__
 from ...core.readable import pluralize
 from ...figures import page
-from ...figures.style import png
+from ...figures.saving import render
 from ...figures.watch import watched_balance, watched_contacts, watched_spectrum, watched_stress
 from ...reports.output_file import staged_file
 from ...solve.balance import BALANCED_BELOW
@@ -73,10 +73,10 @@ def _charts(rows: list[Row]) -> str:
     growth = np.where(np.isfinite(_series(rows, "pairs")), np.nan_to_num(_series(rows, "growth_rate")), np.nan)
     verdicts = [verdict_word(row) for row in rows]
     return page.pictures({
-        "stress": png(watched_stress(step, series["pressure"], series["shear_stress"])),
-        "contacts": png(watched_contacts(step, series["coordination"], sliding)),
-        "softest mode, and fastest growing pair": png(watched_spectrum(step, series["softest"], growth, verdicts)),
-        "unbalanced force": png(watched_balance(step, series["residual"], BALANCED_BELOW)),
+        "stress": render(watched_stress(step, series["pressure"], series["shear_stress"])),
+        "contacts": render(watched_contacts(step, series["coordination"], sliding)),
+        "softest mode, and fastest growing pair": render(watched_spectrum(step, series["softest"], growth, verdicts)),
+        "unbalanced force": render(watched_balance(step, series["residual"], BALANCED_BELOW)),
     })  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from ...data.checkpoint import MEMBERS
 from ...data.manifest import write_file
 from ...data.run_files import NUMBERS
 from ...experiments.registry import EXPERIMENTS, scenario_class
-from ...figures.style import png
+from ...figures.saving import PLAIN, Look, render_all
 from ...figures.sweep import cycles
 from ...friction.cycles import repeated_slip
 from .definition import Sweep
@@ -19,7 +19,9 @@ MOST = 500  # members that are drawn
 BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # times of the figure, in median recurrence times, and their number
 
 
-def write_cycles(folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None]) -> Path | None:
+def write_cycles(
+    folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], look: Look = PLAIN
+) -> Path | None:  # fmt: skip
     """Write the figure into the folder of a sweep, if at least three members of its experiment have cycles."""
     experiment = EXPERIMENTS[scenario_class(chosen.base).model_fields["experiment"].default]
     if experiment.cycles is None:
@@ -34,7 +36,9 @@ def write_cycles(folder: Path, chosen: Sweep, names: list[str], outputs: list[di
     curves = [curve for history in histories if (curve := repeated_slip(*history, since)) is not None]
     if len(curves) < 3:
         return None
-    write_file(folder, FIGURE, png(cycles(since, np.array(curves), recurrence, without=len(names) - len(known))))
+    figure = cycles(since, np.array(curves), recurrence, without=len(names) - len(known))
+    for name, content in render_all(FIGURE, figure, look).items():
+        write_file(folder, name, content)
     return folder / FIGURE
 
 

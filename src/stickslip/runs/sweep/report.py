@@ -15,6 +15,7 @@ from ...data.law_file import check_law_files
 from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...data.run_files import OPTIONS, foreign_files_message
 from ...ensemble import Workers, reach
+from ...figures.saving import FORMATS, Look
 from ...reports.terminal import console, new_table, progress, show_table
 from ..folder import check_writable
 from ..resume import read_json
@@ -23,14 +24,15 @@ from .dataset import DATASET
 from .definition import Sweep, describe_differences, member
 from .run import MANY, SweepResult, estimate, is_same_sweep, read_finished, run_sweep, validate_members
 
-OURS = (SWEEP, OPTIONS, DATASET, FIGURE, MEMBERS)
+OURS = (SWEEP, OPTIONS, DATASET, *(FIGURE.replace("png", kind) for kind in FORMATS), MEMBERS)
 LISTED = 10  # failures that are listed
 READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 
 def run_with_progress(
-    chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
-) -> SweepResult | None:
+    chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, look: Look,
+    confirm: Callable[[], bool],
+) -> SweepResult | None:  # fmt: skip
     """Print the number of members, ask for confirmation if there are many, validate them and run the unfinished ones.
 
     Parameters
@@ -61,13 +63,14 @@ def run_with_progress(
         report(stage, 0.0, f"on {where.words}")
         try:
             swept = run_sweep(
-                chosen, target, names=names, workers=workers, figures=figures, report=within(report, stage=stage)
-            )
+                chosen, target, names=names, workers=workers, figures=figures, look=look,
+                report=within(report, stage=stage),
+            )  # fmt: skip
         except KeyboardInterrupt:
             done = _count_finished(target, names)
             console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
-        write_cycles(target, chosen, swept.names, swept.found)
+        write_cycles(target, chosen, swept.names, swept.found, look)
     if target != out:
         if not any(swept.found):
             raise RuntimeError(f"every member failed ({swept.failures[0]}): {out} was left unchanged")

@@ -23,6 +23,7 @@ from ...data.schema import ScenarioBase
 from ...ensemble import Workers, run_members, trial
 from ...experiments.experiment import named_measures
 from ...experiments.registry import experiment_of
+from ...figures.saving import PLAIN, Look
 from ...reports.terminal import format_duration
 from ..folder import staged_results
 from ..writer import write_numbers, write_result
@@ -97,7 +98,7 @@ def _time_first_member(text: str) -> float:
     seconds = PROBE
     for _ in range(2):
         with tempfile.TemporaryDirectory() as scratch:  # outside of the sweep's folder, which may be inaccessible
-            seconds = min(seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), False, silent).seconds)
+            seconds = min(seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), None, silent).seconds)
         if seconds > 0.3 * PROBE:  # a second run might exceed the limit
             break
     return seconds
@@ -129,6 +130,7 @@ def run_sweep(
     names: list[str] | None = None,
     workers: Workers = None,
     figures: bool = False,
+    look: Look = PLAIN,
     report: Report = silent,
 ) -> SweepResult:
     """Run all members that are not in the folder yet, and write the dataset of all finished ones.
@@ -138,11 +140,12 @@ def run_sweep(
     names : names of all members, if already validated
     workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
     figures : whether each member also draws its figures
+    look : how figures are written
     report : called as report(stage, share of the pending work done, text)
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
-    write_file(folder, OPTIONS, json.dumps({"figures": figures}).encode())
+    write_file(folder, OPTIONS, json.dumps({"figures": figures, "look": look._asdict()}).encode())
     write_file(folder, SWEEP, chosen.text.encode())
     add_to_manifest(folder, MEMBERS)
     outputs = [read_finished(folder / MEMBERS / name) for name in names]
@@ -152,7 +155,7 @@ def run_sweep(
     def save(place: int, output: MemberOutput) -> None:
         outputs[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], output)
 
-    tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), figures) for k in missing]
+    tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), look if figures else None) for k in missing]
     try:
         done = run_members(_run_member, tasks, workers=workers, report=report, save=save)
         for k, result in zip(missing, done, strict=True):
@@ -179,7 +182,7 @@ def _parse_sweep(text: str) -> Sweep:
     return sweep(**json.loads(text))
 
 
-def _run_member(text: str, k: int, folder: str, figures: bool, report) -> MemberOutput:
+def _run_member(text: str, k: int, folder: str, look: Look | None, report) -> MemberOutput:
     """Run one member in any process, in its folder if the process can access it; otherwise return its files."""
     chosen, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (chosen.name, FIRST), f"{place.name} is not {chosen.name}"
@@ -189,10 +192,10 @@ def _run_member(text: str, k: int, folder: str, figures: bool, report) -> Member
     report(label, 0.0, "started")
     report = within(report, prefix=f"{label}: ")
     if is_same_sweep(place.parent.parent / SWEEP, text):
-        return MemberOutput(*_run_in_folder(chosen.scenario, place, figures, report), {})
+        return MemberOutput(*_run_in_folder(chosen.scenario, place, look, report), {})
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / place.name
-        seconds, measures = _run_in_folder(chosen.scenario, folder, figures, report)
+        seconds, measures = _run_in_folder(chosen.scenario, folder, look, report)
         return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in list_files(folder)})
 
 
@@ -204,7 +207,7 @@ def is_same_sweep(path: Path, text: str) -> bool:
         return False
 
 
-def _run_in_folder(scenario: ScenarioBase, folder: Path, figures: bool, report: Report) -> tuple[float, dict]:
+def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, report: Report) -> tuple[float, dict]:
     """Run a scenario, write its files, and return the seconds taken and the measures."""
     start, experiment = time.perf_counter(), experiment_of(scenario)
     simulate = partial(experiment.simulate, scenario, folder=folder, workers=1, report=report)
@@ -213,6 +216,9 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, figures: bool, report: 
     except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
         drop_pieces(folder)
         result = simulate()
-    (write_result if figures else write_numbers)(folder, experiment, result)
+    if look:
+        write_result(folder, experiment, result, look)
+    else:
+        write_numbers(folder, experiment, result)
     measures = {name: [value, unit] for name, (value, unit) in named_measures(experiment, result).items()}
     return time.perf_counter() - start, measures

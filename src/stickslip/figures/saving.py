@@ -1,0 +1,92 @@
+"""Figures as files: PNG, PDF and SVG, one or two columns wide, with letters of the panels."""
+
+from contextlib import contextmanager
+from io import BytesIO
+from itertools import product
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Literal, NamedTuple
+
+from ..core.arguments import checked
+from .style import common_style
+
+FORMATS, WIDTHS = ("png", "pdf", "svg"), (86, 178)  # [mm]: one column, and two
+UNDATED = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}  # the same figure has the same bytes
+
+
+class Look(NamedTuple):
+    """How figures are written."""
+
+    formats: tuple[str, ...] = ("png",)
+    width: Literal[86, 178] = 86  # [mm]
+    letters: bool = False  # of panels
+
+
+PLAIN = Look()
+
+
+@checked
+def save(figure, path: str | Path, *, width: Literal[86, 178] = 86, letters: bool = False) -> Path:
+    """Write a figure as PNG, PDF or SVG, as the extension says; text remains text in PDF (TrueType) and SVG.
+
+    Parameters
+    ----------
+    figure : of this package, or another one of matplotlib
+    width : 86 is one column, 178 two [mm]; figures with panels side by side are 178 wide anyway
+    letters : whether panels are lettered (a), (b) …, if there are several
+    """
+    path = Path(path)
+    if (kind := path.suffix.lower().removeprefix(".")) not in FORMATS:
+        raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: use .png, .pdf or .svg")
+    path.write_bytes(render(figure, kind, Look(width=width, letters=letters)))
+    return path
+
+
+def render(figure, kind: str = "png", look: Look = PLAIN) -> bytes:
+    """Return a figure as the content of a file; the figure stays as it is."""
+    content = BytesIO()
+    with common_style(), _arranged(figure, look):
+        figure.savefig(content, format=kind, metadata=UNDATED[kind])
+    return content.getvalue()
+
+
+def render_all(name: str, figure, look: Look) -> dict[str, bytes]:
+    """Contents of the files of a figure by name; `name` is that of the PNG, which is always among them."""
+    stem = name.removesuffix(".png")
+    return {f"{stem}.{kind}": render(figure, kind, look) for kind in dict.fromkeys(("png", *look.formats))}
+
+
+@contextmanager
+def _arranged(figure, look: Look):
+    """Widen a figure and letter its panels while it is written."""
+    wide, tall = figure.get_size_inches()
+    factor = max(1.0, look.width / 25.4 / wide)
+    equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
+    figure.set_size_inches(factor * wide, (factor if equal else 1.0) * tall)
+    letters = _letter(figure) if look.letters else []
+    try:
+        yield
+    finally:
+        figure.set_size_inches(wide, tall)
+        for letter in letters:
+            letter.remove()
+
+
+def _letter(figure) -> list:
+    """Write (a), (b) … above the labels at the left of each panel."""
+    seen: dict = {}
+    for axes in figure.axes:
+        if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>":
+            seen.setdefault(axes.get_subplotspec() or axes, axes)  # of twins only the first
+    if len(seen) < 2:
+        return []
+    figure.draw_without_rendering()
+    letters = [*ascii_lowercase, *map("".join, product(ascii_lowercase, repeat=2))]
+    beside = [(axes.bbox.x0, axes.yaxis.get_tightbbox()) for axes in seen.values()]
+    reach = [edge - min(edge, labels.x0) if labels else 0.0 for edge, labels in beside]  # of labels, to the left
+    out = []
+    for letter, axes, (edge, _) in zip(letters, seen.values(), beside, strict=False):
+        left = max(far for (other, _), far in zip(beside, reach, strict=True) if abs(other - edge) < 1)
+        place = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "left", "va": "bottom"}
+        out.append(axes.annotate(f"({letter})", (0, 1), (-left * 72 / figure.dpi, 4), **place, fontsize=8))
+    return out

@@ -1,0 +1,204 @@
+"""Figures belong to the user: nothing of matplotlib is changed, notebooks show them, journals take their files."""
+
+import json
+import re
+from base64 import b64decode
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
+
+import matplotlib
+import numpy as np
+import pytest
+from IPython.core.interactiveshell import InteractiveShell
+from IPython.utils.capture import capture_output
+from matplotlib import pyplot as plt
+from PIL import Image
+
+import stickslip as ss
+from stickslip.figures.saving import Look, _letter, render, save
+from stickslip.figures.style import column_axes, label_axes, legend_above, styled, subplots
+from stickslip.runs.resume import find_unfinished, mark_look
+from tests.conftest import stickslip_here
+
+LAW = ss.laws.hertz_mindlin()
+PAIR = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], LAW)
+SHORT = {
+    "experiment": "rate-state", "surface": {"a": 0.01, "b": 0.015, "dc": 1e-5, "mu0": 0.6, "v0": 1e-6},
+    "spring": {"stiffness": 2e3}, "legs": [{"velocity": v, "distance": 1e-4} for v in (1e-6, 1e-5)],
+    "samples": {"number": 20},
+}  # fmt: skip
+
+
+@styled
+def two_panels():
+    """Two panels, of which one has a twin, and a colour bar."""
+    figure, (above, below) = column_axes(2, 3.0, sharex=True)
+    x = np.linspace(0, 1, 30)
+    above.plot(x, 1e-4 * x, label="words of a legend")
+    figure.colorbar(below.scatter(x, x, c=x), ax=below)
+    below.twinx().plot(x, x)
+    label_axes(above, y="strain")
+    label_axes(below, x=("time", "s"), y="other")
+    legend_above(above)
+    return figure
+
+
+def settings():
+    """Settings of matplotlib, and its backend as it is: asking for it might choose one."""
+    keep = {name: matplotlib.rcParams._get(name) for name in matplotlib.rcParams}
+    return keep, plt.get_fignums(), plt.get_backend()
+
+
+@pytest.mark.parametrize("backend", ["svg", "agg", "module://matplotlib_inline.backend_inline"])
+def test_drawing_changes_no_settings(backend, tmp_path):
+    was = plt.get_backend()
+    try:
+        plt.switch_backend(backend)
+        with matplotlib.rc_context({"font.size": 17, "pdf.fonttype": 3}):
+            before = settings()
+            figure = ss.figures.packing(PAIR, LAW)
+            figure._repr_png_()
+            ss.figures.save(figure, tmp_path / "a.pdf", width=178)
+            ss.figures.movie([ss.io.frame_of(PAIR, LAW)] * 2, tmp_path / "a.gif", labels=["", ""])
+            with pytest.raises(ValueError, match="colour 'taste' was requested"):
+                ss.figures.packing(PAIR, LAW, colour="taste")
+            assert settings() == before
+    finally:
+        plt.switch_backend(was)
+
+
+def test_threads_do_not_keep_each_others_settings():
+    before = settings()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: two_panels(), range(12)))
+    assert settings() == before
+
+
+class Shell(InteractiveShell):
+    """A shell that has no window to open, as that of a notebook."""
+
+    def enable_gui(self, gui=None):
+        """Nothing."""
+
+
+@pytest.mark.parametrize("begin", ["", "%matplotlib inline\n"], ids=["plain", "inline"])
+def test_a_notebook_shows_a_figure_once_and_plots_of_its_user(begin):
+    was = plt.get_backend()
+    try:
+        with matplotlib.rc_context():
+            shell = Shell.instance()
+            shell.user_ns |= {"ss": ss, "PAIR": PAIR, "LAW": LAW}
+            with capture_output() as cell:
+                shell.run_cell(begin + "import stickslip; figure = ss.figures.packing(PAIR, LAW)")
+            assert not cell.outputs and not cell.stderr
+            bundle, _ = shell.display_formatter.format(shell.user_ns["figure"])
+            content = bundle["image/png"]  # in base64 if it comes from the inline backend
+            with Image.open(BytesIO(b64decode(content) if isinstance(content, str) else content)) as picture:
+                assert picture.format == "PNG" and 400 < picture.width < 800
+                assert len(picture.convert("RGB").getcolors(1 << 20)) > 3  # grains, not an empty sheet
+            if begin:
+                with capture_output() as cell:
+                    shell.run_cell("import matplotlib.pyplot as plt; plt.plot([1, 2])")
+                assert "image/png" in cell.outputs[0].data
+    finally:
+        plt.close("all")
+        Shell.clear_instance()
+        plt.switch_backend(was)
+
+
+def test_files_have_text_and_no_date():
+    """PDF with TrueType fonts, text as text in SVG; drawn again, the bytes are the same."""
+    pdf, again = (render(two_panels(), "pdf") for _ in range(2))
+    assert b"/Type3" not in pdf and b"/CIDFontType2" in pdf
+    assert pdf == again
+    assert b">words of a legend</text>" in render(two_panels(), "svg")
+
+
+def test_a_figure_that_its_user_saves_has_truetype_fonts_as_well():
+    content = BytesIO()
+    two_panels().savefig(content, format="pdf")
+    assert b"/Type3" not in content.getvalue()
+
+
+@pytest.mark.parametrize("width, pixels", [(86, 1016), (178, 2102)])
+def test_figures_are_one_or_two_columns_wide(width, pixels):
+    figure = two_panels()
+    before = tuple(figure.get_size_inches())
+    assert abs(Image.open(BytesIO(render(figure, "png", Look(width=width)))).width - pixels) <= 1
+    assert tuple(figure.get_size_inches()) == before
+    wide, tall = Image.open(BytesIO(render(ss.figures.packing(PAIR, LAW), "png", Look(width=width)))).size
+    assert abs(wide - pixels) <= 1 and 0.4 < tall / wide < 1.0  # disks remain round: height grows as well
+
+
+def letters_of(figure):
+    svg = render(figure, "svg", Look(letters=True)).decode()
+    return re.findall(r">\((\w+)\)</text>", svg)
+
+
+def test_panels_are_lettered_and_twins_and_colour_bars_are_not():
+    figure = two_panels()
+    assert letters_of(figure) == ["a", "b"]
+    assert not [text for axes in figure.axes for text in axes.texts]  # the figure stays as it was
+    assert letters_of(ss.figures.packing(PAIR, LAW, colour="radius")) == []  # one panel
+    many, _ = styled(subplots)(2, 14, figsize=(20, 4))
+    assert [letter.get_text() for letter in _letter(many)][24:] == ["(y)", "(z)", "(aa)", "(ab)"]
+
+
+def test_letters_hide_nothing():
+    figure = two_panels()
+    letters = _letter(figure)
+    figure.draw_without_rendering()
+    others = [axes.get_legend() for axes in figure.axes if axes.get_legend()]
+    others += [tick for axes in figure.axes for tick in axes.get_yticklabels() if tick.get_text()]
+    for letter in letters:
+        box = letter.get_window_extent()
+        assert figure.bbox.x0 <= box.x0 and box.y1 <= figure.bbox.y1
+        assert not any(box.overlaps(other.get_window_extent()) for other in others)
+
+
+@pytest.mark.parametrize("words, message", [
+    (["--format", "eps"], "format 'eps' is not known: use png, pdf, svg"),
+    (["--width", "90"], "--width 90 was given: use 86 or 178 [mm]"),
+])  # fmt: skip
+def test_a_look_that_does_not_exist_is_refused_before_anything_is_run(words, message, tmp_path):
+    (tmp_path / "s.json").write_text(json.dumps(SHORT))
+    run = stickslip_here("run", "s.json", "--out", "out", *words, cwd=tmp_path)
+    assert run.returncode == 2 and message in run.stderr and not (tmp_path / "out").exists()
+    with pytest.raises(ValueError, match=r"a\.eps ends with '\.eps': use \.png, \.pdf or \.svg"):
+        save(two_panels(), tmp_path / "a.eps")
+
+
+def test_commands_write_what_was_asked_for_also_when_they_are_resumed(tmp_path):
+    look = ("--format", "pdf", "--format", "svg", "--letters", "--width", "178")
+    (tmp_path / "s.json").write_text(json.dumps(SHORT))
+    run = stickslip_here("run", "s.json", "--out", "out", *look, cwd=tmp_path)
+    fit = stickslip_here(
+        "fit", "out/series.csv", "--stiffness", 2e3, "--law", "slip", "--out", "fit", *look[:2], cwd=tmp_path
+    )
+    assert run.returncode == fit.returncode == 0, run.stderr + fit.stderr
+    out = tmp_path / "out"
+    assert {path.suffix for path in out.glob("fig1_history.*")} == {".png", ".pdf", ".svg"}
+    assert {path.suffix for path in (tmp_path / "fit").iterdir()} == {".json", ".png", ".pdf"}
+    assert Image.open(out / "fig1_history.png").width == pytest.approx(2102, abs=1)
+    assert re.findall(r">\((\w)\)</text>", (out / "fig1_history.svg").read_text()) == ["a", "b", "c"]
+    again = stickslip_here("run", "s.json", "--out", "out", cwd=tmp_path)  # plain: the files of the first are its own
+    assert again.returncode == 0 and not (out / "fig1_history.pdf").exists()
+
+    stopped, chosen = tmp_path / "stopped", ss.scenario(**SHORT)
+    stopped.mkdir()
+    mark_look(stopped, chosen, Look(("png", "pdf"), 178, letters=True))
+    assert find_unfinished(stopped).look == Look(("png", "pdf"), 178, letters=True)
+    assert stickslip_here("resume", "stopped", cwd=tmp_path).returncode == 0
+    assert (stopped / "fig1_history.pdf").exists()
+    mark_look(stopped, chosen, Look(("png", "pdf")))
+    (stopped / "unfinished" / "look.json").write_text('{"formats": ["eps"]}')
+    (stopped / "results.h5").unlink()
+    assert "look.json is damaged" in stickslip_here("resume", "stopped", cwd=tmp_path).stderr
+
+
+def test_members_of_a_sweep_have_its_look(tmp_path):
+    tables = SHORT | {"sweep": {"surface.a": [0.012]}}
+    look = Look(("png", "svg"), letters=True)
+    ss.run_sweep(ss.sweep(**tables), tmp_path, workers=1, figures=True, look=look)
+    assert len(list(tmp_path.glob("members/*/fig1_history.svg"))) == 1
+    assert find_unfinished(tmp_path).look == look
