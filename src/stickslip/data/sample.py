@@ -18,6 +18,7 @@ from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 from ..core.text import SentenceError
+from ..known import HARMLESS, UNKNOWN, USED
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
@@ -51,6 +52,37 @@ class Absent(Assumption):
 
 class Obstacle(Assumption):
     """A note on what acts on the grains of a run but was not taken over, which leaves any verdict undecided."""
+
+
+class NoTypes(Obstacle):
+    """A note on types that are not known, which a single law for all of them does not need."""
+
+    of_law = True
+
+
+class Account(str):
+    """A note on everything that a reader met, in the three groups of `known`."""
+
+    groups: dict[str, list[str]]
+
+    @classmethod
+    def of(cls, *parts: dict[str, list[str]]) -> "Account":
+        """Note on names by their group, from several parts."""
+        groups = {
+            group: list(dict.fromkeys(name for part in parts for name in part.get(group, ())))
+            for group in (USED, HARMLESS, UNKNOWN)
+        }
+        note = cls(
+            f"met: {', '.join(f'{len(names)} {group}' for group, names in groups.items())} (--json has the list)"
+        )
+        note.groups = groups
+        return note
+
+
+def accounts_of(notes) -> dict[str, list[str]]:
+    """What readers met, by group, from all their notes; empty if none was kept."""
+    parts = [note.groups for note in notes if isinstance(note, Account)]
+    return Account.of(*parts).groups if parts else {}
 
 
 def repeated_note(text: str) -> Assumption:

@@ -9,6 +9,7 @@ are stored in the bits of doubles.
 
 import re
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from ...core.laws.properties import resists_rolling
 from ...core.laws.values import evaluate
 from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
+from ...known import plain_style
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError
 from .content import HEAD, Packing, only_state, read_content
 from .lammps_laws import HISTORY as HISTORY_LAWS
@@ -266,13 +268,27 @@ def _header(content: bytes) -> tuple[dict, int]:
             out[flag], at = struct.unpack_from(mark, content, at)[0], at + struct.calcsize(mark)
 
 
+def _pair_style(head: bytes) -> tuple[str, int]:
+    """Pair style that a header names, without the end of an accelerated one, and the position after it."""
+    match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z0-9/_]+)\0", head, re.DOTALL)
+    return (plain_style(match[2].decode()), match.end()) if match else ("none", 0)
+
+
+def compare_pair_style(path: Path, numbers: Sequence[float]) -> tuple[str, list[float]]:
+    """Pair style of a restart file, empty without one, and those of some coefficients that it does not have."""
+    content = read_content(path)
+    head = content[: _blocks(content)[0]]
+    style, at = _pair_style(head)
+    lacking = [number for number in dict.fromkeys(numbers) if struct.pack("<d", number) not in head[at:]]
+    return ("" if style == "none" else style), lacking
+
+
 def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
-    match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z/_]+)\0", head, re.DOTALL)
-    style = match[2].decode() if match else "none"
+    style, at = _pair_style(head)
     if style.removeprefix("gran/") not in HISTORY_LAWS:
         return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
-    kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, match.end())
+    kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, at)
     law, damping = HISTORY_LAWS[style.removeprefix("gran/")]
     return {
         "law": law, "coulomb": "sharp", "kn": kn, "kt": kt, "mu": mu, "damping_n": damping_n,
