@@ -5,7 +5,6 @@ folder. What is not in the table is not understood, and neither is what it lists
 a way that is not read. Names are patterns of `fnmatch`.
 """
 
-from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import cache
 from typing import NamedTuple
@@ -104,11 +103,3 @@ def plain_style(style: str) -> str:
     """Name of a style of LAMMPS without the end that tells where it is computed: gran/hooke/history/omp is plain."""
     end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
     return style.removesuffix(end)
-
-
-def grouped(kind: str, names: Iterable[str]) -> dict[str, list[str]]:
-    """Names by their group."""
-    groups: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
-    for name in dict.fromkeys(names):
-        groups[group_of(kind, name)].append(f"{kind} {name}")
-    return groups

@@ -1,6 +1,7 @@
 """Build an accepted state from the arrays of a packing; `exchange.files` reads such arrays from files."""
 
 import warnings
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 from ..core.text import SentenceError
-from ..known import HARMLESS, UNKNOWN, USED
+from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
@@ -79,10 +80,39 @@ class Account(str):
         return note
 
 
-def accounts_of(notes) -> dict[str, list[str]]:
-    """What readers met, by group, from all their notes; empty if none was kept."""
+def account_for(
+    kind: str, names: Iterable[str], what: str, known: Mapping[str, str] | None = None, plain: Callable = str
+) -> list[str]:
+    """Account of what a file has, and a note on each part that is not understood and may make or change a force.
+
+    Parameters
+    ----------
+    kind : as in the table of `known`, where names are looked up after `plain`
+    known : groups of some of the names
+    """
+    groups: dict[str, list[str]] = {}
+    notes: list[str] = []
+    for name in dict.fromkeys(names):
+        row = find_row(kind, plain(name))
+        group = (known or {}).get(name, row.group)
+        groups.setdefault(group, []).append(f"{kind} {name}")
+        if group == UNKNOWN:
+            word = kind.partition(" ")[0]
+            why = row.why or f"leave the {word} out if it has no influence on forces"
+            notes.append(Obstacle(f"{UNDECIDED}{word} {name} of {what} is not understood: {why}"))
+    return [Account.of(groups), *notes]
+
+
+def with_one_account(notes: list[str]) -> list[str]:
+    """Notes with a single account of everything that readers met."""
     parts = [note.groups for note in notes if isinstance(note, Account)]
-    return Account.of(*parts).groups if parts else {}
+    rest = [note for note in dict.fromkeys(notes) if not isinstance(note, Account)]
+    return [*rest, Account.of(*parts)] if parts else rest
+
+
+def account_of(notes) -> dict[str, list[str]]:
+    """What readers met, by group; empty if they kept no account."""
+    return next((note.groups for note in notes if isinstance(note, Account)), {})
 
 
 def repeated_note(text: str) -> Assumption:

@@ -19,7 +19,7 @@ from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
 from ..data.atomic import replace_atomically
-from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle
+from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle, account_of
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.birth import BirthForm, birth_form
 from ..solve.freedom import backbone
@@ -126,14 +126,12 @@ def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
+    left_out = "; ".join(note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle))
     if not result.balanced:
-        return f"no verdict: {missing}; {sentence}" if (missing := missing_parts(notes)) else sentence
-    left_out = [note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle)]
-    return (
-        f"{UNDECIDED}{'; '.join(left_out)}. Without {'it' if len(left_out) == 1 else 'these'}: {sentence}"
-        if left_out
-        else sentence
-    )
+        missing = f"{UNDECIDED}{left_out}" if left_out else missing_parts(notes)
+        return f"{missing}; {sentence}" if missing else sentence
+    without = "it" if sum(isinstance(note, Obstacle) for note in notes) == 1 else "these"
+    return f"{UNDECIDED}{left_out}. Without {without}: {sentence}" if left_out else sentence
 
 
 def is_stable(result: Stability, notes) -> bool | None:
@@ -144,7 +142,7 @@ def is_stable(result: Stability, notes) -> bool | None:
 def missing_parts(notes) -> str:
     """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
     if NO_CONTACTS in notes and any(getattr(note, "of_law", False) for note in notes):
-        return "the file has no contact law and no memory of tangential contacts"
+        return "no verdict: the file has no contact law and no memory of tangential contacts"
     return ""
 
 
@@ -225,6 +223,7 @@ def to_dict(
         "settled": None if calm is None else _settling_dict(calm),
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
+        "met": {group.replace(" ", "_"): names for group, names in account_of(notes).items()},
         "geometry": shape and shape._asdict(),
         "at_limit": result.at_limit,
         "if_stuck": result.if_stuck.motion if result.if_stuck else None,

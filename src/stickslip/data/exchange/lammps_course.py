@@ -270,8 +270,7 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
     for word, side in zip(rest, (1.0, -1.0), strict=True):
         if word != "NULL":
             _add_wall(course, name, Plane(side * _finite(word), side * np.eye(3)[axis], number))
-            own = _classic(course, contact) if arguments[0] == "hooke/history" else contact
-            course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
+            _add_wall_law(course, contact, arguments)
 
 
 def _wall_law(arguments: list[str]) -> tuple[Contact, list[str]]:
@@ -301,6 +300,12 @@ def _finite(word: str) -> float:
     if not np.isfinite(value := parse_number(word)):
         raise ValueError(f"{word} is no finite number")
     return value
+
+
+def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> None:
+    """Law of the newest wall with all types."""
+    own = _classic(course, contact) if plain_style(arguments[0]) == "hooke/history" else contact
+    course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
 def _classic(course: Course, contact: Contact) -> Contact:
@@ -335,7 +340,7 @@ def _take_plane(course: Course, name: str, group: str, arguments: list[str]) -> 
     point, normal = np.array([_finite(w) for w in words[:6]]).reshape(2, 3) * scale
     normal = (-1.0 if given.get("side") == ["out"] else 1.0) * normal / np.linalg.norm(normal)
     _add_wall(course, name, Plane(float(point @ normal), normal, number))
-    course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
+    _add_wall_law(course, contact, arguments)
 
 
 def _spacing(run: Run) -> np.ndarray:

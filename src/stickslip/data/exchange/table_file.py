@@ -33,7 +33,7 @@ def recognize(head: bytes) -> bool:
 
 def _has_grains(names: list[str] | None) -> bool:
     """Return True if there are names of positions and of radii among these."""
-    known = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
+    known, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
     return "position" in known and bool({"radius", "diameter"} & set(known))
 
 
