@@ -78,6 +78,8 @@ TABLE = (
         "*_strain nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "
         "date day hour clock timestamp comment note* v *_velocity *_rate acoustic* ae ae_* *amp* volt* gain event* "
         "potcy pot_* dtau_dt samples channel* flag*"),
+    Row("column of a record", UNKNOWN, "pp* p_up* p_down* upstream* downstream* *pore* *fluid*",
+        "it may change the effective normal stress"),
     Row("file", HARMLESS, "*.png *.gif *.mp4 *.jpg *.jpeg *.pdf *.svg *.html *.md *.rst README* LICENSE* *.py *.ipynb "
         "*.m *.sh *.slurm *.job *.pbs *.sbatch *.out *.err *.o[0-9]* *.e[0-9]* log.cite *.bib Makefile *.npz *.h5 "
         "*.gsd *.json *.toml *.yaml *.yml *.csv *.tsv *.dat *.bak *.lock *.ini *.tex"),

@@ -30,7 +30,8 @@ from .terminal import console, new_table, show_table
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
-SHOWN = 12  # pairs listed in the table
+SHOWN = 12  # pairs listed in the table, and pairs of materials
+MOST_KINDS = 20  # of grains, or walls, whose laws are described
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
@@ -261,14 +262,14 @@ def _settling_dict(calm: Settling) -> dict:
 def show(
     result: Stability, law: Law, notes: list[str], more: stability_more.Details | None = None,
     form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
-    shape: Geometry | None = None,
+    shape: Geometry | None = None, state: State | None = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
     Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
     """
     _show_notes(notes)
-    console.print(f"law: {describe_law(law)}")
+    console.print(f"law: {describe_law(law, state)}")
     console.print(
         f"{result.n} grains, {result.contacts} contacts, {len(result.rattlers)} rattlers, residual "
         f"{result.residual:.2g} of the mean contact force"
@@ -339,15 +340,33 @@ def _show_imbalance(result: Stability, why, remedy: str) -> None:
         console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
 
 
-def describe_law(law: Law) -> str:
-    """Describe a law: kind, Coulomb limit, parameters, damping."""
+def describe_law(law: Law, state: State | None = None) -> str:
+    """Describe a law: kind, Coulomb limit, parameters of each pair of materials, damping.
+
+    With a state, only pairs that may meet are named: types of grains from 1, and walls in their order.
+    """
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
-    values = ", ".join(
-        f"{name} = {value:.4g}" for name, value in zip(parameter_names(law), law.table[0, 0], strict=True) if value
-    )
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
     name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else NAMES[law.kind]
+    pairs: dict[str, list[str]] = {}
+    for label, a, b in _pairs_of_materials(law, state):
+        values = zip(parameter_names(law), law.table[a, b], strict=True)
+        pairs.setdefault(", ".join(f"{key} = {value:.4g}" for key, value in values if value), []).append(label)
+    told = [f"{', '.join(labels)}: {values}" for values, labels in pairs.items()]
+    more = [f"and {len(told) - SHOWN} more"] if len(told) > SHOWN else []
+    values = "; ".join([*told[:SHOWN], *more]) if len(pairs) > 1 else next(iter(pairs), "")
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
+
+
+def _pairs_of_materials(law: Law, state: State | None) -> list[tuple[str, int, int]]:
+    """Names and numbers of the pairs of materials that may meet, at most a few hundred."""
+    kinds = list(range(len(law.table)))[:MOST_KINDS]
+    walls: list[tuple[str, int]] = []
+    if state is not None:
+        kinds = np.unique(state.grains.material).tolist()[:MOST_KINDS]
+        walls = [(f"wall {k + 1}", material) for k, material in enumerate(state.walls.material.tolist())][:MOST_KINDS]
+    types = [(f"types {a + 1} and {b + 1}", a, b) for a in kinds for b in kinds if a <= b]
+    return types + [(f"type {a + 1} and {label}", a, wall) for label, wall in walls for a in kinds]
 
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
