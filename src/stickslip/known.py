@@ -74,8 +74,8 @@ TABLE = (
     Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
     Row("column of a table", UNKNOWN, "f? force* load* external*", "it may be a force from outside"),
     Row("column of a table", UNKNOWN, "box cell l periodic pbc", "grains may touch across a periodic box"),
-    Row("column of a record", HARMLESS, "rec* record* row n no nr index sync samp_freq sampling* step shear_strain "
-        "*_strain nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "
+    Row("column of a record", HARMLESS, "rec* record* row n no nr index sync samp_freq sampling* step *strain* "
+        " nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "
         "date day hour clock timestamp comment note* v *_velocity *_rate acoustic* ae ae_* *amp* volt* gain event* "
         "potcy pot_* dtau_dt samples channel* flag*"),
     Row("column of a record", UNKNOWN, "pp* p_up* p_down* upstream* downstream* *pore* *fluid*",

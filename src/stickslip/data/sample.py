@@ -47,6 +47,10 @@ class Assumption(str):
         return self.startswith(NO_LAW)
 
 
+class AssumedColumns(Assumption):
+    """A note on columns without names, which tells why a file is refused if it is."""
+
+
 class Absent(Assumption):
     """A note on what a file does not contain, which may be why forces do not balance."""
 

@@ -15,9 +15,9 @@ PLACES = (
 MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel", "linvelvec")
 TURNS = ("w", "omega", "spin", "angvel", "angvelvec", "angularvelocity")
 SINGLE = {
-    "radius": ("r", "rad", "radius", "radii", "ballradius"),
-    "diameter": ("d", "dia", "diam", "diameter", "diameters"),
-    "mass": ("m", "mass", "masses"),
+    "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius"),
+    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter"),
+    "mass": ("m", "mass", "masses", "particlemass"),
     "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }

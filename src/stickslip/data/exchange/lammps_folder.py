@@ -101,11 +101,11 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     masks = lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
     course = Course(run, packing, masks)
     take_over(course)
-    if doubt := _other_coefficients(path, run, course.stored) if path in files.restarts else "":
+    for doubt in _contradictions(path, run, course.stored) if path in files.restarts else ():
         course.obstacle(doubt)
     notes += [f"law, walls and loads from {run.source}: {describe(course)}", *course.notes]
     known = [NO_WALLS if course.walls or not course.free.all() else "", "pair_style"]
-    kept = [note for note in packing.notes if not (isinstance(note, Obstacle) and lammps_restart.WALL in note)]
+    kept = [note for note in packing.notes if not note.startswith(f"{UNDECIDED}{lammps_restart.STORED}")]
     kept = [note for note in kept if not any(part and part in note for part in known)]
     kept += [_account_of_commands(course), _account_of_files(every, path, contacts)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
@@ -178,7 +178,7 @@ def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, 
     try:
         return path, run, _read_grains(path, files, frame, run)
     except PackingError as problem:
-        if path not in files.restarts or not (files.grains or files.data):
+        if path not in files.restarts or len(files.packings) == 1:
             raise
         rest = files._replace(restarts=[other for other in files.restarts if other != path])
         path, run, packing = _newest_packing(rest, frame)
@@ -282,16 +282,19 @@ def _mismatch(packing: Packing, run: Run) -> str:
     return "" if count in (None, n) else f"{n} grains were read, and the run of {run.source} had {count} then"
 
 
-def _other_coefficients(path: Path, run: Run, numbers: list[float]) -> str:
-    """Sentence on a pair style or coefficients of the commands that a restart file does not have; empty if it has."""
+def _contradictions(path: Path, run: Run, numbers: list[float]) -> list[str]:
+    """Sentences on a pair style, coefficients and fixes in which a restart file and the commands differ."""
     style, lacking = lammps_restart.compare_pair_style(path, numbers)
+    told = []
     if style and run.pair_style and run.pair_style[0].removeprefix("gran/") != style.removeprefix("gran/"):
-        told = f"has pair_style {run.pair_style[0]}, and the restart file another, {style}"
+        told.append(f"has pair_style {run.pair_style[0]}, and the restart file another, {style}")
     elif style and lacking:
-        told = f"has coefficients of its pair_style that are not in {path.name} ({', '.join(map(str, lacking))})"
-    else:
-        return ""
-    return f"{run.source} {told}: it is of another run"
+        told.append(f"has coefficients of its pair_style that are not in {path.name} ({', '.join(map(str, lacking))})")
+    there = [style for _, style, *_ in run.fixes.values()]
+    for name, style in lammps_restart.read_stored_fixes(path).items():
+        if style not in there and (style.startswith(lammps_restart.WALL) or group_of("fix", style) == UNKNOWN):
+            told.append(f"has no fix {style} at that time, and {path.name} has one, {name}")
+    return [f"{run.source} {text}: it is of another run" for text in told]
 
 
 def _names(files: Files, path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:

@@ -82,7 +82,10 @@ def fit_record(
     comparison = compare_laws(*fits) if len(fits) == 2 else None
     best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
     met = record_columns(file, columns=_parse_columns(columns))
-    remedies = (*_remedies(raw, record, best), *(f"column {text}" for text in met[UNKNOWN] if text.endswith("normal stress")))
+    remedies = (
+        *_remedies(raw, record, best),
+        *(f"column {text}" for text in met[UNKNOWN] if text.endswith("normal stress")),
+    )
     result = RecordFits(file, record, fits, comparison, remedies=remedies, met=met)
     return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
 
