@@ -16,7 +16,8 @@ UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
 WRITING = ("write_restart", "write_data", "write_dump")
-FILING = (*WRITING, "restart", "dump", "read_data")  # commands that name files of grains
+BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
+FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
 
 
 class Run(NamedTuple):
@@ -31,8 +32,10 @@ class Run(NamedTuple):
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
     unknown: list[str]  # commands whose outcome or variables have no value here
     acts: dict[str, str]  # sentences on what makes or changes forces, or may, and is not read, by what replaces it
+    places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # words that commands began with, by their group
     year: int = 0  # of the version of LAMMPS; 0: unknown
+    sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
 
     def steps(self) -> tuple[float, float] | None:
@@ -77,11 +80,11 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
             run = _replay(run, event, values, log=log)
     if log and blocks and not any("run" in names or "minimize" in names for names in run.met.values()):
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
-    return run._replace(blocks=blocks)
+    return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts))
 
 
 def _empty(source: str, year: int = 0) -> Run:
-    return Run(source, [], [], {}, {}, {}, {}, [], {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, year)
+    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, year)
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
@@ -165,12 +168,14 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     elif key == "clear":
         return _empty(run.source, run.year)._replace(met=run.met)
     elif key == "pair_style" and rest:
+        run.places[key] = place
         style = plain_style(rest[0])
         kept = run.pair_coeff if run.pair_style[:1] == [style] else []
         return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
     elif key == "pair_coeff" and len(rest) > 1:
         run.pair_coeff.append(rest)
     elif key == "fix" and len(rest) > 2:
+        run.places[rest[0]] = place
         run.fixes[rest[0]] = [rest[1], plain_style(rest[2]), *rest[3:]]
     elif key == "unfix" and rest:
         run.fixes.pop(rest[0], None)

@@ -158,7 +158,7 @@ def _try(course: Course, name: str, take, *given) -> None:
         why = f"group {group} is defined by itself"
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         why = str(problem)
-    text = f"fix {name} ({style}) was not taken over: {why}"
+    text = f"fix {name} ({style}) was not taken over: {why} ({course.run.places[name]})"
     if text not in course.met[UNKNOWN]:
         course.obstacle(text)
 
@@ -215,7 +215,8 @@ def _take_pairs(course: Course) -> None:
             raise ValueError("no law here is equal to it")
         course.met[USED].append(f"pair_style {style}")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
-        course.obstacle(f"pair_style {style} was not taken over: {problem}")
+        place = course.run.places.get("pair_style", course.run.source)
+        course.obstacle(f"pair_style {style} was not taken over: {problem} ({place})")
 
 
 def _numbers(words: Sequence[str]) -> list[float]:

@@ -9,7 +9,7 @@ from ...known import HARMLESS, UNKNOWN, USED, group_of
 from ..sample import UNDECIDED, Absent, Account, Assumption, Obstacle, PackingError
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
-from .lammps_commands import FILING, Run, read_commands, read_lines_of, recognize_script
+from .lammps_commands import BEGINNING, FILING, Run, read_commands, read_lines_of, recognize_script
 from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
@@ -91,9 +91,11 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     path, run, packing = _newest_packing(files, frame)
     notes, contacts = [f"grains from {path.name}, time step {packing.step}", *left], None
     notes += _origin_notes(files, path, packing, run)
+    if strange := _strange_files(every):
+        notes.append(f"files that are not understood, and not used: {', '.join(strange)}")
     if packing.memory is None:
-        contacts = _matching_contacts(files.contacts, packing)
-        notes += [f"contacts in {contacts.name}"] if contacts else []
+        contacts, why = _matching_contacts(files.contacts, packing)
+        notes += [f"contacts in {contacts.name}"] if contacts else map(Absent, why)
     if run is None:
         notes.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
         notes.append(_account_of_files(every, path, contacts))
@@ -107,7 +109,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     known = [NO_WALLS if course.walls or not course.free.all() else "", "pair_style"]
     kept = [note for note in packing.notes if not note.startswith(f"{UNDECIDED}{lammps_restart.STORED}")]
     kept = [note for note in kept if not any(part and part in note for part in known)]
-    kept += [_account_of_commands(course), _account_of_files(every, path, contacts)]
+    sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
+    kept += [_account_of_commands(course), _account_of_files(every, path, contacts, *sources)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
     law = course.law or packing.law
     return packing._replace(notes=[*notes, *kept], law=law, setting=setting(course), memory=memory), contacts
@@ -121,14 +124,18 @@ def _account_of_commands(course: Course) -> Account:
 
 def _account_of_files(files: Files, *taken: Path | None) -> Account:
     """Files of a folder by what became of them; what commands name is judged with them."""
-    used = [path.name for path in taken if path] + [path.name for path in (*files.logs[:1], *files.scripts[:0])]
-    groups: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
-    named = [word for lines in files.words.values() for words in lines for word in words[1:]]
+    strange, groups = _strange_files(files), {USED: [], HARMLESS: [], UNKNOWN: []}
     for path in sorted({*files.packings, *files.contacts, *files.logs, *files.scripts, *files.others}):
-        known = path not in files.others or any(_means(word, path.name) for word in named)
-        group = HARMLESS if known else group_of("file", path.name)
-        groups[USED if path.name in used else group].append(f"file {path.name}")
+        group = USED if path in taken else UNKNOWN if path.name in strange else HARMLESS
+        groups[group].append(f"file {path.name}")
     return Account.of(groups)
+
+
+def _strange_files(files: Files) -> list[str]:
+    """Names of files in no known format that no command names, and whose names say nothing."""
+    named = {word for lines in files.words.values() for words in lines for word in words[1:]}
+    rest = [path.name for path in files.others if group_of("file", path.name) == UNKNOWN]
+    return [name for name in rest if not any(_means(word, name) for word in named)]
 
 
 def _of_newest_run(files: Files) -> tuple[Files, list[str]]:
@@ -234,25 +241,29 @@ def _data_step(path: Path) -> int:
     return int(match[1]) if match else -1
 
 
-def _matching_contacts(paths: list[Path], packing: Packing) -> Path | None:
-    """The first dump of contacts that belongs to the packing."""
-    mark = re.compile(rb"ITEM: TIMESTEP\s+%d\s" % packing.step)
+def _matching_contacts(paths: list[Path], packing: Packing) -> tuple[Path | None, list[str]]:
+    """The first dump of contacts that belongs to the packing, and why others do not."""
+    mark, why = re.compile(rb"ITEM: TIMESTEP\s+%d\s" % packing.step), []
     for path in paths:
         if packing.step >= 0 and not mark.search(read_content(path)):
+            why.append(f"{path.name} has no contacts at time step {packing.step}")
             continue
         try:
             pairs: Pairs = read_pairs(path, packing)
-        except PackingError:
+        except PackingError as problem:
+            why.append(f"contacts were not read: {problem}")
             continue
         if len(pairs.i):
-            return path
-    return None
+            return path, []
+        why.append(f"{path.name} has no contacts")
+    return None, why
 
 
 def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None) -> list[str]:
     """Notes on grains that a run began from, and on what shows that they may be of another run than the commands."""
     sources, notes = files.logs or files.scripts, []
-    if grains in files.data and any(_names(files, path, grains.name, ("read_data",)) for path in sources):
+    writes = any(_names(files, path, grains.name, tuple({*FILING} - {*BEGINNING})) for path in sources)
+    if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):
         notes.append(Absent(f"{grains.name} is where the run began: it left no later state"))
     naming = [path for path in sources if _names(files, path, grains.name)]
     doubts = [_mismatch(packing, run)] if run else []

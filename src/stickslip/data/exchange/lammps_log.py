@@ -95,7 +95,7 @@ def _commands(
         return
     bare = line if '"""' in line else re.sub(r"""("[^"]*"|'[^']*')|#.*""", lambda m: m[1] or "", line)
     words = bare.split()
-    if not words:
+    if not words or (log and any(word.endswith(":") for word in words[:2])):
         return
     if log and group_of("command", words[0]) == UNKNOWN:
         known = group_of("line of a log", words[0]) != UNKNOWN or (after[:1] and after[0] in TALKING)
