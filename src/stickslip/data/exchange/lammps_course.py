@@ -298,6 +298,8 @@ def _add_wall(course: Course, name: str, wall: Plane) -> None:
 
 def _finite(word: str) -> float:
     """Number of a word; ValueError if it is NaN or infinite."""
+    if word.startswith("v_"):
+        raise ValueError(f"{word} is a variable, whose value only LAMMPS knows")
     if not np.isfinite(value := parse_number(word)):
         raise ValueError(f"{word} is no finite number")
     return value
