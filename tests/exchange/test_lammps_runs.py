@@ -37,7 +37,7 @@ from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
-from stickslip.data.exchange.lammps_folder import TAKEN, Plane, _with_wall_numbers
+from stickslip.data.exchange.lammps_course import TAKEN, Plane, with_wall_numbers
 from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle
@@ -460,7 +460,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ),
         ("fix q low addforce 0 0 v_push", "the members of group low are not in the files"),
         ("fix q all addforce 0 0 v_push", "fix q (addforce) was not taken over"),
-        ("fix q all setforce 0 NULL 0", "only setforce 0 0 0 is read"),
+        ("fix q all setforce 0 NULL 1", "only forces of zero, or NULL, in the whole box are read"),
         ("units real", "units real, in which LAMMPS converts forces"),
         ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
         ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
@@ -469,7 +469,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
             "fix q all wall/gran hertz/history 1 1 0 0 0.5 1 zplane NULL 9",
             "the model of type 1 and wall 2, which differs",
         ),
-        ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "the restart file another: it is of another run"),
+        ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "and the restart file another, gran/hooke/history: it is of another run"),
         ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
 )
@@ -658,7 +658,9 @@ def test_what_a_script_leaves_open(line, cases, tmp_path):
 def test_directions_of_gravity(dim, text, direction):
     """Those of LAMMPS, whose forces of runs in two dimensions balance with them."""
     packing, everybody = SimpleNamespace(arrays={"dim": dim}), np.ones(3, bool)
-    course = SimpleNamespace(packing=packing, members=lambda group: everybody, gravity=np.zeros(3))
+    course = SimpleNamespace(
+        packing=packing, members=lambda group: everybody, push=lambda members: None, gravity=np.zeros(3)
+    )
     TAKEN["gravity"](course, "g", "all", ["2.0", *text.split()])
     np.testing.assert_allclose(course.gravity, 2 * np.array(direction), atol=2e-5)
 
@@ -677,7 +679,7 @@ def test_memory_of_a_fix_with_two_walls_goes_to_the_nearer():
     contact, _ = contact_of("hooke/history", ["7", "NULL", "2", "NULL", "0.3", "1"])
     contacts = dict.fromkeys([(0, 0), (0, 1), (0, 2)], contact)
     packing = SimpleNamespace(arrays=arrays)
-    placed = _with_wall_numbers(memory, SimpleNamespace(packing=packing, walls=planes, contacts=contacts, kinds=1))
+    placed = with_wall_numbers(memory, SimpleNamespace(packing=packing, walls=planes, contacts=contacts, kinds=1))
     assert placed.wall.tolist() == [1, 0] and placed.grain.tolist() == [1, 0]
 
 
@@ -722,7 +724,9 @@ def test_a_cell_that_was_being_strained_is_judged_as_it_is(text, how, cases, tmp
 
 def test_a_run_that_left_no_later_state(cases, tmp_path):
     """As after a crash: the only grains are those it began from."""
-    read = ss.io.read_packing(in_poured(cases, tmp_path, "read_data poured.data", "poured.data"))
+    log = in_poured(cases, tmp_path, "read_data poured.data", "poured.data") / "log.lammps"
+    log.write_text(log.read_text().replace("write_data poured.data", "write_data other.data"))
+    read = ss.io.read_packing(tmp_path)
     assert any("poured.data is where the run began: it left no later state" in note for note in read.assumed)
 
 

@@ -154,7 +154,7 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     answer = json.loads(done.stdout)
     documented = {
         "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
-            "at_limit", "if_stuck", "pairs", "assumed", "geometry",
+            "at_limit", "if_stuck", "pairs", "assumed", "geometry", "met",
         "negative", "zero_modes", "spectrum", "method", "scope",
     }  # fmt: skip
     of_every_command = {"command", "status", "folder", "files", "versions"}

@@ -231,7 +231,9 @@ def stability(
         print(stability_report.verdict(result, calm, notes))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
-        stability_report.show(result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape)
+        stability_report.show(
+            result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape, state=state
+        )
         if sure:
             stability_report.show_probability(sure)
         if paths:

@@ -123,6 +123,7 @@ def movie(
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..data.run_files import FILM
+    from ..data.sample import UNDECIDED
     from ..reports import output_file as look_out
     from ..reports import terminal
     from ..runs import json_output
@@ -134,13 +135,14 @@ def movie(
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         content = look.load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
-            search=film.mode is not None or not place.is_dir(), trust=view.trust,
+            search=film.mode is not None or not look.is_run(place), trust=view.trust,
         )  # fmt: skip
         look.write_movie(
             content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
             mode=film.mode, whole=film.whole, report=tell,
         )  # fmt: skip
     notes = [content.warning] if content.warning else []
+    notes += [content.verdict] if content.verdict.startswith(UNDECIDED) else []
 
     def show() -> None:
         for line in notes:

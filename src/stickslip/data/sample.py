@@ -1,6 +1,7 @@
 """Build an accepted state from the arrays of a packing; `exchange.files` reads such arrays from files."""
 
 import warnings
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 from ..core.text import SentenceError
+from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
@@ -45,12 +47,76 @@ class Assumption(str):
         return self.startswith(NO_LAW)
 
 
+class AssumedColumns(Assumption):
+    """A note on columns without names, which tells why a file is refused if it is."""
+
+
 class Absent(Assumption):
     """A note on what a file does not contain, which may be why forces do not balance."""
 
 
 class Obstacle(Assumption):
     """A note on what acts on the grains of a run but was not taken over, which leaves any verdict undecided."""
+
+
+class NoTypes(Obstacle):
+    """A note on types that are not known, which a single law for all of them does not need."""
+
+    of_law = True
+
+
+class Account(str):
+    """A note on everything that a reader met, in the three groups of `known`."""
+
+    groups: dict[str, list[str]]
+
+    @classmethod
+    def of(cls, *parts: dict[str, list[str]]) -> "Account":
+        """Note on names by their group, from several parts."""
+        groups = {
+            group: list(dict.fromkeys(name for part in parts for name in part.get(group, ())))
+            for group in (USED, HARMLESS, UNKNOWN)
+        }
+        note = cls(
+            f"met: {', '.join(f'{len(names)} {group}' for group, names in groups.items())} (--json has the list)"
+        )
+        note.groups = groups
+        return note
+
+
+def account_for(
+    kind: str, names: Iterable[str], what: str, known: Mapping[str, str] | None = None, plain: Callable = str
+) -> list[str]:
+    """Account of what a file has, and a note on each part that is not understood and may make or change a force.
+
+    Parameters
+    ----------
+    kind : as in the table of `known`, where names are looked up after `plain`
+    known : groups of some of the names
+    """
+    groups: dict[str, list[str]] = {}
+    notes: list[str] = []
+    for name in dict.fromkeys(names):
+        row = find_row(kind, plain(name))
+        group = (known or {}).get(name, row.group)
+        groups.setdefault(group, []).append(f"{kind} {name}")
+        if group == UNKNOWN:
+            word = kind.partition(" ")[0]
+            why = row.why or f"leave the {word} out if it has no influence on forces"
+            notes.append(Obstacle(f"{UNDECIDED}{word} {name} of {what} is not understood: {why}"))
+    return [Account.of(groups), *notes]
+
+
+def with_one_account(notes: list[str]) -> list[str]:
+    """Notes with a single account of everything that readers met."""
+    parts = [note.groups for note in notes if isinstance(note, Account)]
+    rest = [note for note in dict.fromkeys(notes) if not isinstance(note, Account)]
+    return [*rest, Account.of(*parts)] if parts else rest
+
+
+def account_of(notes) -> dict[str, list[str]]:
+    """What readers met, by group; empty if they kept no account."""
+    return next((note.groups for note in notes if isinstance(note, Account)), {})
 
 
 def repeated_note(text: str) -> Assumption:

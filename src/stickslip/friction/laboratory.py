@@ -1,5 +1,6 @@
 """Laboratory records, converted to metres, seconds and pascals on reading."""
 
+import difflib
 import warnings
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from ..core.arguments import check_types, checked
 from ..core.readable import readable
 from ..core.tables import heading_of, split_label, write_table
 from ..core.text import parse_number, shortened
+from ..known import HARMLESS, UNKNOWN, USED, find_row
 from .fitting import Data
 from .load_history import find_steps, stated_steps, with_normal
 from .loads import check_times, load_steps
@@ -30,6 +32,11 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
         STRESS,
         ("effective_normal_stress", "eff_normal_stress", "eff_norm_stress", "effns", "normal_stress", "norm_stress",
          "nor_stress", "sigma_n", "σ_n", "sn", "hstress"),
+    ),
+    "pore_pressure": (
+        STRESS,
+        ("pore_pressure", "pore_press", "pore_pres", "porepressure", "pore_fluid_pressure", "pore_water_pressure",
+         "fluid_pressure", "water_pressure", "pore", "p_pore", "pore_p", "pp", "p_p", "pf", "p_f", "pfluid", "p_fluid"),
     ),
     "slip": (LENGTH, ("slip", "fault_slip", "ec_disp")),
     "velocity": (SPEED, ("velocity", "slip_velocity", "slip_rate")),
@@ -61,7 +68,9 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     """Read a record from a table as text, an HDF5 or a MATLAB file, whichever its content is.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
-    columns are slip and theta; others are ignored. Units stand in brackets (`time [s]`), after the name (`time_s`), in
+    columns are slip, theta and pore_pressure, by which the normal stress is made the effective one unless it is named
+    effective_normal_stress; a friction that the record has is taken as it is. `record_columns` lists what is not used,
+    and a warning names what is not understood. Units stand in brackets (`time [s]`), after the name (`time_s`), in
     a row below the names, or in the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are
     commas, semicolons, tabs or white space; except with commas, numbers may have decimal commas. Lines that start with
     # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows without a number (an empty cell, nan,
@@ -81,16 +90,20 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
         with one sentence that names the offending column, unit or line, and states what is allowed.
     """
     path = Path(path)
-    sheet = read_sheet(path, lambda heading: _is_known(heading, columns), named=columns is not None)
-    headings, bare = (sheet.headings, False) if columns is None else _named_headings(path, sheet, columns)
-    below = sheet.units if columns is None else [None] * len(headings)
-    places = _match_columns(path, headings, below, si=bare)
+    sheet, headings, places = _find_columns(path, columns)
     _check_columns(path, headings, places, motion)
+    strange = [name for name, group, _ in _grouped_columns(sheet, places) if group == UNKNOWN]
+    if strange:
+        told = ", ".join(repr(shortened(name)) for name in strange[:SHOWN]) + (" …" if len(strange) > SHOWN else "")
+        warnings.warn(
+            f"{path}: not understood, and not used: {told}; name a column with --columns if it is needed", stacklevel=2
+        )
     values = _numbers(path, sheet, {name: k for name, (k, _) in places.items()})
     if len(values["time"]) < LEAST:
         raise ValueError(f"{path} has {len(values['time'])} rows of numbers: give at least {LEAST}")
     for name, (_, factor) in places.items():
         values[name] = values[name] * factor
+    _make_effective(path, values)
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():
             raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
@@ -108,6 +121,21 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
             warnings.warn(f"{path}: {name} is counted backwards: its sign was turned round", stacklevel=2)
             values[name] = -values[name]
     return LabRecord(**values)
+
+
+@checked
+def record_columns(path: str | Path, *, columns: dict[str, int | str] | None = None) -> dict[str, list[str]]:
+    """Headings of a record in three groups: used, without influence on forces, and not understood.
+
+    Parameters
+    ----------
+    columns : as in `read_record`
+    """
+    sheet, _, places = _find_columns(Path(path), columns)
+    groups: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
+    for name, group, why in _grouped_columns(sheet, places):
+        groups[group].append(f"{name}: {why}" if why else name)
+    return groups
 
 
 @checked
@@ -167,6 +195,55 @@ def record_data(
     return Data(time, record.friction, legs, before=before)
 
 
+def _find_columns(
+    path: Path, columns: dict[str, int | str] | None
+) -> tuple[Sheet, list[str], dict[str, tuple[int, float]]]:
+    """Sheet of a record, its headings as the user names them, and the places and factors of known columns."""
+    for name in columns or ():
+        if not _described(name)[0]:
+            near = difflib.get_close_matches(name, COLUMNS, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"use {', '.join(COLUMNS)}, with a unit such as 'time [s]'"
+            raise ValueError(f"a column {name!r} was named, which is not known: {hint}")
+    sheet = read_sheet(path, lambda heading: _is_known(heading, columns), named=columns is not None)
+    headings, bare = (sheet.headings, False) if columns is None else _named_headings(path, sheet, columns)
+    below = sheet.units if columns is None else [None] * len(headings)
+    places = _match_columns(path, headings, below, si=bare)
+    units, aliases = COLUMNS["normal_stress"]
+    if "normal_stress" in places and unit_of(headings[places["normal_stress"][0]], aliases, units)[0].startswith("eff"):
+        places.pop("pore_pressure", None)
+    if "normal_stress" not in places:
+        places.pop("pore_pressure", None)
+    return sheet, headings, places
+
+
+def _grouped_columns(sheet: Sheet, places: dict[str, tuple[int, float]]) -> list[tuple[str, str, str]]:
+    """Heading, group and reason of each column; those of known names that are not taken are without influence."""
+    used, out = {k for k, _ in places.values()}, []
+    for k, heading in enumerate(sheet.headings):
+        word, unit = unit_of(heading, (), {})
+        row = find_row("column of a record", word)
+        stress = (unit or sheet.units[k] or word.rpartition("_")[2]).lower() in STRESS
+        known = k in used or _is_known(heading, None) or not heading
+        group = USED if k in used else HARMLESS if known else row.group
+        why = "" if group != UNKNOWN else row.why or "it may change the effective normal stress" * stress
+        out.append((heading or f"column {k}", group, why))
+    return out
+
+
+def _make_effective(path: Path, values: dict[str, np.ndarray]) -> None:
+    """Take the pore pressure off the normal stress."""
+    pressure = values.pop("pore_pressure", None)
+    if pressure is None or not pressure.any():
+        return
+    values["normal_stress"] = values["normal_stress"] - pressure
+    kept = "; friction is the one of the record" if "friction" in values else ""
+    warnings.warn(
+        f"{path}: the normal stress is made effective, by the pore pressure of the record{kept}; name it "
+        f"effective_normal_stress (--columns) if it is already",
+        stacklevel=3,
+    )
+
+
 def _is_known(heading: str, columns: dict[str, int | str] | None) -> bool:
     """Whether a heading names a column that is sought."""
     if columns is not None and heading in columns.values():
@@ -191,6 +268,11 @@ def _named_headings(path: Path, sheet: Sheet, columns: dict[str, int | str]) -> 
         own = unit_of(sheet.headings[place], *_described(name))[1] or sheet.units[place]
         if split_label(name)[1] is None and own and not bare:
             headings[place] = f"{name} [{own}]"
+    units, aliases = COLUMNS["pore_pressure"]
+    for k, heading in enumerate(sheet.headings):
+        word, unit = unit_of(heading, aliases, units)
+        if not headings[k] and word in aliases and (unit or sheet.units[k]):
+            headings[k] = f"{word} [{unit or sheet.units[k]}]"
     return headings, bare
 
 

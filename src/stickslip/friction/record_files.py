@@ -22,11 +22,12 @@ LEAST = 3  # rows that a first column must number
 
 DAY = 86400.0
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
-LENGTH |= {"microns": 1e-6}
+LENGTH |= {"microns": 1e-6, "mic": 1e-6}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
 TIME |= {"seconds": 1.0, "d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
-STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
-NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
+STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5, "mbar": 1e2, "hpa": 1e2, "psi": 6894.757293168}
+STRESS |= {"atm": 101325.0, "n/m2": 1.0, "n/mm2": 1e6}
+NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
 
 

@@ -18,7 +18,7 @@ from ..data.exchange.arrays import law_from_options
 from ..data.exchange.columns import mass_note
 from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
 from ..data.exchange.force_network import MeasuredForces, read_forces
-from ..data.sample import PackingError, from_arrays, law_note
+from ..data.sample import PackingError, from_arrays, law_note, with_one_account
 from ..solve.inversion import overlap_of_force, slip_of_force
 from ..solve.projection import nearest_point
 
@@ -120,7 +120,7 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
     if opposite < as_given / 2:
         notes.append("forces balance better with opposite ft, which is positive if it turns grains from x to y")
-    return Reading(with_inertia(state, i0), law, notes)
+    return Reading(with_inertia(state, i0), law, with_one_account(notes))
 
 
 def _check_law(law: Law) -> None:

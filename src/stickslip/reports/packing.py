@@ -19,7 +19,7 @@ from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
 from ..data.atomic import replace_atomically
-from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle
+from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle, account_of
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.birth import BirthForm, birth_form
 from ..solve.freedom import backbone
@@ -30,7 +30,8 @@ from .terminal import console, new_table, show_table
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
-SHOWN = 12  # pairs listed in the table
+SHOWN = 12  # pairs listed in the table, and pairs of materials
+MOST_KINDS = 20  # of grains, or walls, whose laws are described
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
@@ -126,14 +127,12 @@ def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
+    left_out = "; ".join(note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle))
     if not result.balanced:
-        return f"no verdict: {missing}; {sentence}" if (missing := missing_parts(notes)) else sentence
-    left_out = [note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle)]
-    return (
-        f"{UNDECIDED}{'; '.join(left_out)}. Without {'it' if len(left_out) == 1 else 'these'}: {sentence}"
-        if left_out
-        else sentence
-    )
+        missing = f"{UNDECIDED}{left_out}" if left_out else missing_parts(notes)
+        return f"{missing}; {sentence}" if missing else sentence
+    without = "it" if sum(isinstance(note, Obstacle) for note in notes) == 1 else "these"
+    return f"{UNDECIDED}{left_out}. Without {without}: {sentence}" if left_out else sentence
 
 
 def is_stable(result: Stability, notes) -> bool | None:
@@ -144,7 +143,7 @@ def is_stable(result: Stability, notes) -> bool | None:
 def missing_parts(notes) -> str:
     """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
     if NO_CONTACTS in notes and any(getattr(note, "of_law", False) for note in notes):
-        return "the file has no contact law and no memory of tangential contacts"
+        return "no verdict: the file has no contact law and no memory of tangential contacts"
     return ""
 
 
@@ -225,6 +224,7 @@ def to_dict(
         "settled": None if calm is None else _settling_dict(calm),
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
+        "met": {group.replace(" ", "_"): names for group, names in account_of(notes).items()},
         "geometry": shape and shape._asdict(),
         "at_limit": result.at_limit,
         "if_stuck": result.if_stuck.motion if result.if_stuck else None,
@@ -262,14 +262,14 @@ def _settling_dict(calm: Settling) -> dict:
 def show(
     result: Stability, law: Law, notes: list[str], more: stability_more.Details | None = None,
     form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
-    shape: Geometry | None = None,
+    shape: Geometry | None = None, state: State | None = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
     Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
     """
     _show_notes(notes)
-    console.print(f"law: {describe_law(law)}")
+    console.print(f"law: {describe_law(law, state)}")
     console.print(
         f"{result.n} grains, {result.contacts} contacts, {len(result.rattlers)} rattlers, residual "
         f"{result.residual:.2g} of the mean contact force"
@@ -340,15 +340,33 @@ def _show_imbalance(result: Stability, why, remedy: str) -> None:
         console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
 
 
-def describe_law(law: Law) -> str:
-    """Describe a law: kind, Coulomb limit, parameters, damping."""
+def describe_law(law: Law, state: State | None = None) -> str:
+    """Describe a law: kind, Coulomb limit, parameters of each pair of materials, damping.
+
+    With a state, only pairs that may meet are named: types of grains from 1, and walls in their order.
+    """
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
-    values = ", ".join(
-        f"{name} = {value:.4g}" for name, value in zip(parameter_names(law), law.table[0, 0], strict=True) if value
-    )
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
     name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else NAMES[law.kind]
+    pairs: dict[str, list[str]] = {}
+    for label, a, b in _pairs_of_materials(law, state):
+        values = zip(parameter_names(law), law.table[a, b], strict=True)
+        pairs.setdefault(", ".join(f"{key} = {value:.4g}" for key, value in values if value), []).append(label)
+    told = [f"{', '.join(labels)}: {values}" for values, labels in pairs.items()]
+    more = [f"and {len(told) - SHOWN} more"] if len(told) > SHOWN else []
+    values = "; ".join([*told[:SHOWN], *more]) if len(pairs) > 1 else next(iter(pairs), "")
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
+
+
+def _pairs_of_materials(law: Law, state: State | None) -> list[tuple[str, int, int]]:
+    """Names and numbers of the pairs of materials that may meet, at most a few hundred."""
+    kinds = list(range(len(law.table)))[:MOST_KINDS]
+    walls: list[tuple[str, int]] = []
+    if state is not None:
+        kinds = np.unique(state.grains.material).tolist()[:MOST_KINDS]
+        walls = [(f"wall {k + 1}", material) for k, material in enumerate(state.walls.material.tolist())][:MOST_KINDS]
+    types = [(f"types {a + 1} and {b + 1}", a, b) for a in kinds for b in kinds if a <= b]
+    return types + [(f"type {a + 1} and {label}", a, wall) for label, wall in walls for a in kinds]
 
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:

@@ -76,8 +76,7 @@ def load_content(
 
     With `trust`, the law file of a run may be executed.
     """
-    run = not (place / NUMBERS).exists() and is_run_folder(place)
-    if run or (not place.is_dir() and (place.is_file() or place.suffix)):
+    if not is_run(place) and (place.is_dir() or place.is_file() or place.suffix):
         return packing_content(
             place, modes=modes, options=options, settle=settle, dashpots=dashpots, search=search, report=report
         )
@@ -88,6 +87,11 @@ def load_content(
     return folder_content(
         place, frame=options.get("frame"), search=search is not False, trust=trust, report=report
     )  # fmt: skip
+
+
+def is_run(place: Path) -> bool:
+    """Return True for a folder that is not the folder of a run of LAMMPS, and may be one of this package."""
+    return place.is_dir() and ((place / NUMBERS).exists() or not is_run_folder(place))
 
 
 def folder_content(
@@ -386,7 +390,7 @@ def packing_content(
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = no_equilibrium_message(rest)
     frame = frame_of(state, law)
-    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", describe_law(law)]]
+    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", describe_law(law, state)]]
     facts += [["note", line] for line in notes]
     sections = [("Packing", page.table(["", "value"], facts))]
     if mine:
@@ -523,6 +527,8 @@ def write_movie(
     else:
         if not 0 <= mode < len(shown.modes):
             has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable or has no growing mode"
+            if not (shown.modes or shown.verdict or shown.unjudged):
+                has = "was not searched for modes"
             if shown.unjudged:
                 has = f"is {shown.unjudged}; {REMEDY.lower()}"
             elif shown.warning:

@@ -8,6 +8,7 @@ from scipy.linalg import eig
 from ..core.arguments import checked
 from ..core.contacts.jacobian import blocks_of
 from ..core.laws.builtin import Law, damping_model, rescales
+from ..core.measure import overlaps
 from ..core.progress import Report, silent
 from ..core.readable import pluralize, readable
 from ..core.state import STICK, State
@@ -33,6 +34,7 @@ MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
 )
 UNLOADED = "decreasing overlaps, for which this law shortens slips, were not considered: overlaps were assumed to grow"
+NEAR = 0.01  # gap of grains that nearly touch, over the smaller radius
 LEFT_OUT = "the dashpots of the law were left out"
 DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # coordinates: LAPACK is the fastest below the first
 METHODS = {  # what was computed, in words
@@ -248,7 +250,8 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
     (state, law, line, rows, loose), free = here, here.backbone
     size = len(free)
     if not size:
-        raise ValueError("the packing has only rattlers: stability needs grains that support each other")
+        near = _near_contacts(state)
+        raise ValueError(f"the packing has only rattlers{near}: stability needs grains that support each other")
     residual, moves = force_imbalance(here), motion_imbalance(here)
     causes = () if max(residual, moves) <= BALANCED_BELOW else causes_of_imbalance(here)
     about = len(loose), len(rows), np.flatnonzero(loose), residual, moves
@@ -275,6 +278,16 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         return result
     drag = assembled(state, dampers, free)
     return _with_dashpots(result, law, growing_exponents(matrix, drag, free, result.exponents, asked, report))
+
+
+def _near_contacts(state: State) -> str:
+    """Sentence on grains that nearly touch, as rigid ones do; empty for others."""
+    gap, size = -overlaps(state), np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
+    count = int(state.contacts.count[0])
+    small = np.minimum(size[state.contacts.i[:count]], size[state.contacts.j[:count]])
+    near = int(((gap[:count] > 0) & (gap[:count] < NEAR * small)).sum())
+    told = "as of rigid grains, whose forces must come with them"
+    return f", and {near} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if near else ""
 
 
 def _with_dashpots(undamped: Stability, law: Law, exponents: tuple) -> Stability:

@@ -4,33 +4,25 @@ import re
 
 import numpy as np
 
-from ..sample import Assumption, PackingError
+from ...known import HARMLESS, USED
+from ..sample import Assumption, PackingError, account_for
 from .content import Packing
 
 PLACES = (
-    "",
-    "pos",
-    "position",
-    "point",
-    "points",
-    "coord",
-    "coordinate",
-    "coordinates",
-    "center",
-    "centre",
-    "c",
-    "p",
-    "x",
-)
+    "", "pos", "position", "positions", "point", "points", "coord", "coordinate", "coordinates", "coords", "center",
+    "centers", "centre", "centres", "c", "p", "x",
+)  # fmt: skip
 MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel", "linvelvec")
 TURNS = ("w", "omega", "spin", "angvel", "angvelvec", "angularvelocity")
 SINGLE = {
-    "radius": ("r", "rad", "radius", "radii", "ballradius"),
-    "diameter": ("d", "dia", "diam", "diameter"),
-    "mass": ("m", "mass", "masses"),
-    "density": ("rho", "density"),
+    "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius"),
+    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter"),
+    "mass": ("m", "mass", "masses", "particlemass"),
+    "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }
+KINDS = ("type", "types", "material", "materials", "mat", "matid", "materialid", "species", "kind", "atomtype")
+TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
 LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
@@ -42,33 +34,35 @@ def plain_name(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", name.lower()))
 
 
-def identify_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns by the names used here: vectors (N, 2) or (N, 3), others (N,); columns of other names are left out."""
+def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of those left out."""
     plain = {plain_name(name): np.asarray(value) for name, value in columns.items()}
-    out = {}
+    out, taken = {}, set()
     for noun, names in SINGLE.items():
-        match = next((plain[name] for name in names if name in plain and plain[name].ndim == 1), None)
+        match = next((name for name in names if name in plain and plain[name].ndim == 1), None)
         if match is not None:
-            out[noun] = match
+            out[noun] = plain[match]
+            taken |= set(names)
     for noun, prefixes in VECTORS.items():
-        vector = _find_vector(plain, prefixes)
+        vector, names = _find_vector(plain, prefixes)
         if vector is not None:
             out[noun] = vector
-    return out
+            taken |= set(names)
+    return out, [name for name in columns if plain_name(name) not in taken]
 
 
-def _find_vector(plain: dict[str, np.ndarray], prefixes) -> np.ndarray | None:
-    """Vector from one column with two or three components, or from a column for each."""
+def _find_vector(plain: dict[str, np.ndarray], prefixes) -> tuple[np.ndarray | None, list[str]]:
+    """Vector from one column with two or three components, or from a column for each, and the names of these."""
     for prefix in prefixes:
         whole = plain.get(prefix)
         if whole is not None and whole.ndim == 2 and whole.shape[1] in (2, 3):
-            return whole
+            return whole, [prefix]
         for axes in ("xyz", "012", "123"):
             parts = [n for a in axes for n in (prefix + a, a + prefix) if n in plain and plain[n].ndim == 1]
             parts = list(dict.fromkeys(parts))
             if len(parts) >= 2 and (prefix or axes == "xyz"):
-                return np.stack([plain[name] for name in parts], axis=1)
-    return None
+                return np.stack([plain[name] for name in parts], axis=1), parts
+    return None, []
 
 
 def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = "", **more) -> Packing:
@@ -79,23 +73,33 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     PackingError
         if there are no positions or no radii, with the columns that there are.
     """
-    known = identify_columns(columns)
+    known, rest = identify_columns(columns)
     if "position" not in known or not {"radius", "diameter"} & set(known):
         some = " ".join(list(columns)[:20])
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
         raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
-    arrays, notes = {n: known[n] for n in ("position", "velocity", "mass") if n in known}, []
+    arrays = {n: known[n] for n in ("position", "velocity", "mass") if n in known}
     arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
     arrays |= more
+    notes = []
     if arrays["position"].shape[1] == 2 or not np.any(arrays["position"][:, 2:]):
         arrays["dim"] = 2
         notes.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
+    turns = [name for name in rest if plain_name(name) in TURNS and np.ndim(columns[name]) == 1]
     if "spin" in known and known["spin"].shape[1] == 3:
         arrays["spin"] = known["spin"]
+    elif turns and arrays.get("dim") == 2:
+        arrays["spin"] = np.outer(columns[turns[0]], [0.0, 0.0, 1.0])
+        rest = [name for name in rest if name != turns[0]]
     if "mass" not in arrays:
         arrays["density"] = known.get("density", 1.0)
         notes += [] if "density" in known else [mass_note(what)]
+    n, types = len(arrays["radius"]), None
+    if kinds := [name for name in rest if plain_name(name) in KINDS and np.shape(columns[name]) == (n,)]:
+        types = _numbered(np.asarray(columns[kinds[0]]))
+        rest = [name for name in rest if name != kinds[0]]
+    notes += [*at_rest(what, arrays), *_notes_on_columns(what, columns, rest)]
     ids = known.get("id")
     if ids is not None and len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all():
         order = np.argsort(ids, kind="stable")
@@ -103,9 +107,33 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         arrays = {
             n: a[order] if np.ndim(a) and len(a) == len(order) and n not in UNSORTED else a for n, a in arrays.items()
         }
+        types = None if types is None else types[order]
     else:
         ids = None
-    return Packing(name, arrays, notes, ids=ids)
+    return Packing(name, arrays, notes, ids=ids, types=types)
+
+
+def _numbered(kinds: np.ndarray) -> np.ndarray:
+    """(N,) kinds of grains from 0: as they are if they are such numbers, and otherwise in their order."""
+    if (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0:
+        return kinds.astype(np.int64)
+    return np.unique(kinds, return_inverse=True)[1]
+
+
+def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
+    """Account of the columns, and notes on those that are not understood; what is zero everywhere acts on nothing."""
+    used = {name: USED for name in columns if name not in rest}
+    zero = {name: HARMLESS for name in rest if np.ndim(columns[name]) and not np.any(columns[name])}
+    return account_for("column of a table", columns, what, used | zero, plain_name)
+
+
+def at_rest(what: str, arrays: dict) -> list[str]:
+    """Note that motion which a file does not have is taken to be zero."""
+    lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in arrays]
+    rest = "at rest" if "velocity" not in arrays else "not turning"
+    return (
+        [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken to be {rest}")] if lacking else []
+    )
 
 
 UNSORTED = ("cell", "periodic")

@@ -24,6 +24,14 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
     return branch
 
 
+def group_hint(packing: Packing) -> str:
+    """Sentence on grains that are those of a group, by gaps in their numbers; empty for all grains."""
+    ids = np.zeros(0, int) if packing.ids is None else packing.ids
+    if not len(ids) or ids[-1] == len(ids):
+        return ""
+    return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group; give one of all grains"
+
+
 def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> list[str]:
     """Names of columns of contacts, in the order in which they are; "" for what is not needed.
 
@@ -44,8 +52,8 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
     if ends is None or ids is None:
         raise PackingError(
-            f"{path} has {values.shape[1]} columns without names, none of which are the ids of grains that touch: its "
-            f"grains are those of another time step or run, or name its columns with --columns"
+            f"{path} has {values.shape[1]} columns without names, none of which are the ids of grains that touch: "
+            f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"
         )
     i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
     names[ends : ends + 2] = "i", "j"

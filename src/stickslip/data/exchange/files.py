@@ -16,7 +16,17 @@ from ...core.state import State
 from ...core.units import Units
 from .. import archive
 from ..atomic import check_free
-from ..sample import Absent, Assumption, PackingError, PackingWarning, accepted, law_by_name, law_note
+from ..sample import (
+    Absent,
+    AssumedColumns,
+    Assumption,
+    PackingError,
+    PackingWarning,
+    accepted,
+    law_by_name,
+    law_note,
+    with_one_account,
+)
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .content import HEAD, Packing
 from .formats import find_format
@@ -175,8 +185,13 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
         notes = [*notes, Absent(several)]
     if packing.state is None:
         pairs = None if local.path is None else read_pairs(local.path, packing, local.columns)
-        state, said = build_state(packing, pairs, law)
-        return packing.name, with_inertia(state, i0), law, [*notes, *said]
+        try:
+            state, said = build_state(packing, pairs, law)
+        except PackingError as problem:
+            if told := "; ".join(note for note in notes if isinstance(note, AssumedColumns)):
+                raise PackingError(f"{problem}; {told}") from None
+            raise
+        return packing.name, with_inertia(state, i0), law, with_one_account([*notes, *said])
     same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
     state = with_neighbor_list(with_inertia(packing.state, i0))
     return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes

@@ -8,8 +8,9 @@ import numpy as np
 
 from ...core.arguments import checked
 from ...core.readable import readable
-from ..sample import PackingError
-from .columns import plain_name
+from ...known import USED
+from ..sample import PackingError, account_for
+from .columns import identify_columns, plain_name
 from .content import HEAD, head_text, read_content
 from .table_file import read, read_columns
 
@@ -17,6 +18,7 @@ WIDEST = 0.5  # gap or overlap of grains in contact, over the smaller radius
 PIXELS = ("px", "pix", "pixel", "pixels")
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
 NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
+OPTIONAL = ("fixed", "loadx", "loady", "positionerror")  # columns of grains, by plain names
 
 
 @readable
@@ -215,12 +217,14 @@ def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
         raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
     columns = {name: values[order] for name, values in grains.items()}
     errors = {f"force_{a}_error": forces.get(f"f{a}error", np.nan) for a in "nt"}
-    zero = np.zeros(n)
+    zero, used = np.zeros(n), {*grains} - {*identify_columns(grains)[1]} | {*OPTIONAL}
+    notes = account_for("column of a table", grains, path.name, dict.fromkeys(used, USED))
+    notes += account_for("column of contacts", forces, contacts.name, dict.fromkeys((*NEEDED, *FORCES), USED))
     return measured_forces(
         packing.arrays["position"][:, :2], packing.arrays["radius"], *np.searchsorted(ids, ends), forces["fn"],
         forces["ft"], held=np.flatnonzero(columns.get("fixed", zero)), ids=ids, **errors,
         load=np.stack([columns.get(f"load{axis}", zero) for axis in "xy"], axis=1),
-        position_error=columns.get("positionerror", np.nan),
+        position_error=columns.get("positionerror", np.nan), notes=notes,
     )  # fmt: skip
 
 

@@ -35,6 +35,11 @@ class Frame(NamedTuple):
         self.state.check_entries()
 
 
+def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns under the names that files have: a force alone could be a load."""
+    return {"contact_force" if name == "force" else name: column for name, column in columns.items()}
+
+
 @checked
 def frame_of(state: State, law: Law) -> Frame:
     """Columns of an accepted state: resultants for each grain, and the elastic force on i for each contact [force].

@@ -17,7 +17,7 @@ from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
 from ..older_contacts import restore_contacts
-from ..sample import PackingError, repeated_note
+from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
@@ -203,6 +203,11 @@ def _read_foreign(frame):
         "velocity": p.velocity.astype(float), "spin": spin, "dim": dim,
     }  # fmt: skip
     notes = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
+    for name in ("bonds", "angles", "dihedrals", "impropers"):
+        if getattr(frame, name).N:
+            notes += account_for("heading of a data file", [name], "the file")
+    if p.charge is not None and np.any(p.charge):
+        notes += account_for("column of a dump", ["q"], "the file")
     if (p.diameter == 1).all():
         notes.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():

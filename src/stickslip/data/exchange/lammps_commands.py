@@ -1,21 +1,27 @@
-"""Commands of a run of LAMMPS, from its log or its input script: what holds at the end of it."""
+"""Commands of a run of LAMMPS, from its log or its input script: what holds at the time of its grains."""
 
 import re
 from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_lines
+from .lammps_log import Block, Command, read_events, recognize_log
 
-LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
-RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
+QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
+OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
+WRITING = ("write_restart", "write_data", "write_dump")
+BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
+FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
 
 
 class Run(NamedTuple):
-    """Commands that hold at the end of a run."""
+    """Commands that hold at the time of the grains."""
 
     source: str  # name of the log or script
     pair_style: list[str]  # style and arguments; empty if none was given
@@ -25,15 +31,28 @@ class Run(NamedTuple):
     regions: dict[str, list[str]]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
     unknown: list[str]  # commands whose outcome or variables have no value here
+    acts: dict[str, str]  # sentences on what makes or changes forces, or may, and is not read, by what replaces it
+    places: dict[str, str]  # file and line of each fix, by id, and of the pair style
+    met: dict[str, set[str]]  # words that commands began with, by their group
     year: int = 0  # of the version of LAMMPS; 0: unknown
+    sources: tuple[str, ...] = ()  # names of the files, in their order
+    blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
 
+    def steps(self) -> tuple[float, float] | None:
+        """First and last time step; None if they are not known."""
+        known = [block for block in self.blocks if block.start is not None]
+        if not known or len(known) < len(self.blocks):
+            return None
+        return min(block.start for block in known), max(block.end for block in known)
 
-def recognize_log(text: str) -> bool:
-    """Return True for a log, in which LAMMPS repeats its commands with the values of variables.
+    def has_step(self, step: int) -> bool:
+        """Return True if a time step may be one of the run."""
+        return step < 0 or self.steps() is None or any(block.start <= step <= block.end for block in self.blocks)
 
-    One that a command `log` began has no line with the version.
-    """
-    return bool(LOG.search(text[:200]) or RAN.search(text))
+    def atoms_at(self, step: int) -> int | None:
+        """Number of grains at a time step; None if it is not known."""
+        counts = {b.atoms for b in self.blocks if b.start is not None and b.start <= step <= b.end}
+        return counts.pop() if len(counts) == 1 else None
 
 
 def recognize_script(text: str) -> bool:
@@ -41,34 +60,52 @@ def recognize_script(text: str) -> bool:
     return bool(re.search(r"(?m)^\s*(pair_style|atom_style|read_data|read_restart)\s", text))
 
 
-def read_commands(path: Path, until: str = "", before: Sequence[Path] = ()) -> Run:
-    """Replay the commands of a log or an input script, up to the one that wrote the file named `until`.
+def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step: int = -1) -> Run:
+    """Replay the commands of a log or an input script, up to those that hold when the grains were written.
 
-    `before` are logs of the same run that were written before this one.
+    Parameters
+    ----------
+    until : name of the file of the grains; what follows the last command that wrote it does not count
+    before : logs of the same run that were written before this one
+    step : time step of the grains; -1 if it is not known
     """
-    text = "\n".join(map(read_lines_of, (*before, path)))
-    version = re.match(r"LAMMPS \(\d+ \w+ (\d{4})", text)
-    run = Run(path.name, [], [], {}, {}, {}, {}, [], int(version[1]) if version else 0)
-    values, is_log = {}, recognize_log(text)
-    for line in re.sub(r"&[ \t]*\n", " ", text).split("\n"):
-        tokens = line.partition("#")[0].split()
-        if not tokens:
-            continue
-        if tokens[0] == "variable" and len(tokens) > 3:
-            values |= _value(tokens, values)
-        if UNRESOLVED.search(line) and not is_log:
-            line = _substitute(line, values)
-            tokens = line.partition("#")[0].split()
-        if not is_log and tokens[0] in ("include", "if", "jump") and tokens[1:2] != ["SELF"]:
-            run.unknown.append(" ".join(tokens))
-        if UNRESOLVED.search(line):
-            if not is_log and tokens[0] in ("fix", "pair_style", "pair_coeff"):
-                run.unknown.append(" ".join(tokens))
-            continue
-        run = _apply(run, [word.strip('"') for word in tokens])
-        if until and tokens[0] in ("write_restart", "write_data") and tokens[1:2] == [until]:
-            break
-    return run
+    texts = [(other.name, read_lines_of(other)) for other in (*before, path)]
+    log = recognize_log(texts[0][1])
+    events = list(read_events(texts, log=log))
+    blocks = tuple(event for event in events if isinstance(event, Block)) if log else ()
+    run = _empty(path.name)
+    values: dict[str, str] = {}
+    for event in events[: _end(events, until, step)]:
+        if isinstance(event, Command):
+            run = _replay(run, event, values, log=log)
+    if log and blocks and not any("run" in names or "minimize" in names for names in run.met.values()):
+        run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
+    return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts))
+
+
+def _empty(source: str, year: int = 0) -> Run:
+    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, year)
+
+
+def _end(events: list[Command | Block], until: str, step: int) -> int:
+    """Number of events up to the state that a file holds: the last command that wrote it, or the run that reached it.
+
+    What was written in the middle of a run saw the commands before that run only.
+    """
+    writes = [
+        k for k, event in enumerate(events)
+        if isinstance(event, Command) and until and event.words[0] in WRITING
+        and any(fnmatchcase(until, Path(word).name) for word in event.words[1:] if word != "*")
+        and (step < 0 or event.step in (None, step))
+    ]  # fmt: skip
+    if writes:
+        return writes[-1] + 1
+    runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
+    reached = [k for k in runs if events[k].start < step <= events[k].end or events[k].start == events[k].end == step]
+    reached = reached or [k for k in runs if events[k].start <= step <= events[k].end]
+    if step < 0 or not reached or (reached[-1] == runs[-1] and events[reached[-1]].end == step):
+        return len(events)
+    return reached[-1]
 
 
 def read_lines_of(path: Path) -> str:
@@ -79,7 +116,23 @@ def read_lines_of(path: Path) -> str:
         return path.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
 
 
-def _value(tokens: list[str], values: dict[str, str]) -> dict[str, str]:
+def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
+    """Run after one more command; `values` are those of variables, which a log has replaced."""
+    words = command.words
+    if words[0] == "variable" and len(words) > 3:
+        values |= _value(words, values)
+    line = command.line if log else _substitute(command.line, values)
+    bare = QUOTED.sub(" ", line) if log else line
+    if not log and words[0] in OPENING and words[1:2] != ["SELF"]:
+        run.unknown.append(" ".join(words))
+    if UNRESOLVED.search(bare):
+        if not log and words[0] in ("fix", "pair_style", "pair_coeff"):
+            run.unknown.append(" ".join(words))
+        return run
+    return _apply(run, [word.strip("\"'") for word in line.split()], f"{command.source}, line {command.number}")
+
+
+def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
     """Value of a variable that has one without running LAMMPS."""
     name, style, first = tokens[1], tokens[2], _substitute(tokens[3], values).strip('"')
     if style in ("index", "string") and name not in values:
@@ -91,29 +144,56 @@ def _substitute(line: str, values: dict[str, str]) -> str:
     return re.sub(r"\$(?:\{(\w+)\}|(\w))", lambda m: values.get(m[1] or m[2], m[0]), line)
 
 
-def _apply(run: Run, tokens: list[str]) -> Run:
+def _apply(run: Run, tokens: list[str], place: str) -> Run:
     """Run after one more command."""
     key, rest = tokens[0], tokens[1:]
-    if key in ("units", "boundary", "atom_style", "newton"):
+    if key == "LAMMPS":  # another run, appended to the log
+        return _empty(run.source, int(rest[-1]))
+    if key == "spacing":
         run.settings[key] = rest
+        return run
+    run.met[group_of("command", key)].add(key)
+    if key in FORCE_STYLES:
+        _take_style(run, key, rest, place)
+    elif group_of("command", key) == UNKNOWN:
+        why = find_row("command", key).why or "it is not understood"
+        run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
+    elif key in ("units", "atom_style", "newton"):
+        run.settings[key] = rest
+    elif "boundary" in (key, *rest[1:2]) and key in ("boundary", "change_box"):
+        run.settings["boundary"] = rest[-3:]
     elif key == "neigh_modify" and "exclude" in rest:
         part = " ".join(rest[rest.index("exclude") + 1 :][:3])
         run.settings["exclude"] = [] if part.startswith("none") else [*run.settings.get("exclude", []), part]
     elif key == "clear":
-        return Run(run.source, [], [], {}, {}, {}, {}, [], run.year)
+        return _empty(run.source, run.year)._replace(met=run.met)
     elif key == "pair_style" and rest:
-        return run._replace(pair_style=rest, pair_coeff=[])
+        run.places[key] = place
+        style = plain_style(rest[0])
+        kept = run.pair_coeff if run.pair_style[:1] == [style] else []
+        return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
     elif key == "pair_coeff" and len(rest) > 1:
         run.pair_coeff.append(rest)
     elif key == "fix" and len(rest) > 2:
-        run.fixes[rest[0]] = rest[1:]
+        run.places[rest[0]] = place
+        run.fixes[rest[0]] = [rest[1], plain_style(rest[2]), *rest[3:]]
     elif key == "unfix" and rest:
         run.fixes.pop(rest[0], None)
+    elif key in ("group", "region") and rest[1:2] == ["delete"]:
+        (run.groups if key == "group" else run.regions).pop(rest[0], None)
     elif key == "group" and len(rest) > 1:
         run.groups.setdefault(rest[0], []).append(rest[1:])
     elif key == "region" and len(rest) > 1:
         run.regions[rest[0]] = rest[1:]
     return run
+
+
+def _take_style(run: Run, key: str, rest: list[str], place: str) -> None:
+    """Note a style that makes forces beside those of the pair style, until another one replaces it."""
+    row = find_row(key, plain_style(rest[0]) if rest else "none")
+    run.acts.pop(key, None)
+    if row.group == UNKNOWN:
+        run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:

@@ -27,8 +27,19 @@ from ...core.laws.builtin import SHARP, Law, damping_model
 from ...core.measure import branch_vectors, contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
-from ..sample import HUGE, NO_CONTACTS, Assumption, MemoryNote, PackingError, PackingWarning, accepted, from_arrays
-from .contact_columns import TOTAL, name_contact_columns, pair_branches
+from ...known import UNKNOWN, group_of
+from ..sample import (
+    HUGE,
+    NO_CONTACTS,
+    Assumption,
+    MemoryNote,
+    PackingError,
+    PackingWarning,
+    accepted,
+    account_for,
+    from_arrays,
+)
+from .contact_columns import TOTAL, group_hint, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
 from .lammps_restart import restore_memory
 from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, read_dump
@@ -36,6 +47,7 @@ from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, rea
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
+SKIPPED = "-"  # name of a column that is left out
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be another one
 NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
@@ -50,6 +62,7 @@ class Pairs(NamedTuple):
     distance: np.ndarray | None  # (M,) [length]
     normal: np.ndarray | None  # (M, 3) normal force on i [force]
     tangential: np.ndarray  # (M, 3) tangential force on i [force]
+    notes: tuple[str, ...] = ()  # on the columns
 
 
 def recognize_dump(head: bytes) -> bool:
@@ -123,7 +136,7 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     if strange.any():
         raise PackingError(
             f"{path} names grain {ends[strange][0]}, which is not among the {len(packing.ids)} grains of the packing: "
-            f"give all grains, from the same run"
+            f"{group_hint(packing) or 'give all grains, from the same run'}"
         )
 
     def vectors(*names):
@@ -136,7 +149,9 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         normal = np.einsum("ck,ck->c", total, n)[:, None] * n
         tangential = total - normal
-    return Pairs(*place.T, branch, vectors("dist"), normal, tangential)
+    named = [name for name in table.columns if name and not name.startswith(SKIPPED)]
+    notes = account_for("column of contacts", named, path.name)
+    return Pairs(*place.T, branch, vectors("dist"), normal, tangential, tuple(notes))
 
 
 def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:
@@ -154,6 +169,12 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
     names = list(table.columns)
     if columns is not None:
         given = columns.split()
+        known = {*ORDER, *ALIASES, *TOTAL, SKIPPED}
+        for name in given:
+            if name not in known and group_of("column of contacts", name) == UNKNOWN:
+                raise PackingError(
+                    f"a column {name!r} was given for {path}: use {' '.join(ORDER)}, or {SKIPPED} for one to leave out"
+                )
         if len(given) != len(names):
             raise PackingError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
         names = given
@@ -164,6 +185,7 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
             else ORDER[: len(names)]
         )
     names = [ALIASES.get(name, name) for name in names]
+    names = [f"{name}{k}" if name == SKIPPED else name for k, name in enumerate(names)]
     if "periodic" in names and "tx" not in names:  # LIGGGHTS's pair/gran/local
         names = [name.replace("f", "F") if name in FORCE else name for name in names]
     renamed = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
@@ -331,7 +353,10 @@ def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State,
         state = reconstruct_memory(packing, pairs, law)
         mode = state.contacts.mode[: state.contacts.count[0]]
         count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
-        notes = [MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit")]
+        notes = [
+            *pairs.notes,
+            MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"),
+        ]
         return with_wall_memory(state, law, packing.force, notes) if len(state.walls.mass) else (state, notes)
     state = _placed_state(packing, law)
     if packing.memory is not None:

@@ -9,6 +9,7 @@ are stored in the bits of doubles.
 
 import re
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +25,8 @@ from ...core.laws.properties import resists_rolling
 from ...core.laws.values import evaluate
 from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
-from ..sample import UNDECIDED, Absent, Obstacle, PackingError
+from ...known import UNKNOWN, USED, group_of, plain_style
+from ..sample import UNDECIDED, Absent, Obstacle, PackingError, account_for
 from .content import HEAD, Packing, only_state, read_content
 from .lammps_laws import HISTORY as HISTORY_LAWS
 from .lammps_laws import SAME_UNITS
@@ -33,6 +35,7 @@ from .lammps_text import Table, add_box, restricted_box, whole_periods
 MAGIC = b"LammpS RestartT\x00"
 # the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
 HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
+SPLIT = rb"\x2c\0\0\0[^\0]...\xff\xff\xff\xff" + MAGIC  # a base file, whose grains are in others
 POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
@@ -54,6 +57,7 @@ FLAGS = {  # what follows the flags of a header
 }  # fmt: skip
 UNITS, STEP, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 31, 32, 33, 34, 35
 MOST_GROUPS = 32
+STORED = "fix "  # how notes on stored fixes begin
 NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
 
 
@@ -91,6 +95,8 @@ def is_complete(path: Path) -> bool:
 def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
     """Start of the first block of a restart file, and the doubles of each block; ValueError if it is no such file."""
     mark, start = HEADER_END + BLOCK, 0
+    if content.startswith(MAGIC) and re.search(SPLIT, content[-len(MAGIC) - 12 :], re.DOTALL):
+        raise ValueError("it is the base of a restart that was written in parts, as % in a name asks for")
     if not content.startswith(MAGIC) or not content.endswith(MAGIC):
         raise ValueError("no complete restart file of LAMMPS")
     while (start := content.find(mark, start)) >= 0:
@@ -188,7 +194,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     """Read the grains of a restart file, the memory of their contacts, and the law if its pair style stores it."""
     only_state(path, frame)
     content = read_content(path)
-    remedy = f"convert it with LAMMPS: `read_restart {path.name}`, then `write_data packing.data`"
+    whole = path.name.replace(".base", ".%")
+    remedy = f"convert it with LAMMPS: `read_restart {whole}`, then `write_data packing.data`"
     try:
         start, _ = _blocks(content)
         about = _header(content)[0]
@@ -208,12 +215,30 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     box = Table(int(about[STEP]), vectors, about[LOW], (flags == 0).all(axis=1), {})
     arrays, notes = add_box(box, arrays, None, [])
     law, said = _law_of_pair_style(content[:start])
-    walls = [style for style in _stores(content[:start]) if style.startswith(WALL)]
-    left_out = [f"{style} acts on the grains: {NO_PLACE}" for style in walls]
+    stored = stored_fixes(content[:start])
+    walls = [style for style in stored.values() if style.startswith(WALL)]
+    left_out = [
+        f"{STORED}{name} ({style}) {'acts on the grains' if style in walls else 'is not understood'}: {NO_PLACE}"
+        for name, style in stored.items()
+        if style in walls or group_of("fix", style) == UNKNOWN
+    ]
     if about[UNITS] not in SAME_UNITS:
         left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
     notes = [*([] if walls else notes), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
+    notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
     return [Packing(str(box.step), arrays, notes, box.step, known.ids, known.types, memory=known, law=law)]
+
+
+def stored_fixes(head: bytes) -> dict[str, str]:
+    """Styles of the fixes that a restart file has something of, by their ids."""
+    return {name: plain_style(style) for fixes in _fixes(head) for name, style in fixes}
+
+
+def read_stored_fixes(path: Path) -> dict[str, str]:
+    """Styles of the fixes that a restart file stores something of, by id, without those that LAMMPS adds itself."""
+    content = read_content(path)
+    fixes = stored_fixes(content[: _blocks(content)[0]])
+    return {name: style for name, style in fixes.items() if style == style.lower()}
 
 
 def time_step(path: Path) -> int:
@@ -266,13 +291,27 @@ def _header(content: bytes) -> tuple[dict, int]:
             out[flag], at = struct.unpack_from(mark, content, at)[0], at + struct.calcsize(mark)
 
 
+def _pair_style(head: bytes) -> tuple[str, int]:
+    """Pair style that a header names, without the end of an accelerated one, and the position after it."""
+    match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z0-9/_]+)\0", head, re.DOTALL)
+    return (plain_style(match[2].decode()), match.end()) if match else ("none", 0)
+
+
+def compare_pair_style(path: Path, numbers: Sequence[float]) -> tuple[str, list[float]]:
+    """Pair style of a restart file, empty without one, and those of some coefficients that it does not have."""
+    content = read_content(path)
+    head = content[: _blocks(content)[0]]
+    style, at = _pair_style(head)
+    lacking = [number for number in dict.fromkeys(numbers) if struct.pack("<d", number) not in head[at:]]
+    return ("" if style == "none" else style), lacking
+
+
 def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
-    match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z/_]+)\0", head, re.DOTALL)
-    style = match[2].decode() if match else "none"
+    style, at = _pair_style(head)
     if style.removeprefix("gran/") not in HISTORY_LAWS:
         return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
-    kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, match.end())
+    kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, at)
     law, damping = HISTORY_LAWS[style.removeprefix("gran/")]
     return {
         "law": law, "coulomb": "sharp", "kn": kn, "kt": kt, "mu": mu, "damping_n": damping_n,
@@ -282,17 +321,31 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
 
 def _stores(head: bytes) -> list[str]:
     """Styles of the fixes that store something with grains, in the order of their entries in a record."""
+    return [style for _, style in _fixes(head)[1]]
+
+
+def _fixes(head: bytes) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Ids and styles of the fixes whose own state is stored, and of those that store something with grains."""
     end = len(head) - len(HEADER_END)
+    start, of_grains = _find_list(head, end, blobs=False)
+    return _find_list(head, start, blobs=True)[1], of_grains
+
+
+def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[str, str]]]:
+    """Start of the list of fixes that ends at a position, and their ids and styles; each may be followed by a blob."""
     for start in range(end - 4, max(end - LONGEST_LIST, 0), -1):
-        at, styles = start + 4, []
+        at, fixes = start + 4, []
         for _ in range(struct.unpack_from("<i", head, start)[0] if head[start + 1 : start + 4] == bytes(3) else -1):
-            _, at = _string(head, at)
+            name, at = _string(head, at)
             style, at = _string(head, at)
-            styles.append(style)
-            at += 4
-        if at == end and styles:
-            return styles
-    return []
+            fixes.append((name, style))
+            size = struct.unpack_from("<i", head, at)[0] if at + 4 <= end else -1
+            at += 4 + (size if blobs and size > 0 else 0)
+            if at > end:
+                break
+        if at == end and fixes and all(re.fullmatch(r"[\w/]+", style) for _, style in fixes):
+            return start, fixes
+    return end - 4, []
 
 
 def _string(head: bytes, at: int) -> tuple[str, int]:

@@ -13,7 +13,7 @@ from typing import BinaryIO, NamedTuple
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
-from ..sample import PackingError
+from ..sample import PackingError, with_one_account
 from .lammps_file import build_state, packing_from_table, pairs_from_table
 from .lammps_text import Table, parse_step
 
@@ -232,4 +232,4 @@ def read_frame(
     if contacts is not None and local is not None:
         pairs = pairs_from_table(local, contacts.path, packing, columns)
     state, notes = build_state(packing, pairs, law)
-    return state, [*packing.notes, *notes]
+    return state, with_one_account([*packing.notes, *notes])

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.text import parse_integer, parse_numbers
-from ..sample import HUGE, Absent, Assumption, PackingError
-from .columns import mass_note
+from ...known import HARMLESS
+from ..sample import HUGE, Absent, Assumption, PackingError, account_for
+from .columns import at_rest, mass_note
 from .content import digits_note, first_lines, read_lines
 
 HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
@@ -46,6 +47,7 @@ class Table(NamedTuple):
     periodic: np.ndarray | None  # (3,) bool; None if the file does not say
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
+    items: tuple[str, ...] = ()  # headings other than the time step
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
@@ -100,7 +102,7 @@ def parse_step(step: int, piece: str) -> Table:
         column = tokens[k :: len(names)]
         if columns.setdefault(name, column) != column:
             raise ValueError(f"step {step} has two columns {name} with different numbers")
-    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items)
+    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items, tuple(item.split()[0] for item in items))
 
 
 def _parse_bounds(head: str, body: str):
@@ -176,6 +178,9 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     for name, columns in (("velocity", VELOCITY), ("spin", SPIN), ("force", FORCE)):
         if table.has(*columns):
             arrays[name] = table.numbers(*columns)
+    notes += at_rest(path.name, arrays)
+    notes += account_for("column of a dump", table.columns, path.name, _zero_charges(table))
+    notes += account_for("item of a dump", table.items, path.name)
     if table.has("type") and all(word.isdecimal() for word in table.columns["type"]):
         arrays["types"] = table.numbers("type").astype(np.int64) - 1
     ids = table.numbers("id").astype(np.int64) if table.has("id") else None
@@ -187,6 +192,10 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
             gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
             notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
     return ids, arrays, notes
+
+
+def _zero_charges(table: Table) -> dict[str, str]:
+    return {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
@@ -261,11 +270,22 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
     arrays["types"] = rows[:, at["type"]].astype(np.int64) - 1
     if rows.shape[1] == len(names) + 3:
         arrays["position"] = arrays["position"] + whole_periods(rows[:, -3:], vectors)
-    if motion is not None and motion.shape[1] >= 7:
+    if motion is not None:
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
-        arrays |= {"velocity": motion[:, 1:4], "spin": motion[:, 4:7]}
+        arrays |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
+    notes += at_rest(path.name, arrays)
+    notes += account_for("section", sections, path.name)
+    notes += account_for("heading of a data file", _headings(head), path.name)
     check_ids(path, rows[:, 0])
     return rows[:, 0].astype(np.int64), arrays, box, notes
+
+
+def _headings(head: str) -> list[str]:
+    """Names of the lines of a header that do not count zero of something."""
+    lines = [line.partition("#")[0].split() for line in head.split("\n")]
+    words = [[word for word in line if not re.fullmatch(r"[-+.\d]+([eE][-+]?\d+)?", word)] for line in lines]
+    counts = zip(words, lines, strict=True)
+    return [" ".join(name) for name, line in counts if name and not (line[0] == "0" and len(line) == len(name) + 1)]
 
 
 def _columns_of_atoms(

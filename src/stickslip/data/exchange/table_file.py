@@ -9,10 +9,10 @@ from ...core.state import SLIDE
 from ...core.tables import write_table
 from ...core.text import parse_numbers
 from ..atomic import replace_atomically
-from ..sample import Assumption, PackingError
-from .columns import LENGTHS, NEEDED, identify_columns, packing_of_columns, plain_name
+from ..sample import AssumedColumns, Assumption, PackingError
+from .columns import LENGTHS, NEEDED, TIMES, identify_columns, packing_of_columns, plain_name
 from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines
-from .frame import Frame, list_losses
+from .frame import Frame, exported, list_losses
 
 MERCURY = {  # numbers in the header, and columns of a row
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
@@ -33,16 +33,32 @@ def recognize(head: bytes) -> bool:
 
 def _has_grains(names: list[str] | None) -> bool:
     """Return True if there are names of positions and of radii among these."""
-    known = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
+    known, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
     return "position" in known and bool({"radius", "diameter"} & set(known))
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read the grains of a table."""
-    only_state(path, frame)
+    """Read the grains of a table, or of each of its time steps, which a column of times tells apart."""
     columns, notes = read_columns(path)
-    packing = packing_of_columns(columns, path.name, path.stem)
-    return [packing._replace(notes=[*notes, *packing.notes, Assumption(extent_note(path.name))])]
+    times = next((values for name, values in columns.items() if _are_times(name, values)), None)
+    if times is None:
+        only_state(path, frame)
+        packings = [packing_of_columns(columns, path.name, path.stem)]
+    else:
+        steps = np.unique(times)
+        chosen = chosen_frames(path, [f"{step:g}" for step in steps], frame)
+        parts = [{name: values[times == steps[k]] for name, values in columns.items()} for k in chosen]
+        packings = [packing_of_columns(part, path.name, f"{steps[k]:g}") for k, part in zip(chosen, parts, strict=True)]
+        last = f"{path.name} has {len(steps)} time steps: the last, {steps[-1]:g}, is used; choose another with --frame"
+        notes = [*notes, last] if frame is None else notes
+    more = Assumption(extent_note(path.name))
+    return [packing._replace(notes=[*notes, *packing.notes, more]) for packing in packings]
+
+
+def _are_times(name: str, values: np.ndarray) -> bool:
+    """Return True for a column of times, in their order, that has several rows for each of several times."""
+    counts = np.unique(values, return_counts=True)[1]
+    return plain_name(name) in TIMES and len(counts) > 1 and counts.min() > 1 and bool((np.diff(values) >= 0).all())
 
 
 def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -51,12 +67,14 @@ def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     names, notes = _names(lines[0]) if lines else None, []
     if names is None:
         names = ["x", "y", "z", "radius"]
-        notes = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed")]
+        notes = [AssumedColumns(f"{path.name} does not name its columns: x y z radius is assumed")]
     else:
         lines = lines[1:]
     _check_names(path, names)
     rows = _numbers(path, [line for line in lines if not line.startswith(COMMENT)], len(names))
-    return dict(zip(names, rows.T, strict=True)), notes
+    return {
+        name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()
+    }, notes
 
 
 def _content_lines(text: str) -> list[str]:
@@ -169,7 +187,7 @@ def write_csv(path: str | Path, frame: Frame) -> list[str]:
     """Write a table of grains and one of contacts, both or none; return notes on what they do not store."""
     path, grains = Path(path), frame.state.grains
     columns = {"": grains.position, "radius": grains.radius, "mass": grains.mass, "velocity": grains.velocity}
-    columns |= {"spin": grains.spin, "material": grains.material, **frame.grains}
+    columns |= {"spin": grains.spin, "material": grains.material, **exported(frame.grains)}
     with replace_atomically(path) as part, replace_atomically(contact_table_path(path)) as other:
         _write_columns(part, columns)
         _write_columns(other, frame.contacts | {"mode": np.where(frame.contacts["mode"] == SLIDE, "slide", "stick")})

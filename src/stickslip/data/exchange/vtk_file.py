@@ -18,7 +18,7 @@ from ..sample import Assumption, PackingError
 from . import vtk_xml
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state, read_content
-from .frame import Frame, list_losses, wrapped_into
+from .frame import Frame, exported, list_losses, wrapped_into
 
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
@@ -63,7 +63,7 @@ def _write_grains(hl, path: str, frame: Frame) -> str:
     grains = frame.state.grains
     columns = {name: getattr(grains, name) for name in ("radius", "mass", "inertia", "material")}
     columns |= {"diameter": 2 * grains.radius, "velocity": grains.velocity, "spin": grains.spin, "angle": grains.angle}
-    return hl.pointsToVTK(path, *_split_axes(_positions(frame)), data=_to_vtk_columns(columns | frame.grains))
+    return hl.pointsToVTK(path, *_split_axes(_positions(frame)), data=_to_vtk_columns(columns | exported(frame.grains)))
 
 
 def _write_lines(hl, path: str, frame: Frame) -> str:

@@ -14,7 +14,7 @@ from ..atomic import replace_atomically
 from ..sample import NO_CONTACTS, PackingError
 from .columns import packing_of_columns
 from .content import Packing, chosen_frames, extent_note, head_text, read_lines
-from .frame import Frame, law_from_dict, law_to_dict, list_losses
+from .frame import Frame, exported, law_from_dict, law_to_dict, list_losses
 
 PAIR = re.compile(r'(\w+)=("(?:[^"\\]|\\.)*"|\S+)')
 
@@ -35,7 +35,7 @@ def _format_frame(frame: Frame) -> str:
     grains, cell = frame.state.grains, frame.state.cell
     named = {"pos": grains.position, "radius": grains.radius, "mass": grains.mass, "velo": grains.velocity}
     named |= {"spin": grains.spin, "angle": grains.angle, "inertia": grains.inertia, "material": grains.material}
-    named |= {"contact_force" if name == "force" else name: column for name, column in frame.grains.items()}
+    named |= exported(frame.grains)
     columns, kinds = [], []
     for name, values in named.items():
         width = 1 if values.ndim == 1 else values.shape[1]

@@ -15,11 +15,12 @@ from ...extras import require
 from ...figures import rate_state as figures
 from ...figures.saving import FORMATS, PLAIN, Look, render_all
 from ...friction.fitting import Fit, Solution, build_fit, solve_fit
-from ...friction.laboratory import LabRecord, read_record, record_data
+from ...friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
 from ...friction.remedies import gain_by, stiffness_doubt
 from ...friction.sampling import PERCENTS, Posterior, posterior
+from ...known import UNKNOWN
 from ...reports.terminal import console, new_table, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
@@ -49,6 +50,7 @@ class RecordFits(NamedTuple):
     comparison: LawComparison | None
     posterior: Posterior | None = None
     remedies: tuple[str, ...] = ()  # what may be wrong with the input, measured by second fits
+    met: dict[str, list[str]] | None = None  # columns of the record: used, without influence, not understood
 
 
 def fit_record(
@@ -79,7 +81,12 @@ def fit_record(
     fits = tuple(map(build_fit, solutions))
     comparison = compare_laws(*fits) if len(fits) == 2 else None
     best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
-    result = RecordFits(file, record, fits, comparison, remedies=_remedies(raw, record, best))
+    met = record_columns(file, columns=_parse_columns(columns))
+    remedies = (
+        *_remedies(raw, record, best),
+        *(f"column {text}" for text in met[UNKNOWN] if text.endswith("normal stress")),
+    )
+    result = RecordFits(file, record, fits, comparison, remedies=remedies, met=met)
     return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
 
 
@@ -155,6 +162,7 @@ def as_json(result: RecordFits) -> str:
     if result.posterior is not None:
         out["posterior"] = _posterior_dict(result.posterior)
     out["doubts"] = doubts(result)
+    out["met"] = {group.replace(" ", "_"): names for group, names in (result.met or {}).items()}
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 

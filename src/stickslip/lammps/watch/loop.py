@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ...core.progress import Report, silent
 from ...data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
-from ...data.sample import MemoryNote, PackingError
+from ...data.sample import Account, MemoryNote, PackingError
 from .measures import Row, measure_frame
 
 NO_MEMORY = (
@@ -102,4 +102,4 @@ def _compute(source: Source, pair: Pair, method: str, report) -> tuple[Row, list
         )
     except ArithmeticError as problem:
         raise PackingError(f"its spectrum could not be computed ({problem})") from None
-    return row, [line for line in notes if not isinstance(line, MemoryNote)]
+    return row, [line for line in notes if not isinstance(line, MemoryNote | Account)]

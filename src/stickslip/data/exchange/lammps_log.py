@@ -1,0 +1,143 @@
+"""Commands and runs in the text of a log or an input script of LAMMPS, apart from what LAMMPS reports between them."""
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from ...known import UNKNOWN, group_of
+
+LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
+RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
+HEAD = re.compile(r"LAMMPS \(\d+ \w+ (\d{4})")
+BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor ")
+LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
+SPACING = re.compile(r"Lattice spacing in x,y,z = (\S+) (\S+) (\S+)")
+NAMED = re.compile(r"[a-z]\w*(/\w+)*\s")  # how a command begins that is none of those known
+TALKING = ("print", "info", "package", "shell")  # commands that LAMMPS may answer in words of any kind
+ENDLESS = float("inf")
+
+
+class Command(NamedTuple):
+    """A command, or a line of a log that may be one."""
+
+    source: str  # name of the file
+    number: int  # of its line
+    line: str  # without comments
+    step: int | None = None  # time step; None if it is not known
+
+    @property
+    def words(self) -> list[str]:
+        """Words of the line."""
+        return self.line.split()
+
+
+class Block(NamedTuple):
+    """A run in time, or a minimization."""
+
+    start: int | None  # time step; None if it is not known
+    end: float  # infinite if it was interrupted
+    atoms: int | None = None
+
+
+def recognize_log(text: str) -> bool:
+    """Return True for a log, in which LAMMPS repeats its commands with the values of variables.
+
+    One that a command `log` began has no line with the version.
+    """
+    return bool(LOG.search(text[:200]) or RAN.search(text))
+
+
+def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Command | Block]:
+    """Commands and runs of files in the order in which they were written; each file has a name and a text."""
+    step: int | None = 0
+    last: list[str] = []
+    for source, text in texts:
+        lines = list(_logical_lines(text))
+        k = 0
+        while k < len(lines):
+            number, line = lines[k]
+            k += 1
+            if log and (BEGINS.match(line) or LOOP.match(line)):
+                block, k = _read_block([line for _, line in lines], k - 1, step, last)
+                yield block
+                step = None if block.end == ENDLESS or block.start is None else int(block.end)
+                continue
+            for command in _commands(source, number, line, step, log=log, after=last):
+                yield command
+                last, step = command.words, _step_after(command.words, step)
+                k += _answer_lines(line) if log and command.words[0] == "print" else 0
+
+
+def _logical_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Number and content of each line, with those that continue it: after &, or within triple quotes."""
+    whole, first = "", 0
+    for number, line in enumerate(text.split("\n"), 1):
+        first = first or number
+        whole += line
+        if whole.count('"""') % 2:
+            whole += "\n"
+        elif re.search(r"&[ \t]*$", whole):
+            whole = re.sub(r"&[ \t]*$", " ", whole)
+        else:
+            yield first, whole
+            whole, first = "", 0
+    if whole:
+        yield first, whole
+
+
+def _commands(
+    source: str, number: int, line: str, step: int | None, *, log: bool, after: list[str]
+) -> Iterator[Command]:
+    """The command in a line; of a log also its head, and the spacing of a lattice, as commands."""
+    head, spacing = HEAD.match(line), SPACING.match(line)
+    if log and (head or spacing):
+        yield Command(source, number, f"LAMMPS {head[1]}" if head else f"spacing {' '.join(spacing.groups())}", step)
+        return
+    bare = line if '"""' in line else re.sub(r"""("[^"]*"|'[^']*')|#.*""", lambda m: m[1] or "", line)
+    words = bare.split()
+    if not words or (log and any(word.endswith(":") for word in words[:2])):
+        return
+    if log and group_of("command", words[0]) == UNKNOWN:
+        known = group_of("line of a log", words[0]) != UNKNOWN or (after[:1] and after[0] in TALKING)
+        if known or not NAMED.match(bare):
+            return
+    yield Command(source, number, bare.strip(), step)
+
+
+def _answer_lines(line: str) -> int:
+    """Number of lines that a command `print` writes to the log."""
+    text = re.search(r'"""(.*?)"""|"([^"]*)"|\'([^\']*)\'|print\s+(\S+)', line, re.DOTALL)
+    silent = re.search(r"\b(screen|universe)\s+no\b", line)
+    return 0 if text is None or silent else next(part for part in text.groups() if part is not None).count("\n") + 1
+
+
+def _step_after(words: list[str], step: int | None) -> int | None:
+    """Time step after a command that sets it; None if it is not known."""
+    if words[0] == "LAMMPS" or words[0] == "clear":
+        return 0
+    if words[0] == "reset_timestep":
+        return int(words[1]) if words[1:] and words[1].isdecimal() else None
+    return None if words[0] in ("read_restart", "read_dump", "rerun") else step
+
+
+def _read_block(lines: list[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
+    """A run from its first line, with the steps of its table if it has any, and the number of the line after it."""
+    seen: list[int] = []
+    column, width = None, 0
+    while k < len(lines) and not HEAD.match(lines[k]):
+        line, k = lines[k], k + 1
+        words = line.split()
+        if done := LOOP.match(line):
+            start = seen[0] if seen else step
+            end = ENDLESS if start is None else start + int(done[1])
+            return Block(start, end, int(done[2])), k
+        if "Step" in words:
+            rich = re.match(r"-+ Step\s+(\d+) ", line)
+            seen += [int(rich[1])] if rich else []
+            column, width = (None if rich else words.index("Step")), len(words)
+        elif column is not None and len(words) == width and words[column].isdecimal():
+            seen.append(int(words[column]))
+    start = seen[0] if seen else step
+    count = int(last[1]) if last[:1] == ["run"] and last[1:] and last[1].isdecimal() else None
+    stop = ENDLESS if start is None or count is None else count if "upto" in last else start + count
+    return Block(start, stop), k

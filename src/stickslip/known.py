@@ -1,0 +1,107 @@
+"""What is known of foreign files: the one table of what is used, and of what has no influence on forces.
+
+Readers look up each command of a log, section of a data file, column of a table or a laboratory record, and file of a
+folder. What is not in the table is not understood, and neither is what it lists with a reason: that acts on grains in
+a way that is not read. Names are patterns of `fnmatch`.
+"""
+
+from fnmatch import fnmatchcase
+from functools import cache
+from typing import NamedTuple
+
+USED, HARMLESS, UNKNOWN = "used", "without influence on forces", "not understood"
+ACCELERATED = ("omp", "kk", "kk/host", "kk/device", "gpu", "intel", "opt")  # ends of the names of LAMMPS's styles
+FORCE_STYLES = tuple(f"{name}_style" for name in ("bond", "angle", "dihedral", "improper", "kspace"))
+BETWEEN = "forces between the ends of bonds, or on charges"
+BONDED = "LAMMPS changes or leaves out the contact of grains that are bonded"
+HELD = "it binds, drives or damps grains"
+
+
+class Row(NamedTuple):
+    """Names of one kind that belong to one group."""
+
+    kind: str
+    group: str
+    names: str  # patterns, between blanks
+    why: str = ""  # what it does, if it acts on grains and is not read
+
+
+TABLE = (
+    Row("command", USED, "atom_style boundary change_box clear dump fix group labelmap lattice log neigh_modify "
+        "pair_coeff pair_style read_data read_restart region reset_timestep restart run unfix units variable "
+        "write_data write_dump write_restart echo"),
+    Row("command", HARMLESS, "atom_modify balance *_coeff bond_write box comm_modify comm_style compute compute_modify "
+        "create_atoms create_box delete_atoms delete_bonds dimension displace_atoms dump_modify fix_modify group2ndx "
+        "if include info jump kspace_modify label mass min_modify min_style minimize molecule ndx2group neighbor "
+        "newton next package pair_modify pair_write partition plugin print processors python quit read_dump replicate "
+        "rerun reset_* run_style set shell special_bonds suffix thermo thermo_modify thermo_style timer timestep "
+        "uncompute undump velocity write_coeff dynamical_matrix third_order"),
+    Row("command", UNKNOWN, "create_bonds", BONDED),
+    Row("line of a log", HARMLESS, "using set* prefer* extracting create reading special"),
+    *(Row(style, HARMLESS, "none zero") for style in FORCE_STYLES),
+    *(Row(style, UNKNOWN, "*", BETWEEN) for style in FORCE_STYLES),
+    Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "
+        "NEIGH_HISTORY* neigh_history*"),
+    Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt momentum* pour "
+        "deposit evaporate dt/reset heat/flow controller recenter numdiff* nonaffine/displacement DUMMY GROUP"),
+    Row("fix", UNKNOWN, "adapt*", "it changes sizes or laws"),
+    Row("fix", UNKNOWN, "accelerate/* addtorque* aveforce bond/* box/relax brownian* damping/* drag efield* external "
+        "indent langevin* lineforce move npt* nph* nvt* nve/* planeforce poems press/* propel/* python/* restrain "
+        "rigid* shake rattle spring* temp/* viscous* wall/* bpm/* mesh/* rheo* lb/* cfd/* couple/*",
+        "it acts on the grains"),
+    Row("section", USED, "Atoms Velocities Atom?Type?Labels"),
+    Row("section", HARMLESS, "Masses *?Type?Labels Bond?Coeffs Angle?Coeffs Dihedral?Coeffs Improper?Coeffs"),
+    Row("section", UNKNOWN, "Bonds Angles Dihedrals Impropers", BONDED),
+    Row("section", UNKNOWN, "Pair?Coeffs PairIJ?Coeffs", "it has a contact law, which is not read from here"),
+    Row("heading of a data file", USED, "atoms xlo?xhi ylo?yhi zlo?zhi xy?xz?yz avec bvec cvec abc?origin atom?types"),
+    Row("heading of a data file", HARMLESS, "*?types extra?*"),
+    Row("heading of a data file", UNKNOWN, "bonds angles dihedrals impropers", BONDED),
+    Row("item of a dump", USED, "TIMESTEP NUMBER BOX ATOMS ENTRIES"),
+    Row("item of a dump", HARMLESS, "UNITS TIME LABEL"),
+    Row("column of a dump", USED, "id type x y z xu yu zu xs ys zs xsu ysu zsu ix iy iz radius diameter c_radius "
+        "c_diameter mass density vx vy vz omegax omegay omegaz fx fy fz"),
+    Row("column of a dump", HARMLESS, "typelabel element mol molecule proc procp1 tqx tqy tqz angmomx angmomy angmomz "
+        "quatw quati quatj quatk c_* f_* v_* i_* d_* i2_* d2_* mux muy muz mu spx spy spz"),
+    Row("column of a dump", UNKNOWN, "q", "charges repel or attract each other"),
+    Row("column of contacts", USED, "i j dist dx dy dz fx fy fz Fx Fy Fz tx ty tz"),
+    Row("column of contacts", HARMLESS, "periodic ?1 ?2 p* cutoff radius force eng overlap delta index c_* f_*"),
+    Row("column of a table", HARMLESS, "frame no nr number index time step timestep t absv u speed vmag colou?r c "
+        "coordination* coord*number z cn neighbo?rs numneighbo?rs numcontacts contacts ncontacts mask name angle* phi "
+        "psi theta orientation* quat* q? rot* a b g info volume voronoi* area stress* sigma* pressure p energy ekin "
+        "epot kinetic* potential* temperature temp displacement* disp* d?min* torque* contactforce* contacttorque* "
+        "resultant* inertia* label cluster* edge rattler* dstn dstv* state status void* porosity packingfraction "
+        "localdensity reserved* vorticity* strain* angmom* angularmomentum* accel* a? alpha? ori*"),
+    Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
+    Row("column of a table", UNKNOWN, "f? force* load* external*", "it may be a force from outside"),
+    Row("column of a table", UNKNOWN, "box cell l periodic pbc", "grains may touch across a periodic box"),
+    Row("column of a record", HARMLESS, "rec* record* row n no nr index sync samp_freq sampling* step *strain* "
+        " nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "
+        "date day hour clock timestamp comment note* v *_velocity *_rate acoustic* ae ae_* *amp* volt* gain event* "
+        "potcy pot_* dtau_dt samples channel* flag*"),
+    Row("column of a record", UNKNOWN, "pp* p_up* p_down* upstream* downstream* *pore* *fluid*",
+        "it may change the effective normal stress"),
+    Row("file", HARMLESS, "*.png *.gif *.mp4 *.jpg *.jpeg *.pdf *.svg *.html *.md *.rst README* LICENSE* *.py *.ipynb "
+        "*.m *.sh *.slurm *.job *.pbs *.sbatch *.out *.err *.o[0-9]* *.e[0-9]* log.cite *.bib Makefile *.npz *.h5 "
+        "*.gsd *.json *.toml *.yaml *.yml *.csv *.tsv *.dat *.bak *.lock *.ini *.tex"),
+)  # fmt: skip
+
+
+@cache
+def find_row(kind: str, name: str) -> Row:
+    """Row of the table for a name; one of what is not understood if it is in none."""
+    rows = (row for row in TABLE if row.kind == kind)
+    return next(
+        (row for row in rows if any(fnmatchcase(name, pattern) for pattern in row.names.split())),
+        Row(kind, UNKNOWN, name),
+    )
+
+
+def group_of(kind: str, name: str) -> str:
+    """Group of a name: used, without influence on forces, or not understood."""
+    return find_row(kind, name).group
+
+
+def plain_style(style: str) -> str:
+    """Name of a style of LAMMPS without the end that tells where it is computed: gran/hooke/history/omp is plain."""
+    end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
+    return style.removesuffix(end)
