@@ -14,7 +14,7 @@ endef
 
 unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would compile the package anew
 
-.PHONY: demo test durations coverage quick slow lint bench docs release wheel lock clean
+.PHONY: demo test durations coverage mutants quick slow lint bench docs release wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
@@ -33,6 +33,9 @@ quick: $(STAMP)  ## run a fast subset of the tests during development: no slow f
 
 test-%: $(STAMP)  ## run the tests of one subpackage, for example test-solve
 	@files=$$($(BIN)/python -m tests.rooms $*) && $(BIN)/python -m pytest -n 2 --dist loadfile $$files
+
+mutants: $(STAMP)  ## put stored faults into copies of the tree, and print the share that tests notice; hours
+	$(BIN)/python -m tests.mutants
 
 slow: $(DOCS)  ## run the slow tests
 	$(BIN)/python -m pytest -m slow

@@ -469,7 +469,10 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
             "fix q all wall/gran hertz/history 1 1 0 0 0.5 1 zplane NULL 9",
             "the model of type 1 and wall 2, which differs",
         ),
-        ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "and the restart file another, gran/hooke/history: it is of another run"),
+        (
+            "pair_style gran/hertz/history 1 1 0 0 0.5 1",
+            "and the restart file another, gran/hooke/history: it is of another run",
+        ),
         ("group a union b\ngroup b union a\nfix w b freeze", "group b is defined by itself"),
     ],
 )
