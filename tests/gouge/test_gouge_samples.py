@@ -95,3 +95,10 @@ def test_an_empty_folder_is_refused(tmp_path):
     assert done.returncode == 2
     assert "has no samples with ε = 0.98, Eq 8: add --realizations N to compute N of them" in done.stderr
     assert not (tmp_path / "none").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(simulation, "run_realizations", None)
+    with pytest.raises(ValueError, match=r"file cannot be written \(File exists\): choose another one"):
+        simulate_gouge(small(), samples=tmp_path / "file")

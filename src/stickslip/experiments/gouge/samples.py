@@ -6,6 +6,7 @@ columns except times and displacements of the load point are rounded to single p
 """
 
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +41,16 @@ def sample_path(folder: Path, scenario: GougeScenario) -> Path:
     law = scenario.law
     kind = f"damping-{law.damping_n:g}" if law.restitution is None else f"{law.reading}-{law.restitution:g}"
     return folder / f"{kind}-seed-{scenario.seed:04d}.h5"
+
+
+def check_folder(folder: Path) -> None:
+    """Create the folder of samples if it does not exist; raise ValueError if it cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as problem:
+        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another one") from None
 
 
 def write_sample(folder: Path, scenario: GougeScenario, realization: Realization) -> None:

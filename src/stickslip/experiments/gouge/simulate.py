@@ -19,7 +19,7 @@ from . import EXPERIMENT
 from .dimensionless import Range
 from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk
 from .sample import Gouge, gouge_law
-from .samples import read_sample, sample_path, write_sample
+from .samples import check_folder, read_sample, sample_path, write_sample
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder next to the results
@@ -59,7 +59,7 @@ def simulate_gouge(
     Raises
     ------
     ValueError
-        If the device cannot run this scenario.
+        If the device cannot run this scenario, or if the folder of samples cannot be written.
     MissingExtraError
         If CuPy is missing.
     RuntimeError
@@ -67,6 +67,8 @@ def simulate_gouge(
     ArchiveError
         If a file of a finished realization is damaged, or was written by another version.
     """
+    if samples:
+        check_folder(samples)
     where = _open_device(device, scenario) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
