@@ -14,7 +14,7 @@ from ...ensemble import Workers
 from ...reports.claims import Claim, note_quick_run
 from .claims import evaluate_claims
 from .report import announce, announce_samples
-from .samples import Sample, read_samples
+from .samples import Sample, check_folder, read_samples
 from .scenario import GougeScenario
 from .simulate import GougeResult, simulate_gouge
 
@@ -64,14 +64,17 @@ def paper_scenario(
     Raises
     ------
     ValueError
-        If realizations or samples are given without the paper's size, or if there are no stored samples.
+        If realizations or samples are given without the paper's size, if there are no stored samples, or if samples are
+        to be added to a folder that cannot be written.
     ArchiveError
         If a stored sample belongs to another scenario or version; see `samples.read_samples`.
     """
     if not paper_size and (realizations or samples):
         raise ValueError("realizations or samples were given, but only the paper's size has them: add paper_size")
     if paper_size:
-        if samples and not realizations:
+        if samples and realizations:
+            check_folder(samples)
+        elif samples:
             realizations = len(stored_samples(samples)[damping])
         return paper_size_scenario(seed, damping, realizations)
     long = damping == MAIN and not quick
