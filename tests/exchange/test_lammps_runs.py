@@ -27,18 +27,18 @@ from stickslip.core.laws.builtin import (
     LEVER,
     PARAMETERS,
     ROLLING,
-    dashpot_coefficients,
     rescales,
     with_values,
 )
 from stickslip.core.laws.compiled import FORCES, law_struct
+from stickslip.core.laws.restitution import dashpot_coefficients
 from stickslip.core.library import core
 from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_course import TAKEN, Plane, with_wall_numbers
-from stickslip.data.exchange.lammps_laws import contact_of, law_of_contacts, mix, of_release
+from stickslip.data.exchange.lammps_laws import as_restitution, contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle
 from stickslip.lammps.script import write_input
@@ -394,6 +394,17 @@ def test_tsuji_before_and_after_its_factor(model, make):
     ours = dashpot_coefficients(given)[0, 0]
     np.testing.assert_allclose(dashpot_coefficients(old)[0, 0], ours / np.sqrt(2), rtol=1e-12)
     np.testing.assert_allclose(dashpot_coefficients(new)[0, 0], ours, rtol=1e-15)
+
+
+def test_limit_damping_keeps_the_dashpots_of_lammps():
+    """LAMMPS takes α = −√5 ln e/√(π² + ln² e) with `limit_damping` as well, so that a collision loses less."""
+    for limit, stated in (("", 0.3), (" limit_damping", 0.3968)):
+        words = f"hertz 2 0.3 tangential mindlin 1 0.3 0.3 damping coeff_restitution{limit}".split()
+        law, _ = law_of_contacts({(0, 0): of_release(contact_of("granular", words)[0], 2025)}, 1, 0)
+        alpha = -np.sqrt(5) * np.log(0.3) / np.hypot(np.pi, np.log(0.3))
+        assert dashpot_coefficients(law)[0, 0, 0] == pytest.approx(alpha, rel=1e-12)
+        assert law.table[0, 0, DAMPING_N] == pytest.approx(stated, abs=5e-4)
+        assert as_restitution("hertz_mindlin_reff", law.damping, law.table[0, 0, DAMPING_N]) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("opener", [gzip.open, lzma.open, bz2.open])

@@ -75,6 +75,20 @@ def test_a_stated_restitution_is_what_a_collision_gives(kind, damping):
     assert (abs(again - 0.7) < 1e-7) == constant
 
 
+@pytest.mark.parametrize("tension", [True, False])
+@pytest.mark.parametrize("kind", [ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff, ss.laws.linear])
+def test_coeff_restitution_is_that_of_a_collision_with_and_without_tension(kind, tension):
+    """Dynamics of two grains; without tension also beyond critical damping, e < exp(−2)."""
+    for e in (1.0, 0.9, 0.3, 0.05):
+        law = kind(1.0, 0.3, 0.2, damping="coeff_restitution", damping_n=e, damping_t=0.5, tension=tension)
+        quick = ss.laws.collision(law, radius=0.5, mass=2.0, speed=0.02)
+        assert quick.restitution == pytest.approx(e, abs=1e-7)
+        state, axis = head_on(law, 0.02)
+        end, _, _ = ss.run(state, law, int(1.2 * quick.duration / 0.004), 0.004)
+        after = (end.grains.velocity[1] - end.grains.velocity[0]) @ axis
+        assert after == pytest.approx(e * 0.02, abs=2e-3 * 0.02)  # first order in dt at touch, with these dashpots
+
+
 @pytest.mark.parametrize("memory", MEMORY)
 def test_oblique_impact_that_slides_throughout(memory):
     """Friction's impulse is μ times the normal one: Δv_t = −μ (1 + e) v_n, R Δω = 5/2 of it."""

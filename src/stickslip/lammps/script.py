@@ -199,7 +199,7 @@ def granular_style(law: Law, values: dict[str, float]) -> str:
     (normal, tangential), damping_n, share = MODELS[name], values["damping_n"], values["damping_t"]
     damping = next(word for word, model in DAMPING.items() if model == law.damping & ~NO_TENSION)
     if damping in RESTITUTION:
-        damping_n, damping = as_restitution(name, damping, damping_n), "coeff_restitution"
+        damping_n, damping = as_restitution(name, law.damping, damping_n), "coeff_restitution"
     else:
         if not is_granular(law) and not (damping_n or share):
             damping = BY_NAME[name].damping

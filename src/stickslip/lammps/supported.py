@@ -25,6 +25,7 @@ from ..core.laws.builtin import (
     rescales,
 )
 from ..core.laws.kinds import Kind
+from ..core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
 from ..core.state import State
 from ..data.exchange.lammps_laws import MODELS
 from ..data.schema import ScenarioError
@@ -116,6 +117,11 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
         raise ScenarioError(
             f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
             f"viscoelastic dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
+        )
+    if model == RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
+        raise ScenarioError(
+            f"LAMMPS was given a restitution of {q[DAMPING_N]:g} with tension = false, which needs more than its "
+            f"strongest dashpots: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
         )
     if own.parameters and law.damping & NO_TENSION:
         raise ScenarioError(f"LAMMPS was given tension = false with {own.name}, which it does not allow: {STAY[3:]}")

@@ -19,11 +19,11 @@ from ..core.laws.builtin import (
     TSUJI,
     VISCOELASTIC,
     Law,
-    dashpot_coefficients,
     elastic_constants,
     hertz_mindlin_reff,
 )
 from ..core.laws.kinds import Kind
+from ..core.laws.restitution import dashpot_coefficients
 from ..core.laws.values import evaluate
 from ..core.readable import readable
 

@@ -87,9 +87,10 @@ def hertz_mindlin(
     damping : factor that converts `damping_n` and `damping_t` (γ, not negative) to c_n and c_t [force time/length]:
         "velocity", one; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j); "viscoelastic", m_eff times
         the contact radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and bodies that `Control` does not let move
-        count as infinitely heavy, walls as flat. With "coeff_restitution" and "tsuji", `damping_n` is the coefficient
-        of restitution e (0: no dashpots), `damping_t` is c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), at any size and speed:
-        see `dashpot_coefficients`
+        count as infinitely heavy, walls as flat. With "coeff_restitution", `damping_n` is the coefficient of
+        restitution e of a head-on collision at any size and speed, with and without `tension` (0: no dashpots),
+        `damping_t` is c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), where F_n/δ is that of the spring. "tsuji" is the same
+        with another α(e), for which e is nominal: the page on contact laws has a table
     tension : False clips F_n at zero where the dashpot would make the contact pull
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
         overlap leaves it unchanged. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
@@ -189,40 +190,6 @@ def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
     return _checked_values(law)
 
 
-@checked
-def dashpot_coefficients(law: Law) -> np.ndarray:
-    """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
-
-    With coeff_restitution these are α = −√5 ln e/√(π² + ln² e), exact for Hertzian contacts that may attract as they
-    open; 2 in place of √5 for linear ones. With tsuji α is a polynomial of e that was fitted to Hertzian ones. With
-    the other models these are `damping_n` and `damping_t`.
-
-    Source
-    ------
-    Antypov & Elliott, doi:10.1209/0295-5075/94/50004; Tsuji et al., doi:10.1016/0032-5910(92)88030-L, whose polynomial
-    is Eq 53 of Marshall, J. Comput. Phys. 228 (2009) 1541, times √2 for the effective mass; LAMMPS, `pair_style
-    granular`.
-
-    Examples
-    --------
-    >>> law = hertz_mindlin(damping="coeff_restitution", damping_n=0.5)
-    >>> dashpot_coefficients(law)[0, 0].round(4).tolist()
-    [0.4818, 0.0]
-    """
-    model, given = law.damping & ~NO_TENSION, law.table[..., [DAMPING_N, DAMPING_T]]
-    if model not in (TSUJI, RESTITUTION):
-        return given
-    e = given[..., 0]
-    if model == TSUJI:
-        alpha = np.sqrt(2) * np.polynomial.Polynomial(_TSUJI)(e)
-    else:
-        log = np.log(np.where(e > 0, e, 1.0))
-        linear = not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].exponent == 1
-        alpha = -(2.0 if linear else np.sqrt(5)) * log / np.hypot(np.pi, log)
-    alpha = np.where(e > 0, np.maximum(alpha, 0.0), 0.0)
-    return np.stack([alpha, given[..., 1] * alpha], axis=-1)
-
-
 def _checked_values(law: Law) -> Law:
     most = law.table[..., DAMPING_N].max()
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION) and most > 1:
@@ -244,7 +211,6 @@ def _names_of_any_sign(law: Law) -> tuple[str, ...]:
 
 
 _DASHPOTS = "gamma_roll", "gamma_twist"
-_TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 

@@ -31,11 +31,11 @@ from .builtin import (
     VISCOUS,
     Law,
     damping_model,
-    dashpot_coefficients,
     parameter_names,
 )
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, bound, check_kind, find_user_law, update_memory
 from .properties import angular_columns
+from .restitution import dashpot_coefficients
 from .validation import sample_points
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"

@@ -19,6 +19,7 @@ from .content import Packing
 from .lammps_commands import Run, group_members
 from .lammps_laws import (
     HISTORY,
+    LIMITED,
     SAME_UNITS,
     TSUJI,
     WALL_CLASSIC,
@@ -422,8 +423,8 @@ def _finish_law(course: Course) -> None:
     for lack in lacks:
         course.obstacle(f"{lack}: the law here differs")
     course.notes += map(Assumption, differences(course.contacts))
-    if course.contacts != given:
-        course.notes.append(Assumption(TSUJI))
+    changed = {given[pair].damping for pair, contact in course.contacts.items() if contact != given[pair]}
+    course.notes += [Assumption(TSUJI if damping == "tsuji" else LIMITED) for damping in sorted(changed)]
     heavy = ~course.free[:, :3].any(axis=1) & ~course.frozen
     if heavy.any() and any(c.values["damping_n"] and c.damping != "velocity" for c in given.values()):
         course.notes.append(Assumption(HEAVY))

@@ -22,11 +22,11 @@ from ...core.laws.builtin import (
     SHARP,
     TWISTING,
     Law,
-    dashpot_coefficients,
     elastic_constants,
     marshall_values,
     parameter_names,
 )
+from ...core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
 from ...core.text import parse_number
 
 MODELS = {  # normal and tangential model of `pair_style granular`
@@ -63,6 +63,10 @@ TSUJI_FACTOR = 2025  # the last year of releases of LAMMPS whose tsuji lacks the
 TSUJI = (
     f"damping tsuji lacks a factor of sqrt(2) in LAMMPS up to {TSUJI_FACTOR}: here it is coeff_restitution with the "
     "same dashpots"
+)
+LIMITED = (
+    "limit_damping lets contacts open before they attract: the coefficient of restitution here is that of a collision "
+    "with these dashpots, which is larger than the number in LAMMPS"
 )
 WALL_CLASSIC = (
     "the k_t of fix wall/gran hooke/history, which LAMMPS up to 2025 multiplies by the contact radius sqrt(delta R) "
@@ -199,21 +203,26 @@ def mix(a: Contact, b: Contact) -> Contact:
 
 
 def of_release(contact: Contact, year: int) -> Contact:
-    """Law of a contact with the damping tsuji that LAMMPS had in a year, as a coefficient of restitution.
+    """Law of a contact whose coefficient of restitution is that of the dashpots that LAMMPS of a year makes of it.
 
-    Without the factor √2, its α is that of another coefficient of restitution: see `dashpot_coefficients`.
+    `tsuji` lacked the factor √2, and `limit_damping` lets contacts open earlier: see `dashpot_coefficients`.
     """
-    if contact.damping != "tsuji" or year > TSUJI_FACTOR:
+    old = contact.damping == "tsuji" and year <= TSUJI_FACTOR
+    if not old and (contact.damping != "coeff_restitution" or contact.tension):
         return contact
-    restitution = as_restitution(contact.law, "tsuji", contact.values["damping_n"], 1 / np.sqrt(2))
+    model, factor = DAMPING[contact.damping], 1 / np.sqrt(2) if old else 1.0
+    restitution = as_restitution(contact.law, model, contact.values["damping_n"], factor, tension=contact.tension)
     return contact._replace(damping="coeff_restitution", values=contact.values | {"damping_n": restitution})
 
 
-def as_restitution(law: str, damping: str, damping_n: float, factor: float = 1.0) -> float:
-    """Coefficient of restitution of coeff_restitution whose α is that of a model of damping times a factor."""
-    table = np.array([[[1.0, 0.0, 0.0, damping_n, 0.0]]])
-    alpha = factor * float(dashpot_coefficients(Law(NAMES.index(law), SHARP, table, DAMPING[damping]))[0, 0, 0])
-    return float(np.exp(-np.pi * alpha / np.sqrt((4.0 if BY_NAME[law].exponent == 1 else 5.0) - alpha**2)))
+def as_restitution(law: str, damping: int, damping_n: float, factor: float = 1.0, *, tension: bool = True) -> float:
+    """Coefficient of restitution of coeff_restitution whose α is that of a model of damping times a factor.
+
+    LAMMPS takes its own for contacts that may attract, `tension`, with `limit_damping` as well.
+    """
+    like = Law(NAMES.index(law), SHARP, np.array([[[1.0, 0.0, 0.0, damping_n, 0.0]]]), damping)
+    alpha = factor * float(dashpot_coefficients(like)[0, 0, 0])
+    return restitution_of(alpha / critical_coefficient(like.kind), tension=tension)
 
 
 def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:
