@@ -107,7 +107,7 @@ def test_small_cycles_have_the_stiffness_of_the_elastic_moduli(spheres, normal):
     here = rig(spheres, normal=normal)
     response = responses(here, 1e-7, 1)
     assert measures.secant(response, 0)[0] == pytest.approx(cyclic.tangent_modulus(here), rel=1e-3)
-    assert abs(measures.damping(response, 0)) < 1e-5
+    assert abs(measures.damping(response, 0)) < 3e-5  # equilibria to 1e-10 of a force, strains of 1e-7
 
 
 def test_only_the_imposed_stress_stays_constant(spheres):

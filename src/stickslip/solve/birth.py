@@ -36,15 +36,14 @@ from scipy.sparse.linalg import eigs, splu
 
 from ..core.arguments import checked
 from ..core.contacts.forces import forces
-from ..core.contacts.jacobian import linearise
 from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import overlaps
 from ..core.readable import pluralize, readable
-from ..core.state import State
+from ..core.state import OPEN, SLIDE, State
 from ..core.units import with_unit
 from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
-from .freedom import ZERO_BELOW, Freedom, displaced, dynamical_matrix, jacobian, residual_vector
+from .freedom import ZERO_BELOW, Freedom, displaced, dynamical_matrix, jacobian, moving, residual_vector
 from .linear import DENSE_BELOW, one_thread, suitable_threads
 from .linearised import LinearisedState, linearised
 from .spectrum import SOFTEST, near_zero
@@ -388,7 +387,9 @@ def resonance_gap(matrix, omega: float) -> float:
     return float(np.abs(frequency - 2 * omega).min() / (2 * omega))
 
 
-def first_changes(here: LinearisedState, free: Freedom, motion, start: float) -> list[tuple[float, tuple[int, int]]]:
+def first_changes(
+    here: LinearisedState, free: Freedom, motion, start: float, rates=None
+) -> list[tuple[float, tuple[int, int]]]:
     """Amplitudes at which a contact first reaches the Coulomb limit, opens, closes, or reverses its slip.
 
     Amplitudes are raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of the
@@ -397,6 +398,7 @@ def first_changes(here: LinearisedState, free: Freedom, motion, start: float) ->
     Parameters
     ----------
     motion : motion(a) gives (K, n) displacements in the course of a period, mass-weighted, or None if it is not known
+    rates : rates(a) gives the velocities of these, on which dashpots act; default: at rest
 
     Returns
     -------
@@ -413,11 +415,11 @@ def first_changes(here: LinearisedState, free: Freedom, motion, start: float) ->
         out, ways = np.zeros((4, count), bool), motion(a)
         if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin:
             return None
-        for way in ways:
-            there = linearise(displaced(state, free, way / root), law, memory=FREE)
-            opened = closed & (there.closed == 0)
-            reversed_ = stuck & ((there.slip * first.slip).sum(axis=1) < 0)
-            out |= np.stack([stuck & (opened | (there.slides > 0)), opened, apart & (there.closed > 0), reversed_])
+        for way, speed in zip(ways, 0 * ways if rates is None else rates(a), strict=True):
+            there = forces(moving(displaced(state, free, way / root), free, speed / root), law)[1]
+            opened, slides = closed & (there.mode[:count] == OPEN), there.mode[:count] == SLIDE
+            reversed_ = stuck & ((there.slip[:count] * first.slip).sum(axis=1) < 0)
+            out |= np.stack([stuck & (opened | slides), opened, apart & (there.mode[:count] != OPEN), reversed_])
         return out
 
     changes, low, high = [(np.inf, -1)] * 4, 0.0, start

@@ -323,3 +323,13 @@ def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
         ),
         walls=state.walls._replace(point=state.walls.point + full[n:, :3]),
     )
+
+
+def moving(state: State, free: Freedom, rate: np.ndarray) -> State:
+    """State whose free coordinates have the velocities `rate` (n,) [length/time], and all others none."""
+    full, grains, n = free.spread(rate), state.grains, len(state.grains.radius)
+    strain_rate = free.strain(rate) if free.length else np.zeros((3, 3))
+    return state._replace(
+        grains=grains._replace(velocity=full[:n, :3].copy(), spin=full[:n, 3:] / grains.radius[:, None]),
+        walls=state.walls._replace(velocity=full[n:, :3].copy()), cell=state.cell._replace(rate=strain_rate),
+    )  # fmt: skip

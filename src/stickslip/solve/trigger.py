@@ -42,9 +42,14 @@ def trigger_amplitude(
 ) -> Trigger:  # fmt: skip
     """Smallest amplitude of a drive at which a contact first reaches the Coulomb limit: how strong must a wave be?
 
-    The prediction moves the grains along the linear response, and finds the first contact that slides under the exact
-    law. Dynamics raises steady shaking slowly, over 200 decay times, or repeats a pulse with bisected amplitudes, and
-    notes the first contact at the limit.
+    The prediction moves the grains along the linear response, with its velocities, and finds the first contact that
+    slides under the exact law, dashpots included. Dynamics raises steady shaking slowly, over 200 decay times, or
+    repeats a pulse with bisected amplitudes, and notes the first contact at the limit.
+
+    Against dynamics, the prediction is wrong by 1 % (median), and by less than 5 % in 9 of 10 of 96 shaken packings of
+    16 disks without tangential dashpots; by up to 40 % near a resonance that little damps. Tangential dashpots are
+    truncated at the limit together with the spring, before the contact slides, which no linear response has: the
+    prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %) with c_t = c_n.
 
     Parameters
     ----------
@@ -96,7 +101,7 @@ def trigger_amplitude(
         times, factors = np.asarray(times, float), np.asarray(factors, float)
         duration = 2 * times[-1] if duration is None else duration
         require_positive(duration=duration)
-        ways = _pulse_ways(motion, drive, times, factors, duration, FINE * stable_time_step(state, law))
+        ways = _pulse_ways(motion, drive, times, factors, duration, _time_step(motion, motion.here.state))
     amplitude, contact = _first_limit(motion, ways)
     if not dynamics or not np.isfinite(amplitude):
         return Trigger(amplitude, contact, np.nan, (-1, -1))
@@ -131,23 +136,23 @@ def _check_dynamics(state: State, drive: np.ndarray) -> None:
 
 
 def _first_limit(motion: ForcedMotion, ways: np.ndarray) -> tuple[float, tuple[int, int]]:
-    """Amplitude at which a contact first reaches the limit along displacements (K, N) per unit of the drive."""
-    root = np.sqrt(motion.whole.mass)
-    start = 1e-6 * motion.here.state.grains.radius.min() / np.abs(ways).max()
-    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * ways * root, start)[0]
+    """Amplitude at which a contact first reaches the limit along the motion `ways` per unit of the drive."""
+    place, speed = ways * np.sqrt(motion.whole.mass)
+    start = 1e-6 * motion.here.state.grains.radius.min() / np.abs(ways[0]).max()
+    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * place, start, lambda a: a * speed)[0]
     return float(amplitude), contact
 
 
 def _steady_ways(motion: ForcedMotion, drive: np.ndarray, frequency: float) -> np.ndarray:
-    """(PHASES, N) displacements in the course of a period of steady shaking."""
+    """(2, PHASES, N) displacements and velocities in the course of a period of steady shaking."""
     still, moving, prescribed = motion.drives(drive)
     y = solve_at(motion, [frequency], still[:, 0], moving[:, 0])
     x = motion.all_coordinates(y, prescribed)[:, 0]
-    return (np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None] * x).real
+    return (np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None] * np.stack([x, 1j * frequency * x])[:, None]).real
 
 
 def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt: float) -> np.ndarray:
-    """(K, N) displacements after the start of a pulse, by the trapezoidal rule."""
+    """(2, K, N) displacements and velocities after the start of a pulse, by the trapezoidal rule."""
     still, moving, prescribed = (part[:, 0] for part in motion.drives(drive))
     steps = int(np.ceil(duration / dt))
     require_sizes([Size(f"duration = {duration:g} takes", steps, "time steps", "use a shorter one")])
@@ -160,7 +165,8 @@ def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt
     a, out = factor[0] * still + rate[0] * moving, []
     for k in range(steps + 1):
         if k % max(steps // SNAPSHOTS, 1) == 0:
-            out.append(motion.all_coordinates(y, factor[k] * prescribed))
+            parts = (y, factor[k] * prescribed), (v, rate[k] * prescribed)
+            out.append([motion.all_coordinates(*part) for part in parts])
         if k < steps:
             b = (
                 factor[k + 1] * still
@@ -172,7 +178,7 @@ def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt
             )
             old, y = y, solve(b[:, None])[:, 0]
             v, a = (2 / dt) * (y - old) - v, (4 / dt**2) * (y - old) - (4 / dt) * v - a
-    return np.array(out)
+    return np.stack(out, axis=1)
 
 
 def _raise_slowly(motion, law, drive, frequency, predicted: float, drags) -> tuple[float, tuple[int, int]]:
@@ -206,13 +212,19 @@ def _bisect_pulses(motion, law, drive, times, factors, duration, predicted: floa
 def _first_event(motion: ForcedMotion, law: Law, drive, grid, factor, drags) -> tuple[float, tuple[int, int]] | None:
     """Time since the start, and bodies, of the first contact that slides or opens, without those of rattlers."""
     state = with_drive(motion, drive, grid, factor)
-    dt = FINE * stable_time_step(state, law)
+    dt = _time_step(motion, state)
     events = run(state, law, int(grid[-1] / dt), dt, events=True, **drags)[1].events
     loose = np.append(motion.here.loose, np.zeros(len(state.walls.mass), bool))
     events = events[(events["kind"] != "closed") & ~loose[events["i"]] & ~loose[events["j"]]]
     if not len(events):
         return None
     return float(events["time"][0] - state.time), (int(events["i"][0]), int(events["j"][0]))
+
+
+def _time_step(motion: ForcedMotion, state: State) -> float:
+    """Share of the largest time step that is stable for contacts and, by a bound, for dashpots and drag."""
+    fastest = float(np.abs(motion.drag).sum(axis=1).max())
+    return FINE * min(stable_time_step(state, motion.here.law), 2 / fastest if fastest else np.inf)
 
 
 def with_drive(motion: ForcedMotion, drive: np.ndarray, grid, factor) -> State:

@@ -56,7 +56,8 @@ def _load_spring_bound(state: State, here: Bodies) -> float:
 def stable_time_step(state: State, law: Law) -> float:
     """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
-    Springs to load points and rolling springs are included through upper bounds on their ω².
+    Springs to load points and rolling springs are included through upper bounds on their ω². Dashpots are not: where
+    they act, steps must also be below 2/ν of the fastest decay rate ν, at most the sum of c/m over contacts.
 
     Velocity Verlet is unstable beyond this time step. A tenth of this limit gives the force of a contact to four
     digits.
