@@ -58,6 +58,9 @@ def test_files_of_the_platform_are_what_was_simulated(folder, result):
     lines = (folder / "fltst_dp015.txt").read_text().splitlines()
     assert next(line for line in lines if not line.startswith("#")) == "t slip slip_rate shear_stress state"
     assert "# location=on fault, 1.5 km depth" in lines
+    assert sum(line.startswith("# values=interpolated linearly between cells at ") for line in lines) == 1
+    top = (folder / "fltst_dp000.txt").read_text()
+    assert "# values=extrapolated along the parabola, even about the free surface, from cells at " in top
     h = result.history
     columns = np.loadtxt(folder / "fltst_dp015.txt", skiprows=lines.index("# Here is the time-series data.") + 1).T
     expected = h.time, h.slip[:, 1], np.log10(h.velocity[:, 1]), h.stress[:, 1] / 1e6, np.log10(h.theta[:, 1])

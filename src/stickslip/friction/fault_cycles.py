@@ -49,7 +49,7 @@ class FaultHistory(NamedTuple):
     time: np.ndarray  # (M,) [s]
     max_velocity: np.ndarray  # (M,) over the fault [m/s]
     moment_rate: np.ndarray  # (M,) per length along strike [N/s]
-    station: np.ndarray  # (S,) depths [m]
+    station: np.ndarray  # (S,) depths, to which values are interpolated or extrapolated from centres of cells [m]
     slip: np.ndarray  # (M, S) [m]
     velocity: np.ndarray  # (M, S) [m/s]
     stress: np.ndarray  # (M, S) frictional shear stress [Pa]

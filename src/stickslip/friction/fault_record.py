@@ -81,6 +81,20 @@ def points(fault: Fault, depths) -> Points:
     return Points(depths, np.stack([first, first + 1], axis=1), np.stack([1 - share, share], axis=1))
 
 
+def origin_of_value(fault: Fault, depth: float) -> str:
+    """From which cells the values at a depth come, and how, in words."""
+    at = points(fault, depth)
+    places, weights = fault.depth[at.cells[0]], at.weights[0]
+    cells = f"cells at {places[0]:g} and {places[1]:g} m"
+    if (weights >= 0).all():
+        used = places[weights > 0]
+        if len(used) == 2:
+            return f"interpolated linearly between {cells}"
+        return f"those of the cell at {used[0]:g} m"
+    curve = "linearly" if fault.dips else "along the parabola, even about the free surface,"
+    return f"extrapolated {curve} from {cells}"
+
+
 class Surface:
     """Displacement of Q stations at the surface beside a dipping fault, whose sides move apart at the plate rate.
 

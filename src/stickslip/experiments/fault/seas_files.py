@@ -12,6 +12,7 @@ import numpy as np
 from ... import __version__
 from ...friction.fault import Fault
 from ...friction.fault_cycles import FaultHistory
+from ...friction.fault_record import origin_of_value
 
 SURFACE_COLUMNS = ("Displacement_1 (m)", "Displacement_2 (m)", "Velocity_1 (m/s)", "Velocity_2 (m/s)")
 QUANTITIES = {"slip": "Slip (m)", "stress": "Shear stress (MPa)", "normal": "Normal stress (MPa)"}
@@ -48,11 +49,11 @@ def _header(history: FaultHistory, lines) -> str:
     return "".join(f"# {line}\n" for line in (*start, *lines))
 
 
-def _write_series(history: FaultHistory, location: str, columns: dict, names: str, path: Path) -> None:
+def _write_series(history: FaultHistory, location: tuple[str, ...], columns: dict, names: str, path: Path) -> None:
     steps = np.diff(history.time)
     lines = (
         f"minimum_time_step={steps.min(initial=np.inf):g}", f"maximum_time_step={steps.max(initial=0.0):g}",
-        f"num_time_steps={len(history.time)}", f"location={location}",
+        f"num_time_steps={len(history.time)}", *location,
         *(f"Column #{k} = {column}" for k, column in enumerate(("Time (s)", *columns), start=1)),
         "The line below lists the names of the data fields",
     )  # fmt: skip
@@ -72,7 +73,9 @@ def write_station(history: FaultHistory, number: int, path: Path) -> None:
         **({"Normal stress (MPa)": history.normal[:, number] / 1e6} if dips else {}),
         "State (log10 s)": np.log10(history.theta[:, number]),
     }  # fmt: skip
-    location = f"on fault, {history.station[number] / 1e3:g} km {'down-dip distance' if dips else 'depth'}"
+    depth = history.station[number]
+    place = f"location=on fault, {depth / 1e3:g} km {'down-dip distance' if dips else 'depth'}"
+    location = place, f"values={origin_of_value(fault, depth)}"
     names = f"slip slip_rate shear_stress {'normal_stress ' if dips else ''}state"
     _write_series(history, location, columns, names, path)
 
@@ -80,7 +83,7 @@ def write_station(history: FaultHistory, number: int, path: Path) -> None:
 def write_surface_station(history: FaultHistory, number: int, path: Path) -> None:
     """Write the time series at one station at the surface: horizontal and downward displacement and velocity."""
     series = history.horizontal, history.down, history.horizontal_velocity, history.down_velocity
-    location = f"on surface, {surface_file(history.surface[number])[8:-4]} km distance off-fault"
+    location = (f"location=on surface, {surface_file(history.surface[number])[8:-4]} km distance off-fault",)
     columns = {name: values[:, number] for name, values in zip(SURFACE_COLUMNS, series, strict=True)}
     _write_series(history, location, columns, "disp_1 disp_2 vel_1 vel_2", path)
 
