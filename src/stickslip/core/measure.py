@@ -50,7 +50,7 @@ Committed = Annotated[State, Requirement(require_committed)]
 def touching(state: Committed) -> np.ndarray:
     """Rows of contacts in the contact list: of pairs that touch, and of pairs that a law joins across a gap.
 
-    Only a user-defined law with `contact_range` acts across gaps; `overlaps` is negative there.
+    `jkr`, `liquid_bridge` and user-defined laws with `contact_range` act across gaps; `overlaps` is negative there.
     """
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
@@ -154,7 +154,10 @@ def mean_normal_force(state: State, law: Law) -> float:
 
 @checked
 def wrapped(state: State) -> np.ndarray:
-    """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and the cell's length along periodic axes."""
+    """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and the cell's length along periodic axes.
+
+    The length is the diagonal entry of `cell.vectors`.
+    """
     size = np.where(state.cell.periodic, np.diag(state.cell.vectors), 1.0)
     return state.grains.position - np.floor(state.grains.position / size) * np.where(state.cell.periodic, size, 0.0)
 
@@ -193,7 +196,7 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
 
 @checked
 def packing_fraction(state: State) -> float:
-    """Volume of the grains, overlaps counted twice, divided by that of the cell."""
+    """Volume of the grains (area of disks), overlaps counted twice, divided by that of the cell, det of its vectors."""
     return float(grain_volumes(state).sum()) / volume(state)
 
 
@@ -254,7 +257,10 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
 
 @checked
 def coordination(state: Committed, least: int = 2) -> float:
-    """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none."""
+    """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none.
+
+    Contacts with rattlers do not count, those with walls do. `least` is that of `rattlers`.
+    """
     n, rows = len(state.grains.radius), touching(state)
     held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
     ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
@@ -264,7 +270,10 @@ def coordination(state: Committed, least: int = 2) -> float:
 
 @checked
 def elastic_energy(state: State, law: Law) -> float:
-    """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
+    """Energy stored in the normal springs, Σ ∫ F_n dδ up to the overlap [energy]; tangential forces have no potential.
+
+    This is k δ²/2 per contact of a linear law and (2/5) k δ^{5/2} of a Hertzian one.
+    """
     check_materials(state, law)
     struct, shift = law_struct(law, members=("energy", "range")), shifts(state.contacts, state.cell.vectors)
     return core.elastic_energy(struct, state.cell.dim, bodies(state), state.contacts, shift)

@@ -45,7 +45,8 @@ def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") ->
     A contact below its Coulomb limit resists any relative velocity of the two surfaces, a sliding one only that along
     its normal. Walls, rigid groups and fixed bodies are bodies like grains, and what is held in place is one more; the
     cell is fixed. Springs are no constraints. Grains touch where the line of centres is shared in proportion to the
-    radii, so that a rigid rotation of disks or spheres that overlap does not count as slip.
+    radii, so that a rigid rotation of disks or spheres that overlap does not count as slip: their arms are
+    R |r|/(R_i + R_j), and R − δ at a wall.
 
     Parameters
     ----------

@@ -28,6 +28,12 @@ _FIELDS = {  # names, numbers of entries and units
 def coarse_grained(state: State, law: Law, *, width: float, spacing: float | None = None) -> "xr.Dataset":
     """Density, packing fraction, velocity and stress as fields on a grid.
 
+    With the Gaussian φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w, density is Σ m φ(x − x_i), the packing fraction
+    the same sum of grain volumes, velocity Σ m v φ/density, `stress` Σ f ⊗ r ∫ φ(x − x_i + s r) ds over 0 < s < 1 and
+    contacts, with the force f on i and the branch vector r (at a wall up to its surface), and `kinetic_stress`
+    Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The points of the grid are the middles
+    of equal parts of the cell.
+
     Parameters
     ----------
     state : State, accepted

@@ -24,7 +24,7 @@ class Fluctuations(NamedTuple):
     """Stationary covariances under noise, and three measures of what amplifies it."""
 
     displacement: np.ndarray  # (n, n) ⟨q qᵀ⟩ in the coordinates `free`, without common translations [length²]
-    velocity: np.ndarray  # (n, n) ⟨q̇ q̇ᵀ⟩ [length²/time²]
+    velocity: np.ndarray  # (n, n) ⟨q̇ q̇ᵀ⟩, without common translations, too [length²/time²]
     kinetic: (
         float  # ½⟨q̇ᵀ M q̇⟩ over the number of modes [energy]; T/2 where forces have a potential and noise is thermal
     )
@@ -50,6 +50,10 @@ def stationary_fluctuations(
     Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so that every mode would have the energy T/2 twice if forces had
     a potential; friction has none, and feeds or cools modes. Distance and condition number are those in the norm of
     the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
+
+    Common translations that nothing resists (the centre of mass in a periodic cell), and coordinates that nothing
+    resists, are taken out of motion and noise; what a run adds to velocities is T/(Σm) for each translation. The number
+    of modes is that of the coordinates that are left.
 
     Parameters
     ----------

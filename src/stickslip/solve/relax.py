@@ -15,7 +15,7 @@ BALANCED, DRAG, STEP = 1e-14, 0.05, 0.1  # defaults of tolerance, drag and time 
 
 @checked
 def residual(state: State, law: Law):
-    """Largest unbalanced force or torque/R of a state [force], and the body on which it acts."""
+    """Largest component of an unbalanced force or torque/R of a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
     return float(size.max()), int(size.argmax())
 

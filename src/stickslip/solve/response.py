@@ -382,6 +382,9 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
 def contact_slip(state: State, contact: int) -> np.ndarray:
     """(dim − 1, N + W, 6) weights of the tangential displacement of body i relative to j at a contact.
 
+    t·(u_i − u_j − (R_i angle_i + R_j angle_j) × n) along the tangents t: (−n_y, n_x) of disks; of spheres e × n over its
+    norm, with the axis e along which n is shortest, and n × (e × n) over its norm.
+
     Parameters
     ----------
     contact : row of the contact list, see `measure.touching`
@@ -389,9 +392,11 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     require_index(int(state.contacts.count[0]), contact=contact)
     normal = branch_vectors(state)[contact]
     normal = normal / np.linalg.norm(normal)
-    tangents = np.linalg.svd(normal[None])[2][1:]
     if state.cell.dim == 2:
         tangents = np.array([[-normal[1], normal[0], 0.0]])
+    else:
+        across = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+        tangents = np.stack([across, np.cross(normal, across)]) / np.linalg.norm(across)
     out = np.zeros((len(tangents), state.n_bodies, 6))
     for body, sign in ((state.contacts.i[contact], 1.0), (state.contacts.j[contact], -1.0)):
         out[:, body, :3] += sign * tangents
@@ -403,6 +408,9 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
 @checked
 def stress_change(state: State, law: Law) -> np.ndarray:
     """(dim², N + W, 6) weights of the change of the stress σ_xx, σ_xy, …, row by row; compression positive.
+
+    They are the derivatives of `measure.stress` to the displacements in the fixed cell, with forces and branch vectors
+    that change and each contact held in its mode.
 
     Raises
     ------

@@ -209,6 +209,8 @@ def symmetric_part_is_positive(matrix, rigid: np.ndarray) -> bool:
 def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float | None = None) -> np.ndarray:
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
+    All free coordinates take part, those of rattlers and common translations too: without drag each adds s = 0 twice.
+
     Parameters
     ----------
     drag, spin_drag : float [1/time]

@@ -115,8 +115,14 @@ def dispersion(
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
 
     For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators,
-    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀, √⟨P|A|P⟩ for P and S and √⟨R|A|R⟩ for R.
-    The branches are its poles. In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the
+    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀, √Re⟨P|A|P⟩ for P and S and √Re⟨R|A|R⟩ for
+    the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are its poles:
+    of the p with the largest Im s, P and S are those of the first s₀, R those of the second, whose vectors have the
+    largest shares in these waves.
+
+    A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
+    √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia
+    I, which √m R is in the coordinate R·angle. Common translations are not taken out of W or A. In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the
     poles are exact. In a disordered packing a wave is a group of modes, and the poles are frequency and decay of the
     group: s₀ is as far from the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse
     factorisations.
@@ -172,6 +178,9 @@ def wave_spectrum(
     state: State, law: Law, wavevector: Numbers | None = None, *, drag: float = 0.0, spin_drag: float | None = None,
 ) -> WaveSpectrum:  # fmt: skip
     """Project all modes, damped by drag and dashpots, on plane waves: dynamical structure factor and complex pairs.
+
+    Waves W and matrices are those of `dispersion`, without common translations: of A, D and W the part orthogonal to
+    √m in each direction is taken. weight_j = w†r_j l_j†w, with the part of the velocity r_j of mode j and its dual l_j.
 
     The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
     `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ, if a common

@@ -129,6 +129,10 @@ class Dissipation(NamedTuple):
 def dissipation(before: State, after: State, law: Law, *, dt: float = 0.0) -> Dissipation:
     """Energy dissipated by each pair in the list of `after` between two accepted states that are one small step apart.
 
+    Sliding dissipates the mean of |F_t| without dashpots at both ends of the step, times the distance slid: the slip
+    that the motion would have made less the slip that is kept. Dashpots dissipate (F_n − F_n,spring) and (F_t −
+    F_t,spring) times the relative velocities at the ends, averaged, times dt.
+
     The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
 
     Parameters
