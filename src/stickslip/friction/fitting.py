@@ -17,7 +17,7 @@ from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
 from .model import DEFAULTS, FIT, LINEAR, NAMES, OWN, PLAIN, Data, model_friction, prepare
 from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
-from .outliers import find_spikes, without
+from .outliers import TO_DEVIATION, find_spikes, noise_level, without
 from .problem import (
     Task,
     filtered_residual,
@@ -36,9 +36,17 @@ MISFIT = (
     "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is that "
     "slow, and the data cannot tell which; the values are the best fit, but intervals cannot be given"
 )
+UNLIKE = (
+    "the residuals are not noise: filtered for its correlation, they are {:.2g} times the noise of the record, so that "
+    "the law, the stiffness or the motion of the load point does not describe these data; the values are the best fit, "
+    "but intervals cannot be given"
+)
 # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
 # noise that is correlated over much of a leg, it may be exceeded by the right law, too
 MAX_EXCESS = 1.0
+# filtered residuals over noise: 0.9 to 1.1 for the right law, with correlated noise or long tails, too; from 1.4 on if
+# a stiffness is wrong by a factor of three
+MOST_REDUCED = 1.25
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
 TINY = 1e-15  # smallest size of noise
@@ -57,7 +65,7 @@ class Fit(NamedTuple):
     fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
     identifiable: bool  # True if the data determine all parameters
-    adequate: bool  # True if the residuals vary faster than the signal, as noise does
+    adequate: bool  # True if the fit describes the record: residuals vary faster than the signal, and are as its noise
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
@@ -69,6 +77,7 @@ class Fit(NamedTuple):
     aic: float
     bic: float
     evaluations: int
+    reduced: float = 1.0  # size of filtered residuals over that of the noise of the record
     form: str = "logarithmic"
     spikes: tuple[np.ndarray, ...] = ()  # numbers of the samples that were left out as spikes, for each data set
 
@@ -122,7 +131,10 @@ def fit(
     Returns
     -------
     Fit
-        with NaN and an explanation for parameters that these data do not determine.
+        with NaN and an explanation for parameters that these data do not determine. Spikes of the record, the same for
+        every law, are left out. Without intervals if the fit does not describe the record (`Fit.adequate`): if the
+        residuals vary as slowly as the signal, or if filtered for their correlation they exceed 1.25 times the noise,
+        the larger of that between neighbouring samples of the record and that of the bulk of the residuals.
 
     Raises
     ------
@@ -155,6 +167,7 @@ class Solution(NamedTuple):
     filters: tuple
     evaluations: int
     adequate: bool
+    reduced: float = 1.0
     spikes: tuple[np.ndarray, ...] = ()
 
 
@@ -171,20 +184,26 @@ def solve_fit(
         if name not in NAMES:
             raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
     cases = [prepare(record, windows) for record in records]
+    spikes = tuple(map(find_spikes, cases))
+    cases = [case._replace(used=without(case.used, left)) for case, left in zip(cases, spikes, strict=True)]
     fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
     task = _build_task(cases, (law, form), names, fixed, own)
     x, evaluations = find_best(task)
-    spikes = find_spikes(task, x)
-    if any(map(len, spikes)):
-        cases = [case._replace(used=without(case.used, left)) for case, left in zip(task.cases, spikes, strict=True)]
-        task = task._replace(cases=cases)
-        solved = solve(task, x, WHITE)
-        x, evaluations = solved.x, evaluations + solved.nfev
-    filters, adequate = WHITE, True
+    filters, adequate, least = WHITE, True, x
     if noise == "correlated":
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    return Solution(task, x, filters, evaluations, adequate, tuple(spikes))
+    reduced = _reduced_residual(task, x, filters)
+    if reduced > MOST_REDUCED:
+        x, adequate = least, False
+    return Solution(task, x, filters, evaluations, adequate, reduced, spikes)
+
+
+def _reduced_residual(task: Task, x, filters) -> float:
+    """Size of the filtered residuals over the noise: that between samples, or that of their bulk if it is larger."""
+    rest = filtered_residual(task, x, filters)
+    noise = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
+    return float(np.sqrt(np.mean(rest**2))) / max(noise, TINY)
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
@@ -303,8 +322,9 @@ def _evaluate(task: Task, x, filters) -> Estimates:
 
 def build_fit(solution: Solution) -> Fit:
     """Compute intervals, likelihood and criteria for the best parameters."""
-    task, x, filters, evaluations, adequate, spikes = solution
-    estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
+    task, x, filters, evaluations, adequate, reduced, spikes = solution
+    reason = UNLIKE.format(reduced) if reduced > MOST_REDUCED else MISFIT
+    estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), reason)
     rest = filtered_residual(task, x, filters)
     n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
@@ -323,7 +343,7 @@ def build_fit(solution: Solution) -> Fit:
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
         noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,
-        spikes=spikes,
+        reduced=reduced, spikes=spikes,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from ..core.tables import heading_of, split_label, write_table
 from ..core.text import parse_number, shortened
 from ..known import HARMLESS, UNKNOWN, USED, find_row
 from .fitting import Data
-from .load_history import find_steps, stated_steps, with_normal
+from .load_history import contradiction, find_steps, stated_steps, with_normal
 from .loads import check_times, load_steps
 from .record_files import LENGTH, NUMBER, SPEED, STRESS, TIME, Sheet, read_sheet, unit_of
 
@@ -161,7 +161,8 @@ def record_data(
     """Data for `fit`: legs from the load-point displacement, or, if it was not recorded, the slip velocity.
 
     If the displacement is so noisy that hardly any samples lie on straight lines, steps of constant velocity are found
-    in it, with a warning that states them.
+    in it, with a warning that states them as `velocity` takes them. A stated velocity that a recorded displacement
+    contradicts is taken, with a warning.
 
     Parameters
     ----------
@@ -179,11 +180,13 @@ def record_data(
         factor = record.normal_stress / record.normal_stress[0]
     if velocity is not None:
         legs = stated_steps(velocity, record.time)
+        if record.load_point is not None and (told := contradiction(legs, record.time, record.load_point)):
+            warnings.warn(f"{told}: the fit takes --velocity; leave it out to take the displacement", stacklevel=2)
     else:
         legs = load_steps(time, record.load_point)
         if len(legs) > CROOKED * len(time):
-            steps = find_steps(time, record.load_point)
-            warnings.warn(f"{steps.sentence} [m, m/s, s]; state it with --velocity if this is wrong", stacklevel=2)
+            steps = find_steps(record.time, record.load_point)
+            warnings.warn(f"{steps.sentence} [m, m/s, s]; give another --velocity if this is wrong", stacklevel=2)
             legs = steps.legs
     if factor is not None:
         legs = with_normal(legs, time, factor)
@@ -265,9 +268,15 @@ def _named_headings(path: Path, sheet: Sheet, columns: dict[str, int | str]) -> 
         if not 0 <= place < width:
             raise ValueError(f"{path}: column {place} was given for {name!r}: the file has columns 0 to {width - 1}")
         headings[place] = name
-        own = unit_of(sheet.headings[place], *_described(name))[1] or sheet.units[place]
-        if split_label(name)[1] is None and own and not bare:
+        aliases, units = _described(name)
+        own, given = unit_of(sheet.headings[place], aliases, units)[1] or sheet.units[place], split_label(name)[1]
+        if given is None and own and not bare:
             headings[place] = f"{name} [{own}]"
+        elif given and own and units.get(own) != units.get(given):
+            warnings.warn(
+                f"{path}: --columns gives {name!r}, but the file has the unit {own!r} for it: {given!r} is taken",
+                stacklevel=3,
+            )
     units, aliases = COLUMNS["pore_pressure"]
     for k, heading in enumerate(sheet.headings):
         word, unit = unit_of(heading, aliases, units)

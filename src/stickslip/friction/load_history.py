@@ -1,6 +1,7 @@
 """Load histories of constant velocities, as they are stated or found in the noise of a displacement."""
 
 import re
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocit
 MOST, ROUNDS = 60, 40  # changes, and iterations of their times
 CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and share of the largest velocity, below which one counts as zero
+OFF, CLEARLY = 0.1, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
 
 
@@ -106,9 +108,41 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
     least = np.maximum(REST * error[1:], EXACT * np.abs(slopes[1:]).max())
     velocity = np.where(np.abs(slopes[1:]) < least, 0.0, slopes[1:])
     legs = tuple(map(LoadStep, np.diff([time[0], *changes, time[-1]]).tolist(), velocity.tolist()))
-    ends = [f"{leg.velocity:.3g} until {end:.6g}" for leg, end in zip(legs, changes, strict=False)]
-    text = ", then ".join([*ends, f"{legs[-1].velocity:.3g}"])
-    return FoundSteps(legs, noise, f"the load point has noise of {noise:.2g}; its velocity is {text}")
+    text = steps_text(legs, time)
+    return FoundSteps(legs, noise, f'the load point has noise of {noise:.2g}; its velocity is taken as "{text}"')
+
+
+def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
+    """Legs as `stated_steps` reads them, on the clock of the samples."""
+    digits = max(0, 3 - int(np.floor(np.log10(np.median(np.diff(time))))))
+    ends = time[0] + np.cumsum([leg.duration for leg in legs])[:-1]
+    parts = [f"{leg.velocity:.6g} until {end:.{digits}f}" for leg, end in zip(legs, ends, strict=False)]
+    return ", then ".join([*parts, f"{legs[-1].velocity:.6g}"])
+
+
+def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray) -> str:
+    """Sentence on the stated leg that a measured displacement contradicts most; empty if it contradicts none.
+
+    It does if the displacement within a leg departs from the stated line by more than a tenth of the way, and by more
+    than its noise.
+    """
+    noise = float(np.sqrt(np.mean(np.diff(place, 2) ** 2) / 6)) if len(place) > 2 else 0.0
+    start, worst, told = float(time[0]), OFF, ""
+    for leg in legs:
+        end = start + leg.duration
+        rows = (time >= start) & (time <= end)
+        if rows.sum() > 1:
+            t, x = time[rows], place[rows] - place[rows][0]
+            apart = np.abs(x - leg.velocity * (t - t[0]))
+            way = max(abs(leg.velocity) * (t[-1] - t[0]), np.abs(x).max())
+            share = float(apart.max()) / way if apart.max() > CLEARLY * noise else 0.0
+            if share > worst:
+                k = int(apart.argmax())
+                said = f"--velocity says {leg.velocity:g} m/s from {start:g} to {end:g} s, but the load point"
+                way = leg.velocity * (t[k] - t[0])
+                worst, told = share, f"{said} moved by {x[k]:.4g} m until {t[k]:g} s instead of {way:.4g} m"
+        start = end
+    return told
 
 
 def _pieces(time: np.ndarray, changes: np.ndarray) -> np.ndarray:

@@ -29,7 +29,8 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
 
     ΔAIC shows which fit is closer to the data. The laws are not nested and both may be wrong, so the difference must
     also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference in log-likelihood per sample
-    (doi:10.2307/1912557). A preference requires ΔAIC ≥ 6 and |z| ≥ 1.96.
+    (doi:10.2307/1912557). A preference requires ΔAIC ≥ 6 and |z| ≥ 1.96, and that the better fit describes the record
+    (`Fit.adequate`).
 
     Raises
     ------
@@ -53,8 +54,14 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     ratio = float(np.exp(min(abs(gap) / 2, 700.0)))
     numbers = f"ΔAIC = {abs(gap):.3g}, Vuong's z = {abs(z):.2g}"
     better = 0 if gap > 0 else 1
+    fails = "" if first.adequate or second.adequate else "; neither describes the record"
     if abs(gap) < STRONG or abs(z) < FAR or (z > 0) != (gap > 0):
-        return LawComparison(None, abs(gap), ratio, z, f"the data do not discriminate between the two ({numbers})")
+        told = f"the data do not discriminate between the two{fails} ({numbers})"
+        return LawComparison(None, abs(gap), ratio, z, told)
+    if not (first, second)[better].adequate:
+        told = f"no law is preferred: the {names[better]} is closer to the data"
+        told += fails or ", but does not describe them"
+        return LawComparison(None, abs(gap), ratio, z, f"{told} ({numbers})")
     law = (first, second)[better].law
     return LawComparison(
         law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})"

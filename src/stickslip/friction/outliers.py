@@ -1,55 +1,76 @@
 """Spikes in a record: single samples that no noise explains, left out of a fit and told."""
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.optimize import least_squares
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from .laws import EVOLUTIONS
-from .problem import MAX_SHIFT, RUNAWAY_RESIDUAL, Task, jacobian, pieces, residual
+from .model import Prepared
 
-AROUND = 7  # samples of the running median with which each residual is compared
+AROUND = 7  # samples of the running median with which each sample is compared, and next to a change of the load
 FAR = 6.0  # standard deviations beyond which a sample is a spike; one Gaussian sample in 5e8 is
-MOST = 0.05  # share of the samples; more of them are noise with long tails, or a law that does not fit
-LEAST_NOISE = 1e-6  # over the scatter of friction, below which residuals are errors of integration
+MOST = 0.02  # share of the samples; more of them are noise with long tails
+LEAST_NOISE = 1e-6  # over the scatter of friction, below which a record has no noise but round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
+SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
+ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity over `AROUND` samples, and of the normal stress at one
 
 
-def find_spikes(task: Task, x: np.ndarray) -> list[np.ndarray]:
-    """Numbers of the samples of each record that are spikes, given the least-squares estimate of the parameters.
+def find_spikes(case: Prepared) -> np.ndarray:
+    """Numbers of the samples that are spikes, from the record alone: they are the same for every law.
 
-    The estimate is first made robust (soft L1 loss, which grows in proportion to large residuals). A residual is then
-    compared with the median of its neighbours, so that a slow misfit of the law is no spike.
-
-    Source
-    ------
-    Huber, Robust Statistics, doi:10.1002/9780470434697; the loss is that of `scipy.optimize.least_squares`.
+    A spike is farther from the median of its neighbours than six standard deviations of the noise, and than this median
+    itself changes around it, so that neither a peak nor a stress drop is one. Next to an abrupt change of the load no
+    sample is, because friction may jump there.
     """
-    marks = _spikes(task, residual(task, x))
-    for law in EVOLUTIONS if marks.any() else ():  # a sample that one of the laws explains is no spike
-        other = task._replace(law=law)
-        rest = residual(other, _robust(other, x))
-        marks &= _spikes(other, rest) | bool(np.abs(rest).max() > 0.5 * RUNAWAY_RESIDUAL * task.scatter)
-    if marks.mean() > MOST:
-        marks[:] = False
-    ends = np.cumsum([int(case.used.sum()) for case in task.cases])[:-1]
-    return [np.flatnonzero(case.used)[part] for case, part in zip(task.cases, np.split(marks, ends), strict=True)]
+    middle = _middle(case)
+    apart = np.abs(case.friction - middle)
+    far = case.used & (apart / case.sigma > FAR * noise_level([case]))
+    if far.sum() > MOST * case.used.sum():
+        return np.zeros(0, int)
+    width = 2 * AROUND + 1
+    moves = maximum_filter1d(middle, width) - minimum_filter1d(middle, width)
+    return np.flatnonzero(far & (apart > moves) & ~_load_changes(case))
 
 
-def _robust(task: Task, x: np.ndarray) -> np.ndarray:
-    """Estimate that large residuals move little."""
-    size = max(TO_DEVIATION * float(np.median(np.abs(residual(task, x)))), LEAST_NOISE * task.scatter)
-    span = np.where(task.logs, MAX_SHIFT, np.inf)
-    return least_squares(
-        lambda y: residual(task, y), x, jac=lambda y: jacobian(task, y), loss="soft_l1", f_scale=1.5 * size,
-        x_scale="jac", bounds=(x - span, x + span), max_nfev=30,
-    ).x  # fmt: skip
+def noise_level(cases: list[Prepared]) -> float:
+    """Standard deviation of the noise between neighbouring samples over `sigma`, from fourth differences of friction.
+
+    These vanish for smooth signals. It is that of the part of the noise that changes from sample to sample, of which
+    correlated noise has less.
+    """
+    runs = [(case.friction / case.sigma)[case.used][run] for case in cases for run in case.pieces]
+    fourth = np.abs(np.concatenate([np.diff(run, 4) for run in runs]))
+    if not len(fourth):
+        return 0.0
+    values = np.unique(np.concatenate(runs))
+    digit = np.diff(values).min(initial=np.inf) / np.sqrt(12.0)  # of numbers with few digits
+    size = max(TO_DEVIATION * float(np.median(fourth)) / SPREAD, digit if np.isfinite(digit) else 0.0)
+    return max(size, LEAST_NOISE * float(np.std(np.concatenate(runs))))
 
 
-def _spikes(task: Task, rest: np.ndarray) -> np.ndarray:
-    """Whether each residual is far from the median of its neighbours."""
-    apart = np.concatenate([rest[run] - median_filter(rest[run], AROUND, mode="nearest") for run in pieces(task)])
-    size = max(TO_DEVIATION * float(np.median(np.abs(apart))), LEAST_NOISE * task.scatter)
-    return np.abs(apart) > FAR * size
+def _middle(case: Prepared) -> np.ndarray:
+    """Running median of friction within runs of samples that are fitted; friction itself elsewhere."""
+    out = case.friction.copy()
+    rows = np.flatnonzero(case.used)
+    for run in case.pieces:
+        out[rows[run]] = median_filter(case.friction[rows[run]], AROUND, mode="nearest")
+    return out
+
+
+def _load_changes(case: Prepared) -> np.ndarray:
+    """Whether velocity or normal stress change abruptly near each sample."""
+    n, rows = len(case.time), np.arange(len(case.time))
+    low, high = np.maximum(rows - AROUND, 0), np.minimum(rows + AROUND, n - 1)
+    ends = ((low, rows), (rows, high))
+    before, after = (
+        np.divide(case.place[b] - case.place[a], case.time[b] - case.time[a], out=np.zeros(n), where=b > a)
+        for a, b in ends
+    )
+    before[0], after[-1] = after[0], before[-1]
+    changes = np.abs(after - before) > ABRUPT * np.maximum(np.abs(after), np.abs(before))
+    if case.legs is not None:
+        normal = case.legs[2][np.minimum(np.searchsorted(np.cumsum(case.legs[0]), case.time), case.legs.shape[1] - 1)]
+        changes[1:] |= np.abs(np.diff(normal)) > STEP
+    return maximum_filter1d(changes.astype(np.uint8), 2 * AROUND + 1).astype(bool)
 
 
 def without(used: np.ndarray, spikes: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from .problem import pieces, residual, solve
 LEAST_FALL = 0.05  # of the residuals, below which a trend changes little
 SURE = 16.0  # χ² of the trends, four standard errors for one of them
 STEEP = 3.0  # ratio of a stiffness to the steepest rise of friction, either way, beyond which both are compared closely
-FAR = 2.0  # ratio of stiffnesses beyond which one contradicts the other
+FAR, SURELY = 2.0, 1.25  # ratio of stiffnesses beyond which one contradicts the other; the latter beyond an interval
 NEAR = 1.3  # ratio within which a unit explains a stiffness
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
 BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
@@ -97,7 +97,8 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     """Compare a fixed stiffness with what the record shows; None if they agree, or if the record does not show it.
 
     Friction rises with the displacement of the load point by at most k (1 − V/V_l), which is k after a hold or a large
-    step. If the steepest rise is far from k, the record is fitted again with the stiffness free.
+    step. If the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with
+    the stiffness free.
 
     Parameters
     ----------
@@ -106,13 +107,18 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     task = solution.task
     given = task.fixed.get("stiffness", np.nan)
     (case,) = task.cases
-    if case.legs is None or "stiffness" in task.slots[0] or _is_near(given, _steepest_rise(case), STEEP):
+    if case.legs is None or "stiffness" in task.slots[0]:
+        return None
+    usual = _is_near(given, _steepest_rise(case), STEEP)
+    if usual and solution.adequate:
         return None
     fixed = {name: value for name, value in task.fixed.items() if name != "stiffness" and np.isfinite(value)}
     free = tuple(name for name in task.names if name not in ("a", "b", "dc", "mu0"))
     again = build_fit(solve_fit(data, law=task.law, form=task.form, fixed=fixed, free=(*free, "stiffness")))
     shown, interval = again.values["stiffness"], again.intervals["stiffness"]
-    if not np.isfinite(shown) or _is_near(given, shown, FAR):
+    if not np.isfinite(shown) or _is_near(given, shown, SURELY if again.adequate else FAR):
+        return None
+    if interval[0] <= given <= interval[1] or (usual and not again.adequate):
         return None
     rest = residual(task, solution.x)
     if np.std(again.residuals[0][case.used]) > (1 - LEAST_FALL) * np.sqrt(np.mean(rest**2)):

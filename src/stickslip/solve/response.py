@@ -382,8 +382,8 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
 def contact_slip(state: State, contact: int) -> np.ndarray:
     """(dim − 1, N + W, 6) weights of the tangential displacement of body i relative to j at a contact.
 
-    t·(u_i − u_j − (R_i angle_i + R_j angle_j) × n) along the tangents t: (−n_y, n_x) of disks; of spheres e × n over its
-    norm, with the axis e along which n is shortest, and n × (e × n) over its norm.
+    t·(u_i − u_j − (R_i angle_i + R_j angle_j) × n) along the tangents t: (−n_y, n_x) of disks; of spheres e × n over
+    its norm, with the axis e along which n is shortest, and n × (e × n) over its norm.
 
     Parameters
     ----------

@@ -23,9 +23,10 @@ def dashpot_coefficients(law: Law) -> np.ndarray:
     """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
 
     With coeff_restitution these are α = √5 D of Hertzian contacts and 2 D of linear ones. If the contact may attract
-    as it opens, ln e = −π D/√(1 − D²). With `tension=False` it opens where F_n = 0, and ln e = −2 D arccos(D)/√(1 − D²),
-    or −2 D arcosh(D)/√(D² − 1) beyond D = 1. Both are exact for k δ and k δ^{3/2}. With tsuji α is a polynomial of e
-    that was fitted to Hertzian contacts that may attract. With the other models these are `damping_n` and `damping_t`.
+    as it opens, ln e = −π D/√(1 − D²). With `tension=False` it opens where F_n = 0, and ln e is
+    −2 D arccos(D)/√(1 − D²), or −2 D arcosh(D)/√(D² − 1) beyond D = 1. Both are exact for k δ and k δ^{3/2}. With tsuji
+    α is a polynomial of e that was fitted to Hertzian contacts that may attract. With the other models these are
+    `damping_n` and `damping_t`.
 
     Source
     ------

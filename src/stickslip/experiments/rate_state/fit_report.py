@@ -93,9 +93,11 @@ def fit_record(
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[str, ...]:
     """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
-    for solution in solutions:
-        if doubt := stiffness_doubt(record, solution, normal):
-            out.append(f"{solution.task.law} law: {doubt}")
+    found = [stiffness_doubt(record, solution, normal) for solution in solutions]
+    known = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
+    for solution, doubt in zip(solutions, found, strict=True):
+        if doubt:  # a law that does not describe the record either shows nothing if another one does
+            out += [f"{solution.task.law} law: {doubt}"] if np.isfinite(doubt.interval[0]) or not known else []
             continue
         trend, state = gain_by("trend", solution), gain_by("theta", solution)
         if trend.helps and trend.after <= state.after:
@@ -184,6 +186,8 @@ def _fit_dict(fit: Fit) -> dict:
         "sentence",
         "sigma",
         "effective",
+        "adequate",
+        "reduced",
         "aic",
         "bic",
     )
@@ -257,12 +261,10 @@ def _show_posterior(result: Posterior) -> None:
 def doubts(result: RecordFits) -> list[str]:
     """Return one sentence for each suspicion: spikes, a wrong unit of length or of stiffness, a trend left out."""
     low, high = CREDIBLE
-    spikes = [
-        f"{fit.law} law: {count} of {count + fit.samples} samples are spikes, farther from their neighbours than noise "
-        f"explains; they were left out"
-        for fit in result.fits
-        if (count := sum(map(len, fit.spikes)))
-    ]
+    fit = result.fits[0]
+    count = sum(map(len, fit.spikes))
+    total = f"{count} of {count + fit.samples} samples are spikes, farther from their neighbours than noise explains"
+    spikes = [f"{total}; they were left out"] if count else []
     lengths = [
         f"{fit.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
         f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
