@@ -21,23 +21,15 @@ from stickslip.cli import main
 from stickslip.core.contacts.forces import bodies
 from stickslip.core.contacts.memory import FREE, FROZEN
 from stickslip.core.dynamics.engine import Leg
-from stickslip.core.laws.builtin import (
-    DAMPING,
-    DAMPING_N,
-    LEVER,
-    PARAMETERS,
-    ROLLING,
-    rescales,
-    with_values,
-)
+from stickslip.core.laws.builtin import DAMPING, DAMPING_N, LEVER, PARAMETERS, ROLLING, rescales, with_values
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.laws.restitution import dashpot_coefficients
 from stickslip.core.library import core
 from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
-from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_course import TAKEN, Plane, with_wall_numbers
+from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_laws import as_restitution, contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle

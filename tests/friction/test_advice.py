@@ -89,7 +89,9 @@ def test_a_stated_velocity_that_the_record_contradicts_is_told_and_prefers_nothi
     write_csv(tmp_path / "a.csv", lab())
     given = ["fit", "a.csv", "--stiffness", "1500", "--velocity"]
     wrong = told(stickslip_here(*given, "1e-6 until 5500 s, then 1e-5", cwd=tmp_path))
-    said = "--velocity says 1e-05 m/s from 5500 to 5628 s, but the load point moved by 0.000128 m until 5628 s instead of"
+    said = (
+        "--velocity says 1e-05 m/s from 5500 to 5628 s, but the load point moved by 0.000128 m until 5628 s instead of"
+    )
     assert said in wrong
     assert "neither describes the record" in wrong and "the data prefer" not in wrong
     right = told(stickslip_here(*given, "1e-6 until 5300 s, then 1e-5 until 5330, then 1e-6", cwd=tmp_path))

@@ -29,8 +29,8 @@ def imbalance(state: State, law: Law) -> float:
     For each body, the mean of |F_n| is taken over the contacts of the group of grains, linked by contacts, to which it
     belongs (for rattlers and held bodies over all contacts), so that strong forces in one group do not hide an
     imbalance in a weaker one. Rattlers and what is held link no others. The result is zero if no force acts at all, and
-    infinite if forces act but no contact bears them. If the cell is free, the largest difference between its stress and the
-    imposed stress, over the larger of the two, is also taken into account.
+    infinite if forces act but no contact bears them. If the cell is free, the largest difference between its stress and
+    the imposed stress, over the larger of the two, is also taken into account.
 
     Parameters
     ----------

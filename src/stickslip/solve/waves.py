@@ -122,10 +122,11 @@ def dispersion(
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
     √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia
-    I, which √m R is in the coordinate R·angle. Common translations are not taken out of W or A. In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the
-    poles are exact. In a disordered packing a wave is a group of modes, and the poles are frequency and decay of the
-    group: s₀ is as far from the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse
-    factorisations.
+    I, which √m R is in the coordinate R·angle. Common translations are not taken out of W or A.
+
+    In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the poles are exact. In a
+    disordered packing a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is as far from
+    the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse factorisations.
 
     Parameters
     ----------
