@@ -1,7 +1,5 @@
 from .core.units import units_in_use as units_in_use
 from .data.exchange.files import packing_units as packing_units
-from .data.exchange.files import read_packing as read_packing
-from .data.exchange.files import read_packings as read_packings
 from .data.exchange.files import write_packing as write_packing
 from .data.exchange.follow import follow_packings as follow_packings
 from .data.exchange.force_network import measured_forces as measured_forces
@@ -10,6 +8,8 @@ from .data.exchange.frame import frame_of as frame_of
 from .data.exchange.graph import contact_graph as contact_graph
 from .data.exchange.motion import mode_frames as mode_frames
 from .data.exchange.motion import read_mode as read_mode
+from .loading.reading import read_packing as read_packing
+from .loading.reading import read_packings as read_packings
 from .runs.dataset import contact_table as contact_table
 from .runs.dataset import open_dataset as open_dataset
 from .runs.sweep.dataset import open_sweep as open_sweep

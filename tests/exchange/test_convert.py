@@ -8,10 +8,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.data.exchange.files import convert
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.quasistatic import aqs
+from stickslip.loading.reading import convert
 from stickslip.solve.freedom import dynamical_matrix
 from tests.conftest import stickslip_here as run
 

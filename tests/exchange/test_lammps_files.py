@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.data.exchange.files import convert
 from stickslip.data.exchange.lammps_text import read_dump
+from stickslip.loading.reading import convert
 
 from .packings import SHARP, disks, spheres
 

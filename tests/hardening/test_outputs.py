@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stickslip.data.exchange import files
+from stickslip.loading import reading
 from tests.conftest import stickslip_here
 
 PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
@@ -82,8 +83,8 @@ def test_a_folder_by_the_name_of_a_conversion_is_reported(here):
 
 def test_frames_for_paraview_replace_nothing(here):
     pytest.importorskip("pyevtk")
-    files.convert(here / "a.npz", here / "a.h5")
-    state, law, _ = files.read_packing(here / "a.npz")
+    reading.convert(here / "a.npz", here / "a.h5")
+    state, law, _ = reading.read_packing(here / "a.npz")
     files.write_packing(here / "t.h5", [files.frame_of(state, law)] * 2)
     (here / "b_0001.vtu").write_bytes(b"mine")
     refused("b_0001.vtu exists: give another name, or add --overwrite", "convert", "t.h5", "--to", "b.vtu", cwd=here)

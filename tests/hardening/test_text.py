@@ -8,9 +8,10 @@ import pytest
 import stickslip as ss
 from stickslip.core.laws.builtin import laws_equal
 from stickslip.core.text import LONGEST, bounded
-from stickslip.data.exchange.files import read_packing, write_packing
+from stickslip.data.exchange.files import write_packing
 from stickslip.ensemble import cluster
 from stickslip.experiments.registry import read_scenario, read_tables
+from stickslip.loading.reading import read_packing
 from tests.conftest import stickslip_here
 
 DIGITS = "7" * 5000

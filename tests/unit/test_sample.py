@@ -8,11 +8,11 @@ import pytest
 import stickslip as ss
 from stickslip.core.measure import touching
 from stickslip.data import archive
-from stickslip.data.exchange.files import read_packing
 from stickslip.data.sample import PackingError, PackingWarning, accepted, from_arrays
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.quasistatic import aqs
+from stickslip.loading.reading import read_packing
 from stickslip.solve.stability import stability
 from tests.conftest import stickslip_here as run
 

@@ -178,8 +178,8 @@ def stability(
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
     or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
     """
-    from ..data.exchange.files import capture_warnings, read_packing
-    from ..data.exchange.force_network import is_measured
+    from ..data.exchange.files import capture_warnings
+    from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
     from ..solve.stability import DENSE_UP_TO
@@ -191,10 +191,7 @@ def stability(
         stability_report.check_modes(shapes, file, asked=modes is not None)
     with terminal.console_output(*output):
         with terminal.progress(transient=True) as tell:
-            read = read_packing
-            if is_measured(file, options.contacts):
-                from ..loading.measured import read_measured as read
-            (state, its_law, notes), said = capture_warnings(read, file, **options.values())
+            (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
             notes, calm = [*notes, *said], None
             if settle:
                 state, calm = stability_report.let_settle(state, its_law)
@@ -262,7 +259,8 @@ def convert(
     options: PackingOptions,
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
-    from ..data.exchange.files import capture_warnings, convert
+    from ..data.exchange.files import capture_warnings
+    from ..loading.reading import convert
     from ..reports import terminal
 
     (paths, notes), said = capture_warnings(

@@ -137,8 +137,12 @@ NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, 
 
 def law_note(law: Law) -> Assumption:
     """Return the note on a law that nobody has given."""
-    text = " ".join(repr(law).removeprefix("Law: ").split())
-    return Assumption(f"{NO_LAW}: the defaults are assumed ({text})")
+    return Assumption(f"{NO_LAW}: the defaults are assumed ({law_text(law)})")
+
+
+def law_text(law: Law) -> str:
+    """Return a law in one line."""
+    return " ".join(repr(law).removeprefix("Law: ").split())
 
 
 class PackingWarning(UserWarning):

@@ -8,9 +8,9 @@ from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.atomic import check_free
-from ..data.exchange.files import read_packing
 from ..data.schema import ScenarioBase
 from ..experiments.registry import read_scenario
+from ..loading.reading import read_packing
 
 
 def _bundled_folder(name: str) -> Path:

@@ -14,7 +14,7 @@ from ..core.units import in_readable_units, unit_name, with_unit
 from ..data import archive
 from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
-from ..data.exchange.files import capture_warnings, read_packing
+from ..data.exchange.files import capture_warnings
 from ..data.exchange.frame import Frame, frame_of
 from ..data.exchange.lammps_folder import is_run_folder
 from ..data.exchange.motion import mode_frames, read_mode
@@ -28,6 +28,7 @@ from ..figures.between import frames_between
 from ..figures.grains import bare_frame, packing
 from ..figures.quantities import DISPLACEMENT
 from ..figures.saving import render
+from ..loading.reading import read_packing
 from ..reports import claims as claims_table
 from ..reports.output_file import staged_file
 from ..reports.packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict

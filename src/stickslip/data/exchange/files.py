@@ -15,7 +15,6 @@ from ...core.laws.user import from_file
 from ...core.state import State
 from ...core.units import Units
 from .. import archive
-from ..atomic import check_free
 from ..sample import (
     Absent,
     AssumedColumns,
@@ -25,6 +24,7 @@ from ..sample import (
     accepted,
     law_by_name,
     law_note,
+    law_text,
     with_one_account,
 )
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
@@ -36,7 +36,6 @@ from .gsd_file import write_gsd
 from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
 from .lammps_folder import read_folder
 from .lammps_write import contacts_path, write_lammps
-from .motion import mode_frames, read_mode
 from .table_file import contact_table_path, write_csv
 from .vtk_file import vtk_paths, write_vtk
 from .xyz_file import write_xyz
@@ -62,73 +61,19 @@ class Reading(NamedTuple):
         return [note for note in self.notes if isinstance(note, Assumption)]
 
 
-@checked
-def read_packing(path: str | Path, **options) -> Reading:
-    """Read one packing, from a file in any known format or from the folder of a run of LAMMPS.
-
-    The content of a file tells its format, not its name: .npz (names as in `from_arrays`) and .npy, archives, GSD,
-    LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns such as x, y, z,
-    radius (CSV, YADE, PFC). Text may be compressed. Of a folder, the newest restart file, or data and dump files, are
-    read with what its log or input script says of laws, walls, gravity and fixes.
-
-    Returns
-    -------
-    Reading
-        the state, its law, and notes on what was assumed or changed; `assumed` lists what was assumed
+def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:
+    """States of a file, or of the folder of a run of LAMMPS, each with its name, law and notes.
 
     Parameters
     ----------
-    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
-        take precedence over the law in the file. LAMMPS's data and dump files contain no law; to read contacts from a
-        dump, give all of its parameters
-    parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
-    i0 : float, moment of inertia I0 m R²
-    frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
-        in a dump; the last one by default, except of archives
-    contacts : path of the `dump local` that belongs to the grains and provides their memory
-    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not those that their contents suggest
-    boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
-    atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
+    frame : as in `read_packing`, or "all"
+    options : others of `read_packing`
 
     Raises
     ------
     PackingError
-        if a file cannot be used; the message is one sentence.
-
-    Warns
-    -----
-    PackingWarning
-        if something in the packing was changed.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path, place = f"{folder}/pair.npz", [[0, 0, 0], [0.99, 0, 0]]
-    ...     np.savez(path, position=place, radius=[0.5, 0.5])
-    ...     state, law, _ = read_packing(path, law="linear", coulomb="sharp", mu=0.5)
-    ...     state.contacts.count
-    array([1])
+        if a file cannot be used; the message may not name the file.
     """
-    ((_, *parts),) = read_packings(path, **{"frame": None, **options})
-    return Reading(*parts)
-
-
-@checked
-def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
-    """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
-    path = Path(path)
-    try:
-        return _read_states(path, frame, options)
-    except PackingError as problem:
-        named = (path.name, *filter(None, (options.get("contacts"), options.get("law"))))
-        if any(Path(str(name)).name in str(problem) for name in named):
-            raise
-        raise PackingError(f"{path}: {problem}") from None
-
-
-def _read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:
-    """States of a file or folder, as in `read_packings`, with messages that may not name the file."""
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
     given, own = law_from_file({name: value for name, value in options.items() if value is not None})
@@ -175,9 +120,12 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
     """
     its, notes = packing.law, packing.notes
-    law = _chosen_law(packing, given, own, memory=local.path is not None)
+    law = chosen_law(packing, given, own, memory=local.path is not None)
     if own is not None or given:
         notes = [note for note in notes if not getattr(note, "of_law", False)]
+        if isinstance(its, Law) and not laws_equal(its, law):
+            replaced = f"the law of the file ({law_text(its)}) is replaced by the one that was given ({law_text(law)})"
+            notes = [*notes, replaced]
     elif its is None:
         notes = [*notes, law_note(law)]
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
@@ -197,7 +145,7 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes
 
 
-def _chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
+def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
     """Law that was given, or that of the packing with the numbers that were given; the defaults if there is neither."""
     its = packing.law
     numbers = isinstance(its, Law) and own is None and {*given} <= {*parameter_names(its)}
@@ -298,7 +246,7 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITTEN:
-        raise PackingError(_unknown_suffix(path))
+        raise PackingError(unknown_suffix(path))
     if isinstance(states, State):
         states = [frame_of(states, law)]
     frames: list[Frame] = list(states)
@@ -316,52 +264,7 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     return SINGLE[suffix](path, frames[0])
 
 
-def convert(
-    path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
-    amplitude: float = 0.3, grow: bool = False, overwrite: bool = False, **options,
-) -> tuple[list[Path], list[str]]:  # fmt: skip
-    """Convert all states of a packing, or a chosen one, to another format, or animate one of its modes.
-
-    Parameters
-    ----------
-    modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
-    overwrite : True if existing files may be replaced; input files are never
-    replaced options : of `read_packing`
-
-    Returns
-    -------
-    list of Path
-        files that were written
-    list of str
-        notes on what was read, and on what the new format does not store
-    """
-    path, to = Path(path), Path(to)
-    if to.suffix.lower() not in WRITTEN:
-        raise PackingError(_unknown_suffix(to))
-    if modes is None:
-        chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
-        packings = read_packings(path, **{**options, "frame": "all", **chosen})
-        frames = [frame_of(state, law)._replace(assumed=_assumptions(said)) for _, state, law, said in packings]
-        notes = list(dict.fromkeys(note for *_, said in packings for note in said))
-    else:
-        state, law, notes = read_packing(path, **options)
-        of_mode = read_mode(modes, mode, len(state.grains.radius))
-        frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
-        notes = [*notes, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
-    targets = _output_files(to, frames)
-    check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
-    notes += write_packing(to, frames)
-    if to.suffix.lower() == ".vtu" and len(frames) > 1:
-        notes.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
-        targets = targets[:2]
-    return targets, notes
-
-
-def _assumptions(notes: list[str]) -> tuple[str, ...]:
-    return tuple(note for note in notes if isinstance(note, Assumption))
-
-
-def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
+def output_files(to: Path, frames: list[Frame]) -> list[Path]:
     """Output files for the frames of a packing, those of the first frame first."""
     if to.suffix.lower() == ".vtu":
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
@@ -372,7 +275,8 @@ def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
     return [to, *([contacts_path(to)] if holds else [])]
 
 
-def _unknown_suffix(path: Path) -> str:
+def unknown_suffix(path: Path) -> str:
+    """Return the message on a file extension in which nothing can be written."""
     near = difflib.get_close_matches(path.suffix.lower(), WRITTEN, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(WRITTEN)} can be written"
     return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be written: {hint}"

@@ -9,7 +9,9 @@ from ...core.arguments import checked, require_positive
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ..sample import PackingError
-from .files import capture_warnings, lammps_law, law_from_file, with_inertia
+from .content import Packing
+from .files import capture_warnings, chosen_law, lammps_law, law_from_file, with_inertia
+from .lammps_folder import read_folder
 from .lammps_series import (
     CONTACTS,
     GRAINS,
@@ -37,6 +39,7 @@ class Source(NamedTuple):
     columns: str | None
     boundary: str | None
     i0: float | None
+    run: Packing | None = None  # packing of the folder whose law, walls and loads the frames have
 
 
 class Pair(NamedTuple):
@@ -68,7 +71,8 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     Parameters
     ----------
     memory : whether dumps of contacts are used: those named by `contacts`, or those in the folder
-    options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump
+    options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump. Without a
+        law, that of the log or the script in the folder is taken, with walls, loads and what holds grains
 
     Raises
     ------
@@ -88,16 +92,25 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     path = Path(contacts or "*")
     where = folder / path if path.parent == Path() else path
     given, own = law_from_file(given)
-    if own is None and "law" not in given:
+    memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
+    run = _run_in(folder) if own is None and "law" not in given and Path(place).is_dir() else None
+    if own is None and "law" not in given and (run is None or run.law is None):
         raise PackingError(
             "LAMMPS dumps contain no contact law: give --law and its parameters, --kn, --kt and --mu, as in the "
-            "pair_style"
+            "pair_style, or the folder with log.lammps or the input script"
         )
-    memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
-    law = own or lammps_law(given, memory=memory)
+    law = own or (chosen_law(run, given, None, memory=memory) if run else lammps_law(given, memory=memory))
     if memory:
         _require_dumps(where.parent, where.name, CONTACTS)
-    return Source(folder, grains, where if memory else None, law, columns, boundary, i0)
+    return Source(folder, grains, where if memory else None, law, columns, boundary, i0, run)
+
+
+def _run_in(folder: Path) -> Packing | None:
+    """Newest packing of a run of LAMMPS, with the law of its commands; None if there is none yet."""
+    try:
+        return read_folder(folder)[0]
+    except PackingError:
+        return None
 
 
 def _await_contacts(folder: Path, grains: str, where: Path) -> bool:
@@ -177,7 +190,7 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
     PackingError
         if the frame cannot be used; the message is one sentence.
     """
-    how = {"columns": source.columns, "boundary": source.boundary}
+    how = {"columns": source.columns, "boundary": source.boundary, "run": source.run}
     (state, notes), said = capture_warnings(read_frame, pair.grains, pair.contacts, source.law, **how)
     return with_inertia(state, source.i0), [*notes, *said]
 

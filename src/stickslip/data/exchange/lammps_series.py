@@ -10,12 +10,15 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
+
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
-from ..sample import PackingError, with_one_account
+from ..sample import Obstacle, PackingError, with_one_account
+from .content import Packing
 from .lammps_file import build_state, packing_from_table, pairs_from_table
-from .lammps_text import Table, parse_step
+from .lammps_text import NO_WALLS, Table, parse_step
 
 GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # what a dump says that it has a number of
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
@@ -221,15 +224,34 @@ def read_content(frame: DumpFrame) -> Table:
 
 
 def read_frame(
-    grains: DumpFrame, contacts: DumpFrame | None, law: Law, *, columns: str | None = None, boundary: str | None = None
-) -> tuple[State, list[str]]:
-    """Accepted state of a frame, with memory if there is one of contacts, and notes; see `read_lammps`."""
+    grains: DumpFrame, contacts: DumpFrame | None, law: Law, *, columns: str | None = None,
+    boundary: str | None = None, run: Packing | None = None,
+) -> tuple[State, list[str]]:  # fmt: skip
+    """Accepted state of a frame, with memory if there is one of contacts, and notes; see `read_lammps`.
+
+    With the packing of its run, it is put amid the walls and loads of the run.
+    """
     table, pairs = read_content(grains), None
     local = None if contacts is None else read_content(contacts)
     if local is not None and table.periodic is None:
         table = table._replace(periodic=local.periodic)
     packing = packing_from_table(table, grains.path, boundary)
+    if run is not None:
+        packing = _in_run(packing, run)
     if contacts is not None and local is not None:
         pairs = pairs_from_table(local, contacts.path, packing, columns)
     state, notes = build_state(packing, pairs, law)
     return state, with_one_account([*packing.notes, *notes])
+
+
+def _in_run(packing: Packing, run: Packing) -> Packing:
+    """Packing of a frame with the walls, loads and law of its run, and the notes on these."""
+    alike = run.ids is None or np.array_equal(packing.ids, run.ids)
+    if run.setting is not None and not alike:
+        raise PackingError(
+            "it has other grains than the newest packing of the run, whose walls and loads it would have: give --law"
+        )
+    walls = [] if run.setting is None else [NO_WALLS]
+    own = [note for note in packing.notes if not any(part in note for part in walls)]
+    acts = [note for note in run.notes if isinstance(note, Obstacle)]
+    return packing._replace(setting=run.setting, notes=[*own, *(note for note in acts if note not in own)])

@@ -138,7 +138,11 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
     if boundary is not None:
         if not re.fullmatch("[pfsm]{3}", boundary):
             raise PackingError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
-        periodic = np.array([letter == "p" for letter in boundary])
+        given = np.array([letter == "p" for letter in boundary])
+        if periodic is not None and (given != periodic).any():
+            has = "".join("p" if flag else "f" for flag in periodic)
+            notes = [*notes, f"boundary {boundary} was given and is taken, where the file has {has}"]
+        periodic = given
     elif periodic is None:
         periodic = np.ones(3, bool)
         notes = [

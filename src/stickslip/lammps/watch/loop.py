@@ -98,7 +98,7 @@ def _compute(source: Source, pair: Pair, method: str, report) -> tuple[Row, list
     memory = pair.contacts is not None
     try:
         row = measure_frame(
-            pair.grains.step, key_of(pair), state, source.law, memory=memory, method=method, report=report
+            pair.grains.step, key_of(pair), state, source.law, memory=memory, method=method, notes=notes, report=report
         )
     except ArithmeticError as problem:
         raise PackingError(f"its spectrum could not be computed ({problem})") from None

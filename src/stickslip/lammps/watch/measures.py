@@ -8,7 +8,7 @@ from ...core.laws.builtin import Law
 from ...core.measure import coordination, least_supports, stress
 from ...core.progress import Report, silent
 from ...core.state import SLIDE, State
-from ...reports.packing import to_dict
+from ...reports.packing import to_dict, verdict
 from ...solve.balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
 from ...solve.linearised import linearised
 from ...solve.spectrum import softest_eigenvalue
@@ -59,14 +59,16 @@ class Row(NamedTuple):
 
 
 def measure_frame(
-    step: int, digest: str, state: State, law: Law, *, memory: bool, method: str = "auto", report: Report = silent
-) -> Row:
+    step: int, digest: str, state: State, law: Law, *, memory: bool, method: str = "auto", notes=(),
+    report: Report = silent,
+) -> Row:  # fmt: skip
     """Measure a frame.
 
     Parameters
     ----------
     memory : whether the slip of its contacts is known
     method : one of `METHODS`; with "auto", the spectrum of more than 1500 coordinates is computed only in equilibrium
+    notes : on the frame; what acts on its grains and was not taken over leaves the verdict undecided
     report : called as report(stage, share done, text)
     """
     here, mode = linearised(state, law), state.contacts.mode[: state.contacts.count[0]]
@@ -85,7 +87,7 @@ def measure_frame(
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
     result = stability(state, law, method="fastest" if large else method, report=report)
     matrix = here.with_modes(modes_under(state, law, here.line)).dynamical_matrix(free)
-    return _add_spectrum(row, result, softest_eigenvalue(matrix))
+    return _add_spectrum(row, result, softest_eigenvalue(matrix), notes)
 
 
 def _note(row: Row, text: str) -> Row:
@@ -105,13 +107,13 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
 
 def _without_spectrum(row: Row) -> Row:
     balanced = bool(row.residual is not None and row.residual <= BALANCED_BELOW)
-    verdict = "in equilibrium; the spectrum was not computed" if balanced else no_equilibrium_message(row.residual)
-    return row._replace(balanced=balanced, verdict=verdict)
+    told = "in equilibrium; the spectrum was not computed" if balanced else no_equilibrium_message(row.residual)
+    return row._replace(balanced=balanced, verdict=told)
 
 
-def _add_spectrum(row: Row, result: Stability, softest: complex) -> Row:
+def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
     """Row with the numbers of a spectrum, as `stickslip stability --json` has them."""
-    known = to_dict(result)
+    known = to_dict(result, notes=notes)
     grow = known["pairs"]
     negative = known["negative"] if "negative" in known else known["growing"]
     static = result.undamped or result
@@ -119,8 +121,8 @@ def _add_spectrum(row: Row, result: Stability, softest: complex) -> Row:
     return row._replace(
         rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
         growth_rate=grow[0]["growth_rate"] if grow else None, omega=grow[0]["omega"] if grow else None,
-        buckling=len(negative), stable=known["stable"], balanced=known["balanced"], verdict=result.verdict,
-        scope=known["scope"],
+        buckling=len(negative), stable=known["stable"], balanced=known["balanced"],
+        verdict=verdict(result, None, notes), scope=known["scope"],
     )  # fmt: skip
 
 

@@ -1,0 +1,131 @@
+"""Packings from whatever holds them: the one way in for all commands, and conversion to other formats."""
+
+from pathlib import Path
+
+from ..core.arguments import checked
+from ..core.laws.builtin import Law
+from ..core.state import State
+from ..data.atomic import check_free
+from ..data.exchange.files import WRITTEN, Reading, output_files, read_states, unknown_suffix, write_packing
+from ..data.exchange.force_network import is_measured
+from ..data.exchange.frame import frame_of
+from ..data.exchange.motion import mode_frames, read_mode
+from ..data.run_files import NUMBERS
+from ..data.sample import Assumption, PackingError
+from .measured import read_measured
+
+
+@checked
+def read_packing(path: str | Path, **options) -> Reading:
+    """Read one packing: from a file in any known format, the folder of a run, or tables of measured forces.
+
+    The content of a file tells its format, not its name: .npz (names as in `from_arrays`) and .npy, archives, GSD,
+    LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns such as x, y, z,
+    radius (CSV, YADE, PFC). Text may be compressed. Of a folder, the newest restart file, or data and dump files, are
+    read with what its log or input script says of laws, walls, gravity and fixes. The folder of a run of this package
+    stands for its archive. Of measured forces (`contacts` is a table with a column fn, or the file one of PeGS), the
+    state is the nearest in balance, see `packings.from_forces`.
+
+    Returns
+    -------
+    Reading
+        the state, its law, and notes on what was assumed or changed; `assumed` lists what was assumed
+
+    Parameters
+    ----------
+    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
+        take precedence over the law in the file. LAMMPS's data and dump files contain no law; to read contacts from a
+        dump, give all of its parameters
+    parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
+    i0 : float, moment of inertia I0 m R²
+    frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
+        in a dump; the last one by default, except of archives
+    contacts : path of the `dump local` that belongs to the grains and provides their memory, or of the table of
+        measured forces, see `read_forces`
+    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not those that their contents suggest
+    boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
+    atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
+
+    Raises
+    ------
+    PackingError
+        if a file cannot be used; the message is one sentence.
+
+    Warns
+    -----
+    PackingWarning
+        if something in the packing was changed.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path, place = f"{folder}/pair.npz", [[0, 0, 0], [0.99, 0, 0]]
+    ...     np.savez(path, position=place, radius=[0.5, 0.5])
+    ...     state, law, _ = read_packing(path, law="linear", coulomb="sharp", mu=0.5)
+    ...     state.contacts.count
+    array([1])
+    """
+    ((_, *parts),) = read_packings(path, **{"frame": None, **options})
+    return Reading(*parts)
+
+
+@checked
+def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
+    """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
+    path, contacts = Path(path), options.get("contacts")
+    if path.is_dir() and (path / NUMBERS).is_file():
+        path = path / NUMBERS
+    try:
+        if is_measured(path, contacts and Path(contacts)):
+            return [("", *read_measured(path, **options | ({} if frame == "all" else {"frame": frame})))]
+        return read_states(path, frame, options)
+    except PackingError as problem:
+        named = (path.name, *filter(None, (contacts, options.get("law"))))
+        if any(Path(str(name)).name in str(problem) for name in named):
+            raise
+        raise PackingError(f"{path}: {problem}") from None
+
+
+def convert(
+    path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
+    amplitude: float = 0.3, grow: bool = False, overwrite: bool = False, **options,
+) -> tuple[list[Path], list[str]]:  # fmt: skip
+    """Convert all states of a packing, or a chosen one, to another format, or animate one of its modes.
+
+    Parameters
+    ----------
+    modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
+    overwrite : True if existing files may be replaced; input files are never replaced
+    options : of `read_packing`
+
+    Returns
+    -------
+    list of Path
+        files that were written
+    list of str
+        notes on what was read, and on what the new format does not store
+    """
+    path, to = Path(path), Path(to)
+    if to.suffix.lower() not in WRITTEN:
+        raise PackingError(unknown_suffix(to))
+    if modes is None:
+        chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
+        packings = read_packings(path, **{**options, "frame": "all", **chosen})
+        frames = [
+            frame_of(state, law)._replace(assumed=tuple(note for note in said if isinstance(note, Assumption)))
+            for _, state, law, said in packings
+        ]
+        notes = list(dict.fromkeys(note for *_, said in packings for note in said))
+    else:
+        state, law, notes = read_packing(path, **options)
+        of_mode = read_mode(modes, mode, len(state.grains.radius))
+        frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
+        notes = [*notes, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
+    targets = output_files(to, frames)
+    check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
+    notes += write_packing(to, frames)
+    if to.suffix.lower() == ".vtu" and len(frames) > 1:
+        notes.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
+        targets = targets[:2]
+    return targets, notes
