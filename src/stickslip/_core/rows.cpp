@@ -173,7 +173,8 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     add_rotation<DIM>(torque_j, -1.0, moment);
   }
   if (ANGULAR) store(own + ANCHOR, apart);
-  if (law.len_memory && !(frozen && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
+  if (law.len_memory && !(before != OPEN && (frozen || (hold && has_own_memory(law, contacts, c)))))
+    update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
   add<DIM>(sweep.force + sweep.stride * j, -1.0, f);
