@@ -63,7 +63,7 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   const bool still = contacts.mode[c] != OPEN && is_zero(vector_at(3, out.way, c)) && is_zero(vector_at(3, out.turn, c));
   bool slides = return_mapping<DIM>(fades(law), false, memory, spring.stiffness, limit, slack, a, d,
                                     Ratio<double>{1.0, 1.0}, slid, moved.fade).slides;
-  if (still && is_kept(memory, slid, spring.stiffness * root(dot(a, a)), limit, slack, false, !law.range || overlap > 0.0))
+  if (still && agrees(memory, slid, spring.stiffness * root(dot(a, a)), limit, slack, !law.range || overlap > 0.0))
     slides = slid;
   bool weighted = DIM == 3 && slides && slid && limit > 0.0;
   if (weighted) {
@@ -122,7 +122,7 @@ static void linearise_rolling(const Law &law, const Bodies &bodies, const Contac
   const double slack = stiffness * rotation_round_off(bodies, contacts, pair, c);
   bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, false, memory, stiffness, limit, slack, a, d,
                                                               Ratio<double>{1.0, 1.0}, slid, 1.0).slides;
-  if (still && is_kept(memory, slid, stiffness * root(dot(a, a)), limit, slack, false)) slides = slid;
+  if (still && agrees(memory, slid, stiffness * root(dot(a, a)), limit, slack)) slides = slid;
   out.damping[c] = r.damping, out.slides[c] = slides && !law.roll_viscous;
   if (slides && stiffness > 0.0) {
     out.by_force[c] = edge.first;
@@ -165,7 +165,7 @@ static void linearise_twisting(const Law &law, const Bodies &bodies, const Conta
   }
   const double slack = r.stiffness * rotation_round_off(bodies, contacts, pair, c);
   const bool slid = own[TWIST_AT_CAP] > 0.0;
-  const bool kept = still && is_kept(memory, slid, r.stiffness * magnitude(twist), r.cap, slack, false);
+  const bool kept = still && agrees(memory, slid, r.stiffness * magnitude(twist), r.cap, slack);
   const bool slides = kept ? slid : truncate_twist(r, slack, memory == HELD, slid, twist);
   out.twisting[c] = r.stiffness * twist;
   if (!slides) {

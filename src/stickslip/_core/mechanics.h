@@ -133,15 +133,16 @@ inline auto still_slides(T square, T limit, T slack) {
   return square > least * least;
 }
 
-// Whether a spring that has not moved since its memory was committed keeps it to the last bit. If not, the memory is that
-// of another law. `pull` is its force, `loose`: it slides if its limit is zero; `moves`: with a dashpot that moves, so
-// that the limit is not the one at which the memory was committed.
-inline bool is_kept(int64_t memory, bool slid, double pull, double limit, double slack, bool moves, bool loose = true) {
-  if (moves) return !slid || pull > 0.0 || limit == 0.0;
+// Whether the memory of a spring that has not moved since it was committed agrees with the law, and is kept to the last
+// bit. If not, it is that of another law. `pull` is its force; `loose`: it slides if its limit is zero.
+inline bool agrees(int64_t memory, bool slid, double pull, double limit, double slack, bool loose = true) {
   if (limit == 0.0) return pull == 0.0 && slid == loose;
   if (memory == HELD) return !slid || magnitude(pull - limit) <= slack;
   return pull <= limit + slack && (!slid || (pull > 0.0 && pull >= smaller((1.0 - AT_LIMIT) * limit, limit - slack)));
 }
+
+// Whether the memory of such a spring is kept beside a dashpot that moves: its limit is not that of the commit.
+inline bool is_kept_in_motion(bool slid, double pull, double limit) { return !slid || pull > 0.0 || limit == 0.0; }
 
 // Slip a + d part/whole truncated at the Coulomb limit, and whether the contact slides. With HELD memory it keeps its
 // mode.

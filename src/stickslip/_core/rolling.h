@@ -77,13 +77,20 @@ struct RotationStep {
   Ratio<double> fraction;
   int64_t memory;     // see mechanics.h
   bool kept, closed;  // the memory is kept; the contact touched before
-  bool still, moves;  // it has not moved since it was committed; see `is_kept`
+  bool still, moves;  // it has not moved since it was committed; a dashpot moves
   double round_off;   // of a rotation
 };
 
-inline bool keeps_rotation(Resistance r, const RotationStep &step, bool slid, double size) {
-  const double slack = r.stiffness * step.round_off;
-  return step.kept || (step.still && is_kept(step.memory, slid, r.stiffness * size, r.cap, slack, step.moves));
+// How the memory of a rotation is treated, see `agrees`.
+struct Keeping {
+  double slack;
+  bool slid, held, kept;  // its moment is that of the memory; the memory is kept
+};
+
+inline Keeping keeping(Resistance r, const RotationStep &step, bool slid, double size) {
+  const double slack = r.stiffness * step.round_off, pull = r.stiffness * size;
+  const bool held = step.kept || (step.still && agrees(step.memory, slid, pull, r.cap, slack));
+  return {slack, slid, held, held || (step.still && step.moves && is_kept_in_motion(slid, pull, r.cap))};
 }
 
 // Resistance of what sticks with HELD memory has no cap.
@@ -96,20 +103,20 @@ inline Resistance as_held(Resistance r, int64_t memory, bool slides) {
 template <int DIM>
 inline Vec<double> rolling_moment(const Law &law, Resistance r, const RotationStep &step, double *own) {
   Vec<double> psi = {own[0], own[1], own[2]}, w = step.rate - dot(step.rate, step.n) * step.n;
-  const bool slid = own[AT_CAP] > 0.0;
-  if (keeps_rotation(r, step, slid, root(dot(psi, psi)))) return rolling_load(law, as_held(r, step.memory, slid), psi, w);
-  const double slack = r.stiffness * step.round_off;
+  const Keeping keep = keeping(r, step, own[AT_CAP] > 0.0, root(dot(psi, psi)));
+  if (keep.held) return rolling_load(law, as_held(r, step.memory, keep.slid), psi, w);
   Vec<double> a = step.closed ? onto_plane(step.n, step.mid, psi) : Vec<double>{};
   Vec<double> d = onto_plane(step.n, step.mid, step.turned);
   if (law.rate && r.stiffness > 0.0) {  // spring and dashpot together
-    Loads<double, bool> out = truncate_as_lammps(0.0, r.stiffness, r.damping, r.cap, slack, a + d, w, false, slid);
+    Loads<double, bool> out =
+        truncate_as_lammps(0.0, r.stiffness, r.damping, r.cap, keep.slack, a + d, w, false, keep.slid);
     own[0] = out.slip.x, own[1] = out.slip.y, own[2] = out.slip.z, own[AT_CAP] = out.slides;
     return out.tangential;
   }
-  Truncated<double, bool> out = return_mapping<DIM, double, bool>(false, law.rate, step.memory, r.stiffness, r.cap, slack,
-                                                                a, d, step.fraction, slid, 1.0);
+  Truncated<double, bool> out = return_mapping<DIM, double, bool>(false, law.rate, step.memory, r.stiffness, r.cap,
+                                                                keep.slack, a, d, step.fraction, keep.slid, 1.0);
   psi = r.stiffness > 0.0 ? out.slip : Vec<double>{};
-  own[0] = psi.x, own[1] = psi.y, own[2] = psi.z, own[AT_CAP] = out.slides;
+  if (!keep.kept) own[0] = psi.x, own[1] = psi.y, own[2] = psi.z, own[AT_CAP] = out.slides;
   return rolling_load(law, as_held(r, step.memory, out.slides), psi, w);
 }
 
@@ -123,20 +130,19 @@ inline bool truncate_twist(Resistance r, double slack, bool held, bool slid, dou
 
 // Moment on i along the normal that resists twisting; the memory `own` is updated.
 inline double twisting_moment(const Law &law, Resistance r, const RotationStep &step, double *own) {
-  const double w = dot(step.rate, step.n), slack = r.stiffness * step.round_off;
-  const bool slid = own[TWIST_AT_CAP] > 0.0;
-  if (keeps_rotation(r, step, slid, magnitude(own[TWIST])))
-    return twisting_load(as_held(r, step.memory, slid), own[TWIST], w);
+  const double w = dot(step.rate, step.n);
+  const Keeping keep = keeping(r, step, own[TWIST_AT_CAP] > 0.0, magnitude(own[TWIST]));
+  if (keep.held) return twisting_load(as_held(r, step.memory, keep.slid), own[TWIST], w);
   double twist = (step.closed ? own[TWIST] : 0.0) + step.fraction.part / step.fraction.whole * dot(step.mid, step.turned);
   const double t = twisting_load(r, twist, w);
   bool slides;
   if (law.rate) {  // spring and dashpot together
     slides = magnitude(t) >= r.cap;
     if (slides && r.stiffness > 0.0) twist = -(t + r.damping * w) / r.stiffness;
-    slides = slides || (slid && still_slides(t * t, r.cap, slack));
+    slides = slides || (keep.slid && still_slides(t * t, r.cap, keep.slack));
   } else {
-    slides = truncate_twist(r, slack, step.memory == HELD, slid, twist);
+    slides = truncate_twist(r, keep.slack, step.memory == HELD, keep.slid, twist);
   }
-  own[TWIST] = twist, own[TWIST_AT_CAP] = slides;
+  if (!keep.kept) own[TWIST] = twist, own[TWIST_AT_CAP] = slides;
   return law.rate ? t : twisting_load(as_held(r, step.memory, slides), twist, w);
 }

@@ -120,10 +120,10 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   }
   Vec<double> s = flat<DIM>(read(contacts.slip + 3 * c));
   Elastic<double> spring = elastic(law, q, r_eff, overlap);
-  double kept = 1.0;
+  double carried = 1.0;
   if (law.keeps_force && before != OPEN)
-    kept = kept_force(law, q, r_eff, spring.stiffness, overlap - overlap_increment(n, inverse, d));
-  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s, kept);
+    carried = kept_force(law, q, r_eff, spring.stiffness, overlap - overlap_increment(n, inverse, d));
+  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s, carried);
   if (frozen || still) moved.slip = s, moved.increment = {0.0, 0.0, 0.0};
   double fn = spring.force, damping = 0.0;
   bool moves = false;
@@ -141,12 +141,14 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   }
   const double limit = cap(law, q, r_eff, overlap, fn, law.rate && law.damping);
   const double reach = bodies.radius[i] + bodies.radius[j];
-  const bool hold = frozen || (still && is_kept(sweep.memory, before == SLIDE, spring.stiffness * root(dot(s, s)), limit,
-                                                ROUND_OFF * reach * spring.stiffness, moves, !law.range || overlap > 0.0));
+  const double pull = still ? spring.stiffness * root(dot(s, s)) : 0.0, slack = ROUND_OFF * reach * spring.stiffness;
+  const bool slid = before == SLIDE, loose = !law.range || overlap > 0.0;
+  const bool hold = frozen || (still && agrees(sweep.memory, slid, pull, limit, slack, loose));
+  const bool kept = before != OPEN && (hold || (still && moves && is_kept_in_motion(slid, pull, limit)));
   Loads<double, bool> out = contact_loads<DIM>(law, bool(law.rate), sweep.memory, hold, fn, spring.stiffness, damping,
-                                               limit, overlap, reach, moved, fraction, before == SLIDE, v);
+                                               limit, overlap, reach, moved, fraction, slid, v);
   const double *place = sweep.position.data + sweep.position.stride * i;
-  if (!(hold && before != OPEN)) {
+  if (!kept) {
     store(contacts.slip + 3 * c, out.slip);
     const int8_t after = out.slides ? SLIDE : STICK;
     if (after != before) contacts.mode[c] = after;
@@ -173,7 +175,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     add_rotation<DIM>(torque_j, -1.0, moment);
   }
   if (ANGULAR) store(own + ANCHOR, apart);
-  if (law.len_memory && !(before != OPEN && (frozen || (hold && has_own_memory(law, contacts, c)))))
+  if (law.len_memory && !(kept && (frozen || has_own_memory(law, contacts, c))))
     update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
