@@ -76,7 +76,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   }
   find_overlap(pair, bodies, i, j);
   const Vec<double> r = pair.r, n = flat<DIM>(pair.n);
-  const double overlap = pair.overlap, inverse = pair.inverse;
+  const double overlap = pair.overlap, inverse = pair.inverse, sum_radii = bodies.radius[i] + bodies.radius[j];
   if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
   find_parameters(pair, law, bodies, contacts, c);
   const Parameters q = pair.q;
@@ -115,6 +115,8 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (before != OPEN) d = r - was, roll = angle - rolled;
     still = before != OPEN && is_zero(d) && is_zero(roll) && !(shorter && !is_zero(turned));
     frozen = still && sweep.memory == FROZEN;
+    // slips of files may not be tangential
+    still = still && magnitude(dot(n, flat<DIM>(read(contacts.slip + 3 * c)))) <= ROUND_OFF * sum_radii;
     if (shorter && !law.rate)
       roll = roll - mid_shortening(n, inverse, overlap, d) * turned_together(bodies.radius, i, j, roll, turned);
   }
@@ -140,13 +142,12 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     moves = vn != 0.0;
   }
   const double limit = cap(law, q, r_eff, overlap, fn, law.rate && law.damping);
-  const double reach = bodies.radius[i] + bodies.radius[j];
-  const double pull = still ? spring.stiffness * root(dot(s, s)) : 0.0, slack = ROUND_OFF * reach * spring.stiffness;
+  const double pull = still ? spring.stiffness * root(dot(s, s)) : 0.0, slack = ROUND_OFF * sum_radii * spring.stiffness;
   const bool slid = before == SLIDE, loose = !law.range || overlap > 0.0;
   const bool hold = frozen || (still && agrees(sweep.memory, slid, pull, limit, slack, loose));
   const bool kept = before != OPEN && (hold || (still && moves && is_kept_in_motion(slid, pull, limit)));
   Loads<double, bool> out = contact_loads<DIM>(law, bool(law.rate), sweep.memory, hold, fn, spring.stiffness, damping,
-                                               limit, overlap, reach, moved, fraction, slid, v);
+                                               limit, overlap, sum_radii, moved, fraction, slid, v);
   const double *place = sweep.position.data + sweep.position.stride * i;
   if (!kept) {
     store(contacts.slip + 3 * c, out.slip);

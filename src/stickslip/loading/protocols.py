@@ -20,6 +20,7 @@ from ..solve.newton import newton
 from ..solve.relax import relax
 from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
 
+SAME_LOAD = 1e-9  # relative difference up to which a load is that of a state
 SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are the same
 
 
@@ -137,13 +138,17 @@ def ramp(
     """Equilibria along a path of loads, each found from the one before it.
 
     Loads of `aqs` are strains measured from the given state, so that the path starts there at 0 however its cell is
-    tilted. Other loads are absolute, such as forces. A state in motion is first brought to rest.
+    tilted; a path whose first load is the strain of its cell goes on from there. Other loads are absolute, such as
+    forces. A state in motion is first brought to rest.
 
     `report` is called as report(stage, share done, text) after each.
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
     one to within the tolerance of the solver.
     """
-    path, protocol = [], protocol.starting(state)
+    path, begin = [], 0.0
+    if protocol.place and len(loads) and np.isclose(loads[0], protocol.place(state), rtol=SAME_LOAD, atol=0.0):
+        begin = float(loads[0])
+    protocol = protocol.starting(state, begin)
     for k, load in enumerate(loads):
         point = solve_point(state, load, protocol, kept, f"{k:06d}")
         modes = f"{len(point.spectrum.pairs)} pairs, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"

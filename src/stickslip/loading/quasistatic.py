@@ -32,7 +32,7 @@ def aqs(
 ) -> Protocol:  # fmt: skip
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 
-    In `ramp` γ is measured from the first state, whose cell may be tilted.
+    In `ramp` γ is measured from the first state, whose cell may be tilted; see there.
 
     Newton's method finds equilibria whether they are stable or not, and may land on another branch than that on which
     the step began. Both are checked: the first by the spectrum of the step; the second by the motion of the grains,
