@@ -157,5 +157,5 @@ def test_a_contact_at_the_limit_sticks_as_soon_as_it_moves_back():
     place = moved(place, forth)
     assert memories(place)["mode"][0] == ss.SLIDE
     for _ in range(40):
-        place = moved(place, -1e-13 * forth / 0.02)
+        place = moved(place, -1e-12 * forth / 0.02)
     assert memories(place)["mode"][0] == ss.STICK

@@ -3,6 +3,9 @@
 #include "elastic.h"
 #include "rolling.h"
 
+// A sliding contact that has moved back resists, even by less than round-off of its limit.
+constexpr double NO_SLACK = 0.0;
+
 // ---- forces
 
 struct Tangent {
@@ -61,7 +64,7 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   Vec<double> a = moved.slip, d = moved.increment;
   const double slack = ROUND_OFF * (bodies.radius[contacts.i[c]] + bodies.radius[contacts.j[c]]) * spring.stiffness;
   const bool still = contacts.mode[c] != OPEN && is_zero(vector_at(3, out.way, c)) && is_zero(vector_at(3, out.turn, c));
-  bool slides = return_mapping<DIM>(fades(law), false, memory, spring.stiffness, limit, slack, a, d,
+  bool slides = return_mapping<DIM>(fades(law), false, memory, spring.stiffness, limit, NO_SLACK, a, d,
                                     Ratio<double>{1.0, 1.0}, slid, moved.fade).slides;
   if (still && agrees(memory, slid, spring.stiffness * root(dot(a, a)), limit, slack, !law.range || overlap > 0.0))
     slides = slid;
@@ -120,7 +123,7 @@ static void linearise_rolling(const Law &law, const Bodies &bodies, const Contac
   const Resistance r = rolling_resistance(law, q, pair.r_eff, pair.overlap, force, force_limit);
   double stiffness = r.stiffness, limit = r.cap;
   const double slack = stiffness * rotation_round_off(bodies, contacts, pair, c);
-  bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, false, memory, stiffness, limit, slack, a, d,
+  bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, false, memory, stiffness, limit, NO_SLACK, a, d,
                                                               Ratio<double>{1.0, 1.0}, slid, 1.0).slides;
   if (still && agrees(memory, slid, stiffness * root(dot(a, a)), limit, slack)) slides = slid;
   out.damping[c] = r.damping, out.slides[c] = slides && !law.roll_viscous;
@@ -166,7 +169,7 @@ static void linearise_twisting(const Law &law, const Bodies &bodies, const Conta
   const double slack = r.stiffness * rotation_round_off(bodies, contacts, pair, c);
   const bool slid = own[TWIST_AT_CAP] > 0.0;
   const bool kept = still && agrees(memory, slid, r.stiffness * magnitude(twist), r.cap, slack);
-  const bool slides = kept ? slid : truncate_twist(r, slack, memory == HELD, slid, twist);
+  const bool slides = kept ? slid : truncate_twist(r, NO_SLACK, memory == HELD, slid, twist);
   out.twisting[c] = r.stiffness * twist;
   if (!slides) {
     out.twisting_along[c] = r.stiffness, out.twisting_damping[c] = r.damping;

@@ -7,8 +7,8 @@
 
 constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; above 1/2, so that a slip can reverse
 // Round-off of a slip and of its limit, in units of R_i + R_j: what slides does so until its slip is shorter than the
-// limit by more. Positions far from the origin, and other orders of arithmetic, leave less.
-constexpr double ROUND_OFF = 1e-12;
+// limit by more. Positions far from the origin, other orders of arithmetic and the tolerances of solvers leave less.
+constexpr double ROUND_OFF = 1e-11;
 // Share of its limit by which the slip of what slides may fall short at rest: dashpots leave that much.
 constexpr double AT_LIMIT = 1e-3;
 constexpr double NO_LIMIT = 1e150;  // its square is finite

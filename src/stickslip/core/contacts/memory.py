@@ -4,5 +4,5 @@
 # contact in its mode; FROZEN: as FREE, also where it is not that of this law
 FROZEN, HELD, FREE = 0, 1, 2
 MIN_WEIGHT = 0.6  # of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
-ROUND_OFF = 1e-12  # of a slip, in units of R_i + R_j: a contact slides until its slip is shorter than its limit by more
+ROUND_OFF = 1e-11  # of a slip, in units of R_i + R_j: a contact slides until its slip is shorter than its limit by more
 AT_LIMIT = 1e-3  # share of its limit by which the slip of a sliding contact may fall short at rest; dashpots leave that
