@@ -196,7 +196,7 @@ inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t
   }
   const double limit = coulomb_limit(q, fn, false);
   const Loads<double, bool> out = contact_loads<DIM>(law, false, FREE, false, fn, spring.stiffness, damping, limit,
-                                                     overlap, moved, fraction, before == SLIDE, v);
+                                                     overlap, radius + touch.radius, moved, fraction, before == SLIDE, v);
   *slip[0] = out.slip.x, *slip[1] = out.slip.y;
   if (DIM == 3) *slip[2] = out.slip.z;
   const int64_t mode = out.slides ? SLIDE : STICK, reached = out.slides && limit > 0.0 ? REACHED : word & REACHED;

@@ -75,7 +75,7 @@ struct Block {
 
 struct Geometry {
   Vec<Real> n;
-  Real inverse, overlap, edge, r_eff;
+  Real inverse, overlap, edge, r_eff, reach;
   Mask touches;
 };
 
@@ -93,7 +93,8 @@ inline Geometry geometry(const Block &block, int64_t l) {
     out.inverse = 1.0 / distance;
     out.n = out.inverse * r;
   }
-  Real overlap = load(block.scratch + RADII + l) - distance;
+  out.reach = load(block.scratch + RADII + l);
+  Real overlap = out.reach - distance;
   out.r_eff = block.size ? load(block.size + l) : Real{} + 1.0;
   out.edge = block.law.range ? -load(block.scratch + EDGE + l) : Real{};
   if (block.law.bonds) out.edge = select(load(block.modes + l) == OPEN, Real{}, out.edge);
@@ -193,10 +194,10 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
     if (hold) moved.slip = s, moved.increment = {Real{}, Real{}, Real{}};
     Real limit = law.cap ? select(at.touches, load(scratch + LIMIT + l), Real{})
                          : coulomb_limit(block.q, normal.total, rate && law.damping && !law.force);
-    Mask slid = rate ? Mask{} : (before == SLIDE) | (before == LOOSE);
+    Mask slid = (before == SLIDE) | (before == LOOSE);
     Loads<Real, Mask> out =
         contact_loads<DIM>(law, rate, FREE, held, normal.total, normal.stiffness, normal.factor * block.q[DAMPING_T],
-                           limit, at.overlap, moved, fraction, slid, normal.velocity);
+                           limit, at.overlap, at.reach, moved, fraction, slid, normal.velocity);
     Vec<Real> none = {Real{}, Real{}, Real{}}, t = out.tangential, force = out.normal * at.n + t;
     Vec<Real> slip = select(at.touches, out.slip, none), turn = cross(t, at.n);
     store(slips + l, slip.x), store(slips + LANES + l, slip.y);

@@ -40,5 +40,10 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   int64_t tiles;              // T
 };
 
+// Pair vector (3,) of contact c, and rolled length R_i angle_i + R_j angle_j (3,) of two bodies, as they are committed:
+// with the same bits on every processor, so that memory shows that nothing has moved
+void pair_vector(const Contacts &contacts, int64_t c, const double *position, const double *vectors, double *out);
+void rolled_length(const double *radius, const double *angle, int64_t i, int64_t j, double *out);
+
 // Writes part of the blocks back to the list
 void commit_part(const Blocks &blocks, const Contacts &list, int64_t part, int64_t parts);

@@ -20,8 +20,8 @@ typedef long long int64_t;
 // modes of contacts. Within blocks also STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; and LOOSE:
 // slides because its limit is zero, and has not been at a limit
 constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
-// Treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
-// it was committed; HELD: transport it with every contact in its mode; FREE: transport it
+// Treatment of the memory in an evaluation. FREE: transport it, but keep it bit for bit where nothing has moved since it
+// was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, also where it is not that of this law
 constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
 
 struct Bodies {

@@ -98,6 +98,14 @@ inline const double *memory_at(const Law &law, const Contacts &contacts, int64_t
   return law.len_memory && has && contacts.mode[c] != OPEN ? own_memory(law, contacts, c) : law.memory;
 }
 
+// Whether the own memory of contact c is not that of a new contact.
+inline bool has_own_memory(const Law &law, const Contacts &contacts, int64_t c) {
+  const double *own = own_memory(law, contacts, c);
+  bool same = true;
+  for (int64_t k = 0; k < law.len_memory; ++k) same &= own[k] == law.memory[k];
+  return !same;
+}
+
 inline void update_memory(const Law &law, Parameters q, double r_eff, double overlap, double *own) {
   double fn = 0.0, unused;
   reinterpret_cast<LawFunction>(law.update)(q.table, 1, &r_eff, &overlap, &fn, q.memory, own, &unused);

@@ -120,24 +120,34 @@ void scatter_bodies(const Moving *moving, const Bodies *bodies) {
   }
 }
 
+void pair_vector(const Contacts &contacts, int64_t c, const double *position, const double *vectors, double *out) {
+  const double *i = position + 3 * contacts.i[c], *j = position + 3 * contacts.j[c];
+  const int16_t *image = contacts.image + 3 * c;
+  for (int64_t m = 0; m < 3; ++m)
+    out[m] = i[m] - j[m] + (image[0] * vectors[m] + image[1] * vectors[3 + m] + image[2] * vectors[6 + m]);
+}
+
+void rolled_length(const double *radius, const double *angle, int64_t i, int64_t j, double *out) {
+  for (int64_t m = 0; m < 3; ++m) out[m] = radius[i] * angle[3 * i + m] + radius[j] * angle[3 * j + m];
+}
+
 uint8_t store_reference(const Contacts *contacts, const double *position, const double *angle, const double *radius,
                         const double *vectors, int64_t angular, double *pair, double *roll) {
   bool rested = true;
   for (int64_t c = 0; c < contacts->count[0] && (pair || rested); ++c) {
     if (!contacts->mode[c]) continue;
     const int64_t i = contacts->i[c], j = contacts->j[c];
-    const int16_t *image = contacts->image + 3 * c;
+    double r[3], turned[3];
+    pair_vector(*contacts, c, position, vectors, r);
+    rolled_length(radius, angle, i, j, turned);
     for (int64_t m = 0; m < 3; ++m) {
-      const double shift = image[0] * vectors[m] + image[1] * vectors[3 + m] + image[2] * vectors[6 + m];
-      const double r = position[3 * i + m] - position[3 * j + m] + shift;
-      const double turned = radius[i] * angle[3 * i + m] + radius[j] * angle[3 * j + m];
-      rested &= r == contacts->pair[3 * c + m] && turned == contacts->roll[3 * c + m];
+      rested &= r[m] == contacts->pair[3 * c + m] && turned[m] == contacts->roll[3 * c + m];
       double *anchor = angular ? contacts->rolling + contacts->width_rolling * c + ANCHOR + m : nullptr;
       const double apart = angle[3 * i + m] - angle[3 * j + m];
       rested &= !anchor || *anchor == apart;
       if (!pair) continue;
-      pair[3 * c + m] = r;
-      roll[3 * c + m] = turned;
+      pair[3 * c + m] = r[m];
+      roll[3 * c + m] = turned[m];
       if (anchor) *anchor = apart;
     }
   }

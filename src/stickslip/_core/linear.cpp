@@ -3,6 +3,9 @@
 #include "elastic.h"
 #include "rolling.h"
 
+// A sliding contact that has moved back resists, even by less than round-off of its limit.
+constexpr double NO_SLACK = 0.0;
+
 // ---- forces
 
 struct Tangent {
@@ -28,7 +31,9 @@ static Transport<double> transported(const Law &law, const Bodies &bodies, const
                                      double stiffness, const Linearisation &out, int64_t c) {
   Transport<double> rest = {{}, {}, pair.n, 1.0};
   if (contacts.mode[c] == OPEN) return rest;
-  Vec<double> rolled = surface_rotation(DIM, bodies, bodies.angle, contacts.i[c], contacts.j[c]);
+  double place[3];
+  rolled_length(bodies.radius, bodies.angle, contacts.i[c], contacts.j[c], place);
+  const Vec<double> rolled = DIM == 3 ? vector_at(3, place, 0) : Vec<double>{0.0, 0.0, place[2]};
   Vec<double> slip = vector_at(3, contacts.slip, c), way = pair.r - vector_at(3, contacts.pair, c);
   Vec<double> turn = rolled - vector_at(3, contacts.roll, c);
   if (law.lever && !pair.wall) {
@@ -57,8 +62,12 @@ static void linearise_contact(const Law &law, const Bodies &bodies, const Contac
   Transport<double> moved = transported<DIM>(law, bodies, contacts, pair, spring.stiffness, out, c);
   bool slid = contacts.mode[c] == SLIDE;
   Vec<double> a = moved.slip, d = moved.increment;
-  bool slides = return_mapping<DIM>(fades(law), memory, spring.stiffness, limit, a, d, Ratio<double>{1.0, 1.0}, slid,
-                                    moved.fade).slides;
+  const double slack = ROUND_OFF * (bodies.radius[contacts.i[c]] + bodies.radius[contacts.j[c]]) * spring.stiffness;
+  const bool still = contacts.mode[c] != OPEN && is_zero(vector_at(3, out.way, c)) && is_zero(vector_at(3, out.turn, c));
+  bool slides = return_mapping<DIM>(fades(law), false, memory, spring.stiffness, limit, NO_SLACK, a, d,
+                                    Ratio<double>{1.0, 1.0}, slid, moved.fade).slides;
+  if (still && agrees(memory, slid, spring.stiffness * root(dot(a, a)), limit, slack, !law.range || overlap > 0.0))
+    slides = slid;
   bool weighted = DIM == 3 && slides && slid && limit > 0.0;
   if (weighted) {
     Ratio<double> weight = turning_weight(fades(law), spring.stiffness, limit, a, d, moved.fade);
@@ -102,17 +111,21 @@ static void linearise_rolling(const Law &law, const Bodies &bodies, const Contac
   const double *own = contacts.rolling + contacts.width_rolling * c;
   const Parameters q = pair.q;
   Vec<double> a = {}, d = {};
+  bool still = false;
   if (contacts.mode[c] != OPEN) {
     Vec<double> way = relative_angle(DIM, bodies.angle, contacts.i[c], contacts.j[c]) - vector_at(3, own + ANCHOR, 0);
     Vec<double> mid = mid_normal(pair.n, pair.inverse, pair.r - vector_at(3, contacts.pair, c));
     store(out.before + 3 * c, vector_at(3, own, 0)), store(out.way + 3 * c, way);
     a = onto_plane(pair.n, mid, vector_at(3, own, 0)), d = onto_plane(pair.n, mid, way);
+    still = is_zero(way) && is_zero(pair.r - vector_at(3, contacts.pair, c));
   }
   Slopes<double> found = rolling_stiffness(law, q, pair.r_eff, pair.overlap);
   const Resistance r = rolling_resistance(law, q, pair.r_eff, pair.overlap, force, force_limit);
   double stiffness = r.stiffness, limit = r.cap;
-  bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, memory, stiffness, limit, a, d,
+  const double slack = stiffness * rotation_round_off(bodies, contacts, pair, c);
+  bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, false, memory, stiffness, limit, NO_SLACK, a, d,
                                                               Ratio<double>{1.0, 1.0}, slid, 1.0).slides;
+  if (still && agrees(memory, slid, stiffness * root(dot(a, a)), limit, slack)) slides = slid;
   out.damping[c] = r.damping, out.slides[c] = slides && !law.roll_viscous;
   if (slides && stiffness > 0.0) {
     out.by_force[c] = edge.first;
@@ -136,8 +149,9 @@ static void linearise_rolling(const Law &law, const Bodies &bodies, const Contac
   }
 }
 
-static void linearise_twisting(const Law &law, const Contacts &contacts, const Pair &pair, int64_t memory,
-                               Elastic<double> spring, double limit, const MomentLinearisation &out, int64_t c) {
+static void linearise_twisting(const Law &law, const Bodies &bodies, const Contacts &contacts, const Pair &pair,
+                               int64_t memory, Elastic<double> spring, double limit, const MomentLinearisation &out,
+                               int64_t c) {
   const double *own = contacts.rolling + contacts.width_rolling * c;
   const Slopes<double> slope = tangents(law, pair.q, pair.r_eff, pair.overlap);
   const double factor = damping_factor(law, pair.r_eff, pair.m_eff, pair.overlap, spring.force);
@@ -146,11 +160,16 @@ static void linearise_twisting(const Law &law, const Contacts &contacts, const P
   const Resistance r = twisting_resistance(law, pair.q, limit, scale);
   const double growth = scale.radius > 0.0 ? scale.slope / scale.radius : 0.0;  // d ln a/dδ
   double twist = 0.0;
+  bool still = false;
   if (contacts.mode[c] != OPEN) {
-    Vec<double> mid = mid_normal(pair.n, pair.inverse, pair.r - vector_at(3, contacts.pair, c));
-    twist = own[TWIST] + dot(mid, vector_at(3, out.way, c));
+    Vec<double> moved = pair.r - vector_at(3, contacts.pair, c), way = vector_at(3, out.way, c);
+    twist = own[TWIST] + dot(mid_normal(pair.n, pair.inverse, moved), way);
+    still = is_zero(moved) && is_zero(way);
   }
-  const bool slides = truncate_twist(r, memory == HELD, own[TWIST_AT_CAP] > 0.0, twist);
+  const double slack = r.stiffness * rotation_round_off(bodies, contacts, pair, c);
+  const bool slid = own[TWIST_AT_CAP] > 0.0;
+  const bool kept = still && agrees(memory, slid, r.stiffness * magnitude(twist), r.cap, slack);
+  const bool slides = kept ? slid : truncate_twist(r, NO_SLACK, memory == HELD, slid, twist);
   out.twisting[c] = r.stiffness * twist;
   if (!slides) {
     out.twisting_along[c] = r.stiffness, out.twisting_damping[c] = r.damping;
@@ -174,7 +193,7 @@ static void linearise_moment(const Law &law, const Bodies &bodies, const Contact
   else if (law.roll_at)
     edge = moment_cap_slopes(law, q, pair.r_eff, pair.overlap, force, q[law.roll_at + 1] * pair.r_eff);
   linearise_rolling<DIM>(law, bodies, contacts, pair, memory, edge, force, limit, out, c);
-  if (law.twist_at) linearise_twisting(law, contacts, pair, memory, spring, limit, out, c);
+  if (law.twist_at) linearise_twisting(law, bodies, contacts, pair, memory, spring, limit, out, c);
 }
 
 void linearise_moments(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,

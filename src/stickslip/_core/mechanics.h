@@ -6,6 +6,12 @@
 #include "laws.h"
 
 constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; above 1/2, so that a slip can reverse
+// Round-off of a slip and of its limit, in units of R_i + R_j: what slides does so until its slip is shorter than the
+// limit by more. Positions far from the origin, other orders of arithmetic and the tolerances of solvers leave less.
+constexpr double ROUND_OFF = 1e-11;
+// Share of its limit by which the slip of what slides may fall short at rest: dashpots leave that much.
+constexpr double AT_LIMIT = 1e-3;
+constexpr double NO_LIMIT = 1e150;  // its square is finite
 
 template <class T>
 struct Ratio {
@@ -120,33 +126,51 @@ struct Truncated {
   M slides;
 };
 
+// Whether a spring slides that was sliding: `square` is that of its force, and `slack` the force of round-off.
+template <class T>
+inline auto still_slides(T square, T limit, T slack) {
+  T least = larger(limit - slack, T{});
+  return square > least * least;
+}
+
+// Whether the memory of a spring that has not moved since it was committed agrees with the law, and is kept to the last
+// bit. If not, it is that of another law. `pull` is its force; `loose`: it slides if its limit is zero.
+inline bool agrees(int64_t memory, bool slid, double pull, double limit, double slack, bool loose = true) {
+  if (limit == 0.0) return pull == 0.0 && slid == loose;
+  if (memory == HELD) return !slid || magnitude(pull - limit) <= slack;
+  return pull <= limit + slack && (!slid || (pull > 0.0 && pull >= smaller((1.0 - AT_LIMIT) * limit, limit - slack)));
+}
+
+// Whether the memory of such a spring is kept beside a dashpot that moves: its limit is not that of the commit.
+inline bool is_kept_in_motion(bool slid, double pull, double limit) { return !slid || pull > 0.0 || limit == 0.0; }
+
 // Slip a + d part/whole truncated at the Coulomb limit, and whether the contact slides. With HELD memory it keeps its
 // mode.
 //
 // `a` is the previous slip, rotated with the contact and shortened by `fade`, d the increment. In three dimensions the
-// slip of a contact that keeps sliding turns; see `turning_weight`. The slip of a contact that starts to slide is
-// truncated along a + d part/whole. One division serves all cases, because a vector division takes as long as ten
-// multiplications.
+// slip of a contact that keeps sliding turns (not with `rate`); see `turning_weight`. The slip of a contact that starts
+// to slide is truncated along a + d part/whole. One division serves all cases, because a vector division takes as long
+// as ten multiplications.
 template <int DIM, class T, class M>
-inline Truncated<T, M> return_mapping(bool fades, int64_t memory, T stiffness, T limit, Vec<T> a, Vec<T> d,
-                                      Ratio<T> fraction, M slid, T fade) {
+inline Truncated<T, M> return_mapping(bool fades, bool rate, int64_t memory, T stiffness, T limit, T slack, Vec<T> a,
+                                      Vec<T> d, Ratio<T> fraction, M slid, T fade) {
   T part = fraction.part, whole = fraction.whole;
   Vec<T> b = whole * a + part * d;
   T scale = stiffness * stiffness, bound = whole * limit, pull = scale * dot(b, b);
   // without slip there is no sliding direction to hold: such contacts slid under a law without friction
   M over = memory == HELD ? M(slid & ((a.x != 0.0) | (a.y != 0.0) | (a.z != 0.0))) : M(pull > bound * bound);
-  M slides = (limit == 0.0) | over;
-  if (sizeof(T) == sizeof(double) && !any(slides | (whole != 1.0))) return {b, slides};  // the same bits, sooner
-  if (DIM == 3) {
+  M cut = (limit == 0.0) | over, slides = memory == HELD ? cut : M(cut | (slid & still_slides(pull, limit, slack)));
+  if (sizeof(T) == sizeof(double) && !any(cut | (whole != 1.0))) return {b, slides};  // the same bits, sooner
+  if (DIM == 3 && !rate) {
     Ratio<T> weight = turning_weight(fades, stiffness, limit, a, d, fade);
-    M turns = slides & slid & (limit > 0.0);
+    M turns = cut & slid & (limit > 0.0);
     part = select(turns, weight.part, part);
     whole = select(turns, weight.whole, whole);
     b = whole * a + part * d;
     pull = scale * dot(b, b);
   }
-  T below = select(slides, root(pull), whole), one = T{} + 1.0;
-  T factor = select(below > 0.0, select(slides, limit, one) / below, T{});
+  T below = select(cut, root(pull), whole), one = T{} + 1.0;
+  T factor = select(below > 0.0, select(cut, limit, one) / below, T{});
   return {factor * b, slides};
 }
 
@@ -182,17 +206,17 @@ struct Loads {
 // Tangential force and slip if spring and dashpot together are truncated at the Coulomb limit, as in LAMMPS:
 // s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|.
 template <class T, class M>
-inline Loads<T, M> truncate_as_lammps(T fn, T stiffness, T damping, T limit, Vec<T> s, Vec<T> v, M hold) {
+inline Loads<T, M> truncate_as_lammps(T fn, T stiffness, T damping, T limit, T slack, Vec<T> s, Vec<T> v, M hold,
+                                      M slid) {
   Vec<T> t = (-stiffness) * s - damping * v;
   T square = dot(t, t), one = T{} + 1.0;
-  M slides = square > limit * limit;
-  T share = select(slides, limit / root(select(slides, square, one)), one);
+  M cut = square > limit * limit, slides = (cut | (slid & still_slides(square, limit, slack))) & negate(hold);
+  T share = select(cut, limit / root(select(cut, square, one)), one);
   // a contact that slides without ever having been sheared transmits no tangential force
-  T grip = select(negate(slides) | (dot(s, s) > 0.0), share, T{});
-  slides = slides & negate(hold);
+  T grip = select(negate(cut) | (dot(s, s) > 0.0), share, T{});
   auto soft = stiffness > 0.0;
   T stretch = select(soft, damping / select(soft, stiffness, one), T{});
-  s = s + select(slides, share - 1.0, T{}) * (s + stretch * v);
+  s = s + select(cut & negate(hold), share - 1.0, T{}) * (s + stretch * v);
   return {fn, grip * t, s, limit, slides};
 }
 
@@ -204,19 +228,22 @@ inline T with_dashpot(const Law &law, T elastic, T damping, T vn) {
 }
 
 // Tangential part of a contact's loads: springs, dashpots, Coulomb limit, from its transported slip and the increment.
-// `slid`: the contact was sliding before; `hold`: the slip is kept; `v`: tangential velocity of the surface of i
-// relative to that of j.
+// `slid`: the contact was sliding before; `hold`: the slip is kept; `reach`: R_i + R_j; `v`: tangential velocity of the
+// surface of i relative to that of j.
 template <int DIM, class T, class M>
 inline Loads<T, M> contact_loads(const Law &law, bool rate, int64_t memory, M hold, T fn, T stiffness, T damping,
-                                 T limit, T overlap, const Transport<T> &moved, Ratio<T> fraction, M slid, Vec<T> v) {
+                                 T limit, T overlap, T reach, const Transport<T> &moved, Ratio<T> fraction, M slid,
+                                 Vec<T> v) {
   Loads<T, M> out;
+  const T slack = ROUND_OFF * reach * stiffness;
   if (law.damping && rate) {
-    out = truncate_as_lammps(fn, stiffness, damping, limit, moved.slip + moved.increment, v, hold);
+    out = truncate_as_lammps(fn, stiffness, damping, limit, slack, moved.slip + moved.increment, v, hold, slid);
   } else {
-    Truncated<T, M> found =
-        return_mapping<DIM>(fades(law), memory, stiffness, limit, moved.slip, moved.increment, fraction, slid, moved.fade);
+    Truncated<T, M> found = return_mapping<DIM>(fades(law), rate, memory, stiffness, limit, slack, moved.slip,
+                                                moved.increment, fraction, slid, moved.fade);
     Vec<T> slip = select(hold, moved.slip, found.slip), t = tangential_force(law.smooth, stiffness, limit, slip);
-    if (law.damping) t = with_tangential_dashpot(t, damping, limit, v);
+    const T most = memory == HELD ? select(found.slides, limit, T{} + NO_LIMIT) : limit;
+    if (law.damping) t = with_tangential_dashpot(t, damping, most, v);
     out = {fn, t, slip, limit, found.slides};
   }
   // a pair without friction across a gap does not touch: it does not slide either

@@ -24,6 +24,8 @@ inline double effective_radius(const Bodies &bodies, int64_t i, int64_t j, bool 
   return wall ? a : a * b / (a + b);
 }
 
+inline bool is_zero(Vec<double> a) { return a.x == 0.0 && a.y == 0.0 && a.z == 0.0; }
+
 // Effective mass; bodies that do not move are infinitely heavy.
 inline double effective_mass(const Bodies &bodies, int64_t i, int64_t j) {
   double inverse = bodies.inverse_mass[i] + bodies.inverse_mass[j];

@@ -6,8 +6,6 @@
 
 namespace {
 
-constexpr double ROUND_OFF = 1e-15;  // relative, of sums of a few terms
-
 inline Vec<double> at(Vectors rows, int64_t body) {
   const double *v = rows.data + rows.stride * body;
   return {v[0], v[1], v[2]};
@@ -22,16 +20,6 @@ template <int DIM>
 inline Vec<double> rolled(Vectors rows, const double *radius, int64_t i, int64_t j) {
   Vec<double> sum = radius[i] * at(rows, i) + radius[j] * at(rows, j);
   return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
-}
-
-// Whether changes of a pair vector and of the rolled length are round-off: the sums that were committed may have been
-// formed in another order, or with contracted products.
-template <int DIM>
-inline bool rests(const Sweep &sweep, const Bodies &bodies, int64_t i, int64_t j, Vec<double> moved, Vec<double> turned) {
-  const auto size = [](Vec<double> v) { return magnitude(v.x) + magnitude(v.y) + magnitude(v.z); };
-  const double far = size(at(sweep.position, i)) + size(at(sweep.position, j)) + size(moved);
-  const double around = bodies.radius[i] * size(at(sweep.angle, i)) + bodies.radius[j] * size(at(sweep.angle, j));
-  return size(moved) <= ROUND_OFF * far && size(turned) <= ROUND_OFF * around;
 }
 
 inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
@@ -61,8 +49,6 @@ inline Vec<double> sum(Vectors rows, int64_t i, int64_t j) {
   return DIM == 3 ? d : Vec<double>{0.0, 0.0, d.z};
 }
 
-inline bool equal(Vec<double> a, Vec<double> b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
-
 void open_contact(const Law &law, const Sweep &sweep, const Contacts &contacts, int64_t c) {
   if (contacts.mode[c] == OPEN) return;
   contacts.mode[c] = OPEN;
@@ -79,12 +65,18 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   const int64_t i = contacts.i[c], j = contacts.j[c];
   const int16_t *image = contacts.image + 3 * c;
   Pair pair;
-  pair.r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j));
-  for (int k = 0; k < 3; ++k)
-    if (image[k]) pair.r = pair.r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
+  if (sweep.stepping) {
+    pair.r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j));
+    for (int k = 0; k < 3; ++k)
+      if (image[k]) pair.r = pair.r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
+  } else {
+    double place[3];
+    pair_vector(contacts, c, sweep.position.data, sweep.vectors, place);
+    pair.r = flat<DIM>(read(place));
+  }
   find_overlap(pair, bodies, i, j);
   const Vec<double> r = pair.r, n = flat<DIM>(pair.n);
-  const double overlap = pair.overlap, inverse = pair.inverse;
+  const double overlap = pair.overlap, inverse = pair.inverse, sum_radii = bodies.radius[i] + bodies.radius[j];
   if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
   find_parameters(pair, law, bodies, contacts, c);
   const Parameters q = pair.q;
@@ -105,9 +97,8 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     else if (sweep.stepping && !motion.hold) turned = motion.dt * difference<DIM>(motion.spin, i, j);
   }
   Ratio<double> fraction = {1.0, 1.0};
-  bool hold;
+  bool frozen = motion.hold, still = false;  // whether its slip is kept by all means; whether it has not moved
   if (sweep.stepping) {
-    hold = motion.hold;
     mean = flat<DIM>(at(motion.velocity, i) - at(motion.velocity, j));
     if (motion.gradient) mean = transform(motion.back, mean + transform(motion.gradient, r));
     d = motion.dt * mean;
@@ -116,22 +107,28 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (shorter && !law.rate)
       roll = roll - (motion.dt * mid_shortening(n, inverse, overlap, d)) * sum<DIM>(motion.spin, i, j);
   } else {
-    angle = rolled<DIM>(sweep.angle, bodies.radius, i, j);
+    double place[3];
+    rolled_length(bodies.radius, sweep.angle.data, i, j, place);
+    angle = DIM == 3 ? read(place) : Vec<double>{0.0, 0.0, place[2]};
     Vec<double> was = flat<DIM>(read(contacts.pair + 3 * c)), rolled = read(contacts.roll + 3 * c);
     if (DIM == 2) rolled = {0.0, 0.0, rolled.z};
-    hold = sweep.memory == FROZEN && before != OPEN && rests<DIM>(sweep, bodies, i, j, r - was, angle - rolled);
     if (before != OPEN) d = r - was, roll = angle - rolled;
+    still = before != OPEN && is_zero(d) && is_zero(roll) && !(shorter && !is_zero(turned));
+    frozen = still && sweep.memory == FROZEN;
+    // slips of files may not be tangential
+    still = still && magnitude(dot(n, flat<DIM>(read(contacts.slip + 3 * c)))) <= ROUND_OFF * sum_radii;
     if (shorter && !law.rate)
       roll = roll - mid_shortening(n, inverse, overlap, d) * turned_together(bodies.radius, i, j, roll, turned);
   }
   Vec<double> s = flat<DIM>(read(contacts.slip + 3 * c));
   Elastic<double> spring = elastic(law, q, r_eff, overlap);
-  double kept = 1.0;
+  double carried = 1.0;
   if (law.keeps_force && before != OPEN)
-    kept = kept_force(law, q, r_eff, spring.stiffness, overlap - overlap_increment(n, inverse, d));
-  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s, kept);
-  if (hold) moved.slip = s, moved.increment = {0.0, 0.0, 0.0};
+    carried = kept_force(law, q, r_eff, spring.stiffness, overlap - overlap_increment(n, inverse, d));
+  Transport<double> moved = transport_slip(law, bool(law.rate), n, inverse, overlap, d, roll, s, carried);
+  if (frozen || still) moved.slip = s, moved.increment = {0.0, 0.0, 0.0};
   double fn = spring.force, damping = 0.0;
+  bool moves = false;
   if (law.damping) {
     v = law.rate && sweep.stepping ? mean : flat<DIM>(at(sweep.velocity, i) - at(sweep.velocity, j));
     if (!law.rate && sweep.gradient) v = v + transform(sweep.gradient, r);
@@ -142,13 +139,17 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     v = v - vn * n;
     fn = with_dashpot(law, fn, factor * q[DAMPING_N], vn);
     damping = factor * q[DAMPING_T];
+    moves = vn != 0.0;
   }
   const double limit = cap(law, q, r_eff, overlap, fn, law.rate && law.damping);
-  Loads<double, bool> out =
-      contact_loads<DIM>(law, bool(law.rate), sweep.memory, hold, fn, spring.stiffness, damping, limit, overlap, moved,
-                         fraction, before == SLIDE && !law.rate, v);
+  const double pull = still ? spring.stiffness * root(dot(s, s)) : 0.0, slack = ROUND_OFF * sum_radii * spring.stiffness;
+  const bool slid = before == SLIDE, loose = !law.range || overlap > 0.0;
+  const bool hold = frozen || (still && agrees(sweep.memory, slid, pull, limit, slack, loose));
+  const bool kept = before != OPEN && (hold || (still && moves && is_kept_in_motion(slid, pull, limit)));
+  Loads<double, bool> out = contact_loads<DIM>(law, bool(law.rate), sweep.memory, hold, fn, spring.stiffness, damping,
+                                               limit, overlap, sum_radii, moved, fraction, slid, v);
   const double *place = sweep.position.data + sweep.position.stride * i;
-  if (!(hold && before != OPEN)) {
+  if (!kept) {
     store(contacts.slip + 3 * c, out.slip);
     const int8_t after = out.slides ? SLIDE : STICK;
     if (after != before) contacts.mode[c] = after;
@@ -162,8 +163,10 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   }
   double *torque_i = sweep.torque + sweep.stride * i, *torque_j = sweep.torque + sweep.stride * j;
   if (ANGULAR && has_moments(law)) {
+    const bool rests = is_zero(turned);
     const RotationStep step = {turned, difference<DIM>(sweep.spin, i, j), n, moved.mid, fraction, sweep.memory,
-                               hold && equal(turned, {}), before != OPEN};
+                               frozen && rests, before != OPEN, still && rests, moves,
+                               rotation_round_off(bodies, contacts, pair, c)};
     Vec<double> moment = rolling_moment<DIM>(law, rolling_resistance(law, q, r_eff, overlap, fn, limit), step, own);
     if (law.twist_at) {
       const TwistScale scale = twist_scale(law, q, r_eff, overlap, spring, 0.0, damping);
@@ -173,7 +176,8 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     add_rotation<DIM>(torque_j, -1.0, moment);
   }
   if (ANGULAR) store(own + ANCHOR, apart);
-  if (law.len_memory && !(hold && before != OPEN)) update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
+  if (law.len_memory && !(kept && (frozen || has_own_memory(law, contacts, c))))
+    update_memory(law, q, r_eff, overlap, own_memory(law, contacts, c));
   const Vec<double> f = fn * n + out.tangential, turn = cross(out.tangential, n);
   add<DIM>(sweep.force + sweep.stride * i, 1.0, f);
   add<DIM>(sweep.force + sweep.stride * j, -1.0, f);

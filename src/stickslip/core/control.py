@@ -122,6 +122,7 @@ def strained_at(control: Control, rate: Numbers) -> Control:
 def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, mass: float = 0.0) -> Control:
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
+    Targets are absolute, whatever the stress of a state is; the strain starts from the cell of the state.
     σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Such a component is
     a degree of freedom in dynamics, in J, and in Newton's method.
 

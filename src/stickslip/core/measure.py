@@ -61,7 +61,7 @@ def branch_vectors(state: State) -> np.ndarray:
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
     i, j = contacts.i[:count], contacts.j[:count]
     place = np.concatenate([grains.position, state.walls.point])
-    out = place[i] - place[j] + contacts.image[:count] @ state.cell.vectors
+    out = place[i] - place[j] + shifts(contacts, state.cell.vectors)
     wall = j >= n
     normal = state.walls.normal[j[wall] - n]
     out[wall] = np.einsum("ck,ck->c", out[wall], normal)[:, None] * normal

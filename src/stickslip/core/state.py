@@ -321,6 +321,16 @@ def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=
     )
 
 
+def resting(state: State) -> State:
+    """State whose grains, walls and cell do not move."""
+    grains, walls = state.grains, state.walls
+    return state._replace(
+        grains=grains._replace(velocity=np.zeros_like(grains.velocity), spin=np.zeros_like(grains.spin)),
+        walls=walls._replace(velocity=np.zeros_like(walls.velocity)),
+        cell=state.cell._replace(rate=np.zeros((3, 3))),
+    )
+
+
 def reset_reached(contacts: Contacts) -> Contacts:
     """Contacts of an equilibrium: only those that slide now count as having reached the Coulomb limit.
 

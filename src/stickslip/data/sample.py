@@ -9,7 +9,7 @@ import numpy as np
 from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.memory import FREE, HELD
+from ..core.contacts.memory import AT_LIMIT, FREE, HELD
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
@@ -21,7 +21,6 @@ from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads,
 from ..core.text import SentenceError
 from ..known import HARMLESS, UNKNOWN, USED, find_row
 
-AT_LIMIT = 1e-3  # relative distance to the Coulomb limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
 NO_LAW, UNDECIDED = "no contact law was given", "undecided: "
 _PLAIN = {

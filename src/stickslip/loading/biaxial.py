@@ -11,7 +11,7 @@ from ..core.dynamics.run import run
 from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.outcome import NotInEquilibriumError
-from ..core.state import Control, State, as_rows, assembly, box, disks, flat_walls, loads
+from ..core.state import Control, State, as_rows, assembly, box, disks, flat_walls, loads, resting
 from ..solve.equilibrate import BALANCED, equilibrate
 from .packing import balance, check_radii, frictionless, random_grains
 
@@ -148,13 +148,7 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
         state, _, outcome = run(state, law, STEPS, 0.2 * time, drag=0.02 / time, tolerance=tolerance)
         if outcome.ok and outcome.iterations < STEPS:
             break
-    still = np.zeros_like(state.grains.velocity)
-    state = state._replace(
-        grains=state.grains._replace(velocity=still, spin=still.copy()),
-        walls=state.walls._replace(velocity=np.zeros_like(state.walls.velocity)),
-        cell=state.cell._replace(rate=np.zeros((3, 3))),
-    )
-    state, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
+    state, outcome = equilibrate(resting(state), law, tolerance=tolerance, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the disks did not come to rest", outcome)
     return state

@@ -16,7 +16,7 @@ from ..core.measure import pressure as pressure_of
 from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.progress import Report, silent
 from ..core.scales import natural_scales
-from ..core.state import State, assembly, box, disks, loads, spheres
+from ..core.state import State, assembly, box, disks, loads, resting, spheres
 from ..solve.equilibrate import BALANCED
 from ..solve.newton import newton
 from ..solve.quench import quench
@@ -208,14 +208,8 @@ def _width(state: State) -> float:
 
 
 def stopped(state: State) -> State:
-    """State whose grains and cell do not move."""
-    still = np.zeros_like(state.grains.velocity)
-    return state._replace(
-        grains=state.grains._replace(velocity=still, spin=still.copy()),
-        cell=state.cell._replace(rate=np.zeros((3, 3))),
-        instant=None,
-        time=0.0,
-    )
+    """State that does not move, at time zero."""
+    return resting(state)._replace(instant=None, time=0.0)
 
 
 def _progress(state: State, law: Law, wanted: float, outcome: Outcome) -> tuple[float, str]:

@@ -78,6 +78,7 @@ def response_envelope(
 ) -> Envelope:
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
+    Increments are measured from the state, whose cell may be tilted or turned; it is first brought to rest.
     Contacts may start and cease to slide, so that the response is linear only within sectors of directions. Its
     elastic part is that of the same packing if contacts at the Coulomb limit stick.
 

@@ -24,8 +24,9 @@ def inflate(
 ) -> Inflation:  # fmt: skip
     """Inflate a grain in quasi-static steps, each of which ends with `equilibrate`, which commits the contact memory.
 
-    Contacts may open, close and slide; `changes` of the result counts them, without those of grains that were rattlers.
-    At small growth the displacements are those of `modes.inflate`. Masses do not change.
+    Growth is measured from the radii of the state. Contacts may open, close and slide; `changes` of the result counts
+    them, without those of grains that were rattlers. At small growth the displacements are those of `modes.inflate`.
+    Masses do not change.
 
     Parameters
     ----------

@@ -141,7 +141,8 @@ def jammed(
     radius : float; or a few sizes with equal numbers of grains, such as (0.5, 0.7) for half and half; or (n,) radii
         [length]
     mass, i0 : as in `disks`; I0 is 1/2 for disks and 2/5 for spheres unless given
-    law : Law whose normal force is used; default `hertz_mindlin()`. Its friction and dashpots are ignored
+    law : Law whose normal force is used; default `hertz_mindlin()`. Friction and dashpots are ignored until the forces
+        balance; with friction, contacts then stick without slip
     tolerance : float, largest unbalanced force [force]; default: as in `equilibrate`
 
     Returns
@@ -164,7 +165,8 @@ def jammed(
     if packing_fraction is not None and packing_fraction > DENSEST:
         raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
     require_positive(**({"pressure": pressure} if packing_fraction is None else {"packing_fraction": packing_fraction}))
-    law = frictionless(hertz_mindlin() if law is None else law)
+    given = hertz_mindlin() if law is None else law
+    law = frictionless(given)
     start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)
     state = random_grains(n, start, dim, radius=radius, mass=mass, i0=i0, seed=seed)
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
@@ -178,7 +180,7 @@ def jammed(
             f"tolerance of {tolerance:g}; grains without friction "
             f"need about {JAMMED[dim]} in {dim} dimensions"
         )
-    return state, report
+    return accept(state, forces(state, given)[1]), report
 
 
 @checked

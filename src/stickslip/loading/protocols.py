@@ -20,6 +20,7 @@ from ..solve.newton import newton
 from ..solve.relax import relax
 from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
 
+SAME_LOAD = 1e-9  # relative difference up to which a load is that of a state
 SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are the same
 
 
@@ -62,6 +63,8 @@ class Family(NamedTuple):
 def load_path(turning_points: Series, step: float, through: Several = ()) -> np.ndarray:
     """Loads from one turning point to the next in increments of at most `step`, including the loads in `through`.
 
+    They are numbers for `ramp`: whether they are absolute or measured from its first state is said there.
+
     Examples
     --------
     >>> load_path([0.0, 0.02, 0.01], 0.01, through=[0.015])
@@ -98,16 +101,31 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
 
 @readable
 class Protocol(NamedTuple):
-    """Rules for applying loads and finding equilibria."""
+    """Rules for applying loads and finding equilibria.
+
+    Loads are absolute, such as forces, unless `place` tells where a state is: then `ramp` measures them from the state
+    with which a path begins.
+    """
 
     law: Law
     apply: Callable[[State, float], State]  # the state under a new load
     settle: Callable[[State, float], tuple[State, Outcome]]  # the equilibrium at that load, or NotInEquilibriumError
     modes: bool = True  # whether spectra contain modes, which are needed to track pairs
     check: Callable[[State, Equilibrium], Equilibrium] | None = None  # of each step, given the state before it
+    place: Callable[[State], float] | None = None  # load at which a state is, for loads that a state has, as a strain
+
+    def starting(self, state: State, load: float = 0.0) -> "Protocol":
+        """Protocol with loads that are measured such that a state is at a given one; the same if loads are absolute."""
+        if self.place is None:
+            return self
+        apply, origin = self.apply, self.place(state) - load
+        return self._replace(apply=lambda state, load: apply(state, origin + load))
 
     def step(self, state: State, load: float) -> Equilibrium:
-        """Apply one increment of the load and find the equilibrium."""
+        """Apply one increment of the load, to a given value, and find the equilibrium.
+
+        A load that a state has, such as the strain of `aqs`, is that of the cell unless `starting` moves its origin.
+        """
         end, outcome = self.settle(self.apply(state, load), load)
         point = Equilibrium(float(load), end, spectrum(end, self.law, modes=self.modes), outcome)
         return self.check(state, point) if self.check else point
@@ -119,11 +137,18 @@ def ramp(
 ) -> list[Equilibrium]:
     """Equilibria along a path of loads, each found from the one before it.
 
+    Loads of `aqs` are strains measured from the given state, so that the path starts there at 0 however its cell is
+    tilted; a path whose first load is the strain of its cell goes on from there. Other loads are absolute, such as
+    forces. A state in motion is first brought to rest.
+
     `report` is called as report(stage, share done, text) after each.
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
     one to within the tolerance of the solver.
     """
-    path = []
+    path, begin = [], 0.0
+    if protocol.place and len(loads) and np.isclose(loads[0], protocol.place(state), rtol=SAME_LOAD, atol=0.0):
+        begin = float(loads[0])
+    protocol = protocol.starting(state, begin)
     for k, load in enumerate(loads):
         point = solve_point(state, load, protocol, kept, f"{k:06d}")
         modes = f"{len(point.spectrum.pairs)} pairs, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
@@ -158,6 +183,7 @@ def bisect_change(
     at `start` itself depends on the load steps that led to it; report them together with the result.
     """
     before, low, high = present(start.spectrum), start.load, target
+    protocol = protocol.starting(start.state, start.load)
     while abs(high - low) > relative * max(abs(low), abs(high)):
         middle = 0.5 * (low + high)
         if present(protocol.step(start.state, middle).spectrum) == before:

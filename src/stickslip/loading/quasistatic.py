@@ -32,6 +32,8 @@ def aqs(
 ) -> Protocol:  # fmt: skip
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 
+    In `ramp` γ is measured from the first state, whose cell may be tilted; see there.
+
     Newton's method finds equilibria whether they are stable or not, and may land on another branch than that on which
     the step began. Both are checked: the first by the spectrum of the step; the second by the motion of the grains,
     which must continue that of the step before or follow from the Jacobians at both ends. Where it does not, the step
@@ -83,7 +85,7 @@ def aqs(
             raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
         return end, outcome
 
-    return Protocol(law, apply, settle, modes, watch.check)
+    return Protocol(law, apply, settle, modes, watch.check, shear_strain)
 
 
 class Watch:
@@ -117,7 +119,7 @@ class Watch:
 
     def _distance(self, start: State, point: Equilibrium) -> float:
         """Distance of the end of a step from its branch, in mean diameters; see `branch_distance`."""
-        strain, before = point.load - shear_strain(start), self.rate
+        strain, before = shear_strain(point.state) - shear_strain(start), self.rate
         if not strain:
             return 0.0
         moved, everything = displacement(start, point.state, strain) / strain, np.ones(len(start.grains.radius), bool)
@@ -128,7 +130,7 @@ class Watch:
                 return 0.0
         start = commit(start, self.law)
         judge = self._judge(start)
-        begin, end = (Point(x, s, judge) for x, s in ((point.load - strain, start), (point.load, point.state)))
+        begin, end = (Point(shear_strain(s), s, judge) for s in (start, point.state))
         off = branch_distance(begin, end)
         self.rate = self.rate if off == 0 else None
         return off / judge.diameter
@@ -138,11 +140,11 @@ class Watch:
 
     def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
         """Equilibrium to which damped dynamics leads, and whether it is another one."""
-        start, begin = commit(start, self.law), shear_strain(start)
+        start, begin, goal = commit(start, self.law), shear_strain(start), shear_strain(point.state)
         judge = self._judge(start)
-        if not left and Point(point.load, point.state, judge).stable:
+        if not left and Point(goal, point.state, judge).stable:
             return point, False  # stable under the drag
-        end = fall(Point(begin, start, judge), point.load)
+        end = fall(Point(begin, start, judge), goal)
         if end is None:
             problem = "damped dynamics did not come to rest"
             raise NotInEquilibriumError(f"{problem} at strain {point.load:g}", point.outcome)

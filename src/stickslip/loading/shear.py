@@ -85,5 +85,10 @@ def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
 
 @checked
 def shear_strain(state: State) -> float:
-    """Shear strain γ, the tangent of the angle by which the second cell vector leans along x."""
-    return float(state.cell.vectors[1, 0] / state.cell.vectors[1, 1])
+    """Shear strain γ, the tangent of the angle by which the second cell vector leans along x.
+
+    In a turned cell whose second vector has no height, it is that of the vector that is highest along y.
+    """
+    vectors = state.cell.vectors
+    lean = vectors[1] if vectors[1, 1] else vectors[np.argmax(np.abs(vectors[:, 1]))]
+    return float(lean[0] / lean[1])

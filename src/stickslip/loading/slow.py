@@ -33,6 +33,8 @@ def slow_dynamics(
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
+    The first leg begins at the control of the state, which may move. Loads are absolute, not increments.
+
     Parameters
     ----------
     legs : as in `load_path`

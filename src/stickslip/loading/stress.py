@@ -18,7 +18,7 @@ BALANCED = 1e-9  # default tolerance, in units of the normal force on a grain
 
 @checked
 def cell_shear(law: Law, normal_stress: float, *, tolerance: float = BALANCED) -> Protocol:
-    """Protocol of simple shear of a periodic cell under stress: the load is −σ_xy/σ_yy.
+    """Protocol of simple shear of a periodic cell under stress: the load is −σ_xy/σ_yy, absolute, not an increment.
 
     The cell's height follows the normal stress, and its shear along x follows the shear stress. Its other dimensions
     stay as they are. Each step ends with `equilibrate`.
@@ -53,6 +53,8 @@ def cell_shear(law: Law, normal_stress: float, *, tolerance: float = BALANCED) -
 @checked
 def plate_shear(law: Law, plate: Bodies, *, tolerance: float = BALANCED) -> Protocol:
     """Protocol of shear by a plate: the load is the force on it along x, over that which presses it along −y.
+
+    It is absolute: the force replaces one along x that acts already.
 
     Parameters
     ----------

@@ -151,7 +151,7 @@ def kinetic_threshold(
         natural unit of time, see `relax` [length/time]
     realizations : number of runs for each load and kick
     duration, dt : of a run [time]; a run that slides continues for another duration
-    loads : loads of the path that are tried; default: all
+    loads : loads of the path that are tried, as they are in the path; default: all
     distance : by which a sample has slid: shear strain of a cell whose shear follows a stress; or else the displacement
         of a plate (rigid groups that are free to move) in mean diameters; or else the median one of all grains
     ramps : largest number of sliding samples whose load is also lowered, through the loads that are tried: runs that
@@ -195,6 +195,7 @@ def kinetic_threshold(
     if duration < LEGS * dt:
         raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
     tried = _points_at(path, loads)
+    protocol = protocol.starting(path[0].state, path[0].load)
     scales = natural_scales(tried[0].state, protocol.law)
     speed = scales.length / scales.time
     kicks = _velocities([speed * kick for kick in KICKS] if kicks is None else kicks)

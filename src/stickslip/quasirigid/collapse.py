@@ -22,7 +22,7 @@ from ..core.measure import contact_forces, elastic_energy, mean_normal_force, ra
 from ..core.outcome import Status
 from ..core.readable import readable
 from ..core.scales import natural_scales
-from ..core.state import SLIDE, Control, State, reset_reached
+from ..core.state import SLIDE, Control, State, reset_reached, resting
 from ..solve.freedom import freedom
 from ..solve.newton import Factorisation, newton
 from ..solve.spectrum import near_zero
@@ -283,9 +283,4 @@ def _loaded_contacts(state: State) -> dict[int, bool]:
 
 def _still(state: State) -> State:
     """State without velocities."""
-    grains, walls = state.grains, state.walls
-    return state._replace(
-        grains=grains._replace(velocity=np.zeros_like(grains.velocity), spin=np.zeros_like(grains.spin)),
-        walls=walls._replace(velocity=np.zeros_like(walls.velocity)),
-        cell=state.cell._replace(rate=np.zeros((3, 3))), instant=None,
-    )  # fmt: skip
+    return resting(state)._replace(instant=None)

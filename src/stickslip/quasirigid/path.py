@@ -111,6 +111,7 @@ def load_path(
 ) -> LoadPath:  # fmt: skip
     """Follow a packing while its control changes linearly from one given control to the next.
 
+    The first leg begins at the control of the state. Loads are those of the given controls: absolute, not increments.
     Where no stable equilibrium continues, the path ends or, if a `drag` is given, damped dynamics under a load that is
     held leads to the next equilibrium, from which the path goes on. Loads are dead; the load points of springs may move
     instead, and a stiff spring drives a displacement (`with_machine`).

@@ -7,6 +7,8 @@ from scipy.sparse.csgraph import connected_components
 from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, linearise
+from ..core.contacts.memory import AT_LIMIT, ROUND_OFF
+from ..core.contacts.neighbors import body_radii
 from ..core.laws.builtin import LEVER, ROLLING, TWISTING, Law
 from ..core.measure import Committed, contact_velocity, overlaps, volume
 from ..core.state import SLIDE, STICK, Contacts, State
@@ -17,9 +19,7 @@ from .linearised import LinearisedState, linearised
 # first wrong ones appear beyond that. Text with eight digits leaves 2e-4 in packings of 60 grains and about 1e-3 in
 # larger ones.
 BALANCED_BELOW = 2e-3
-AT_LIMIT = 1e-3  # relative distance from the limit at which a sliding contact still slides; dashpots leave that much
 DIGITS = 13  # significant digits of positions that lost none to text or single precision
-ROUND_OFF = 1e-9  # relative excess over the limit of friction: slips are differences of positions, with errors of 1e-16
 
 
 @checked
@@ -256,10 +256,13 @@ def with_modes_under(state: State, law: Law) -> State:
 
 def modes_under(state: State, law: Law, line: Linearisation) -> State:
     """State with the modes that follow from its linearisation; see `with_modes_under`."""
-    contacts, count = state.contacts, len(line.limit)
+    contacts, count, radius = state.contacts, len(line.limit), body_radii(state)
+    reach = radius[contacts.i[:count]] + radius[contacts.j[:count]]
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
-    sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)
-    slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0) & (overlaps(state) > 0))
+    slack = ROUND_OFF * reach * line.stiffness_t
+    sticks = (mode == SLIDE) & (pull < np.minimum((1 - AT_LIMIT) * line.limit, line.limit - slack))
+    sticks |= (mode == SLIDE) & (pull == 0) & (line.limit > 0)
+    slides = (pull > line.limit + slack) | ((mode == STICK) & (line.limit == 0) & (overlaps(state) > 0))
     if not (sticks | slides).any():
         return state
     return state._replace(contacts=_set_modes(contacts, sticks, slides, forces(state, law)[1].slip))

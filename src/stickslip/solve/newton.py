@@ -14,7 +14,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, least_supports
 from ..core.outcome import Outcome, Status
 from ..core.scales import natural_scales
-from ..core.state import OPEN, State, reset_reached
+from ..core.state import OPEN, State, reset_reached, resting
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, block_diagonal_solve, factorised, iterate
 
@@ -134,9 +134,7 @@ def newton(
 
 def at_rest(point: TrialPoint) -> State:
     """State of a trial point at rest, its memory committed."""
-    grains = point.state.grains
-    rest = point.state._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
-    return accept(rest, reset_reached(point.trial))
+    return accept(resting(point.state), reset_reached(point.trial))
 
 
 def approach(
@@ -145,6 +143,7 @@ def approach(
     """Last trial point of Newton's method, with the smallest residual found, and its outcome; see `newton`."""
     patience = iterations if patience is None else patience
     require_not_negative(iterations=iterations, patience=patience)
+    state = resting(state)  # the dashpots of one in motion would push
     free, loose = freedom(state), _unloaded_grains(state)
     least = least_supports(law, state.cell.dim)
     here = _evaluate(with_neighbor_list(state, law), law, free)

@@ -8,7 +8,7 @@ from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import Status
 from ..core.scales import natural_scales
-from ..core.state import OPEN, State, reset_reached
+from ..core.state import OPEN, State, reset_reached, resting
 
 BALANCED, DRAG, STEP = 1e-14, 0.05, 0.1  # defaults of tolerance, drag and time step, in natural units
 
@@ -59,13 +59,7 @@ def relax(
     dt = STEP * scales.time if dt is None else dt
     end, _, outcome = run(state, law, steps, dt, drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     if outcome.ok:
-        grains, walls = end.grains, end.walls
-        end = end._replace(
-            grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin),
-            walls=walls._replace(velocity=0 * walls.velocity),
-            contacts=reset_reached(end.contacts),
-            time=state.time,
-        )
+        end = resting(end)._replace(contacts=reset_reached(end.contacts), time=state.time)
     elif not outcome.broken and not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
         outcome = outcome._replace(status=Status.CONTACT_LOST)
     return end, outcome

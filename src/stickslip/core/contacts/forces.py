@@ -97,14 +97,15 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     state : State; positions may differ from those at which its memory was committed
     law : Law
     memory : FREE (default), HELD (no contact changes between stick and slide) or FROZEN (contacts that have not moved
-        since their memory was committed keep it bit for bit)
+        keep their memory even if it is not that of this law)
 
     Returns
     -------
     Loads
         (N + W, 3) forces and torques of the contacts
     Contacts
-        trial memory: `accept(state, trial)` commits it
+        trial memory: `accept(state, trial)` commits it. Contacts that have not moved since their memory was committed
+        under this law keep it bit for bit
 
     Source
     ------

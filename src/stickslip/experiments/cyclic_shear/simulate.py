@@ -105,6 +105,8 @@ def simulate_cyclic_shear(
 ) -> CyclicShearResult:
     """Shear samples with the seeds seed, seed + 1, … to and fro.
 
+    Strains are measured from the prepared sample, also those of later amplitudes; the normal stress is absolute.
+
     Parameters
     ----------
     folder : run folder, in which samples and cycles are saved as soon as they are finished

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.contacts.jacobian import linearise
 from ...core.control import stress_controlled
-from ...core.laws.builtin import SHARP, Law
+from ...core.laws.builtin import Law
 from ...core.measure import stress
-from ...core.state import SLIDE, STICK, State
+from ...core.state import State
 from ...loading.envelope import Envelope, Localisation, localisation, response_envelope
 from ...quasirigid.lcp import complementarity
 from ...quasirigid.matrices import linear_system
@@ -21,7 +20,6 @@ from ...solve.stability import Stability, stability
 from .scenario import Loading
 
 SPECTRA_UP_TO = 6000  # coordinates up to which eigenvalues are computed, in about a minute
-AT_LIMIT = 1e-6  # relative distance from the Coulomb limit at which a contact slides
 SIGNS = {
     "complex pair, fixed strain": "an oscillation grows while the cell is held",
     "complex pair, fixed stress": "an oscillation grows while all stresses are held",
@@ -85,7 +83,6 @@ def plane_of(path: Loading, dim: int) -> tuple[np.ndarray, tuple[str, str]]:
 
 def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: int) -> ProbedState:
     """Probe a state in equilibrium, whose cell is held, in all directions of a plane of strains."""
-    state = _with_sliding(state, law)
     sigma, unknown = stress(state, law), np.full(2, np.nan)
     try:
         envelope = response_envelope(state, law, directions=directions, plane=plane)
@@ -99,15 +96,6 @@ def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: in
         spectra = [stability(each, law, dashpots=False, method="fastest") for each in (state, loose)]
         pair, real = np.array([_growth_rates(each) for each in spectra]).T
     return ProbedState(load, sigma, envelope, band, _uniqueness(loose, law), pair, real)
-
-
-def _with_sliding(state: State, law: Law) -> State:
-    """State in which all contacts at the limit slide; round-off of the last evaluation may have made some stick."""
-    line, mode = linearise(state, law), state.contacts.mode.copy()
-    pull = line.stiffness_t * np.linalg.norm(line.slip, axis=1)
-    at_limit = (mode[: len(pull)] == STICK) & (line.limit > 0) & (pull >= (1 - AT_LIMIT) * line.limit)
-    mode[: len(pull)][at_limit] = SLIDE
-    return state._replace(contacts=state.contacts._replace(mode=mode)) if law.coulomb == SHARP else state
 
 
 def without_answer(load: float, sigma: np.ndarray, reason: str) -> ProbedState:

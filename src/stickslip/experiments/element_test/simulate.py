@@ -143,6 +143,8 @@ def simulate_element_test(
 ) -> ElementTestResult:
     """Load samples with the seeds seed, seed + 1, … along the path of a scenario.
 
+    Strains are measured from the prepared sample; pressures are absolute.
+
     Parameters
     ----------
     folder : run folder, in which samples and parts of their paths are saved as soon as they are finished

@@ -29,7 +29,6 @@ from ..realizations import Realizations, Task, run_realizations
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
-AT_LIMIT = 1e-9  # distance of |F_t|/(μ F_n) from 1 below which a contact is at the limit: round-off of a quotient
 HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
 
 
@@ -204,15 +203,17 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     # γ_c must be known much more accurately than the smallest distance from it at which Im λ is measured
     fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
     change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
+    protocol = protocol.starting(clean.state, clean.load)
     offset = (above - change.load) * 0.5 ** np.arange(HALVINGS)
     spectra = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
     im = np.array([s.im_lambda.max() for s in spectra])
     alone = [k for k, s in enumerate(spectra) if len(s.pairs) == 1][-5:]  # nearest to the birth
     exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
-    born = linearise(protocol.step(clean.state, change.above).state, protocol.law).mobilisation
-    mobilisation = born[np.isfinite(born)]
-    at_limit = float(np.mean(mobilisation > 1 - AT_LIMIT)) if len(mobilisation) else 0.0
-    return Onset(change.below, change.above, offset, im, exponent, at_limit, max(mobilisation, default=np.nan))
+    born = linearise(protocol.step(clean.state, change.above).state, protocol.law)
+    bears = np.isfinite(born.mobilisation)
+    at_limit = float(born.slides[bears].mean()) if bears.any() else 0.0
+    most = max(born.mobilisation[bears], default=np.nan)
+    return Onset(change.below, change.above, offset, im, exponent, at_limit, most)
 
 
 def simulate_shear(
