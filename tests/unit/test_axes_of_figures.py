@@ -369,7 +369,7 @@ def test_grains_that_have_left_the_heap_do_not_shrink_it():
     np.testing.assert_array_equal(body_limits(away, 3.0), [heap.min(axis=0), heap.max(axis=0)])
     np.testing.assert_array_equal(body_limits(heap, 3.0), [heap.min(axis=0), heap.max(axis=0)])  # none of it is hidden
     np.testing.assert_array_equal(body_limits(away, 3.0, 0.0), [away.min(axis=0), away.max(axis=0)])
-    halves = np.r_[heap[:600], heap[600:] + [100, 0]]  # two heaps
+    halves = np.r_[heap[:600], heap[600:] + np.array([100.0, 0.0])]  # two heaps
     np.testing.assert_array_equal(body_limits(halves, 3.0), [halves.min(axis=0), halves.max(axis=0)])
 
 
