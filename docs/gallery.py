@@ -17,13 +17,13 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.experiments.registry import experiment_of, read_scenario
-from stickslip.figures import style
+from stickslip.figures import saving
 
 ROOT = Path(__file__).parents[1]
 STORE, PICTURES = ROOT / "results" / "gallery", ROOT / "docs" / "figures" / "gallery"
 PAGE = ROOT / "docs" / "gallery.md"
 SHRINK, COLORS = 0.7, 256  # of pictures on the page, from 300 dots per inch
-THUMB = 330  # width of the pictures in the page, which are links to the larger ones
+THUMB = 0.68  # of the larger ones: size of the pictures in the page, which are links to them; type has 13 pixels
 
 
 class Section(NamedTuple):
@@ -190,15 +190,14 @@ def draw(name: str) -> None:
     exec(start, known)
     for picture, code in section.pictures.items():
         path = PICTURES / f"{name}_{picture}.png"
-        style.save(eval(code, known), path)
-        for size, to in ((SHRINK, path), (None, PICTURES / f"small_{path.name}")):
+        saving.save(eval(code, known), path)
+        for size, to in ((SHRINK, path), (THUMB, PICTURES / f"small_{path.name}")):
             shrink(path, to, size)
 
 
-def shrink(path: Path, to: Path, size: float | None) -> None:
-    """Save a picture with fewer pixels and colours: a share of its size, or the width of small pictures."""
+def shrink(path: Path, to: Path, size: float) -> None:
+    """Save a picture with fewer pixels, a share of its size, and fewer colours."""
     picture = Image.open(path).convert("RGB")
-    size = size or THUMB / picture.width
     small = picture.resize([round(size * k) for k in picture.size], Image.Resampling.LANCZOS)
     # MAXCOVERAGE keeps colours of few pixels, such as those of thin lines
     small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(to, optimize=True)

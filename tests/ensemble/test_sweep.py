@@ -12,11 +12,13 @@ from stickslip.data import archive
 from stickslip.data.checkpoint import SWEEP
 from stickslip.data.run_files import OPTIONS as REMEMBERED
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
+from stickslip.runs.page import folder_content
 from stickslip.runs.resume import find_unfinished
+from stickslip.runs.sweep import report
 from stickslip.runs.sweep.axes import OPTIONS
-from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep
+from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
-from stickslip.runs.sweep.run import MEASURES, MEMBERS, run_sweep
+from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, run_sweep
 from tests.conftest import stickslip_here
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"
@@ -283,3 +285,18 @@ def test_the_sweep_that_was_run_is_kept(tmp_path):
     run_sweep(chosen, tmp_path, workers=1)
     assert read_sweep(tmp_path / SWEEP) == chosen
     assert json.loads(open_sweep(tmp_path).attrs["sweep"]) == json.loads(chosen.text)
+
+
+def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
+    """Neither on the terminal nor on the page; the dataset has them."""
+    made = [{"seconds": 1.0, "measures": {"known": (k, "1"), "nowhere": (float("nan"), "m")}} for k in (1.0, 2.0)]
+    chosen = small(**{"surface.mu0": [0.3, 0.5], "seed": [0]})
+    names = ["a", "b"]
+    report.show(SweepResult(chosen, names, made, ["", ""], 0))
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["known", "1", "2", "1", "1.5", "2"] in lines and ["No", "member", "has", "nowhere."] in lines
+    assert not [line for line in lines if line[:1] == ["nowhere"]]
+    write_sweep(tmp_path, chosen, names, made, ["", ""])
+    (tmp_path / "sweep.json").write_text(chosen.text)
+    text = dict(folder_content(tmp_path).sections)["Members"]
+    assert "known" in text and "No member has nowhere." in text and "nan" not in text

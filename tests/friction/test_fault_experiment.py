@@ -11,8 +11,10 @@ from stickslip.experiments.fault import simulate as room
 from stickslip.experiments.fault.claims import evaluate_claims
 from stickslip.experiments.fault.paper import paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
+from stickslip.figures.fault import max_slip_velocity
 from stickslip.friction import fault_dataset
 from stickslip.friction.fault_record import YEAR
+from stickslip.runs.page import folder_content, write_page
 from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here as stickslip
 
@@ -126,6 +128,24 @@ def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
     assert np.array_equal(data["fault"].theta2, history.state.theta2(history.fault))
     assert np.array_equal(fault_dataset(history).theta2, history.theta2)
     assert "Gu1984" in EXPERIMENTS["fault"].references(chosen)["rate-and-state friction"]
+
+
+def test_a_fault_without_events_says_so_everywhere(tmp_path, capsys):
+    """On the terminal, in the figure and on the page, which has no packing and no time series of depths."""
+    (tmp_path / "s.toml").write_text(SMALL.replace("years = 60.0", "years = 1.5"))
+    result = ss.simulate(read_scenario(tmp_path / "s.toml"))
+    said = "There was no event in 1.56 years: no slip velocity reached 0.001 m/s."
+    EXPERIMENTS["fault"].show(result)
+    assert said in " ".join(capsys.readouterr().out.split())
+    assert max_slip_velocity(result.history).axes[0].get_title() == "no event in 1.56 years"
+    write_result(tmp_path / "out", EXPERIMENTS["fault"], result)
+    shown = folder_content(tmp_path / "out")
+    sections = dict(shown.sections)
+    assert said in sections["Remarks"] and "max velocity" in sections["Time series"]
+    assert "station" not in sections["Time series"]
+    write_page(shown, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "no packing" not in page and page.index("<h2>Measures") == page.index("<h2>")
 
 
 @pytest.mark.parametrize(

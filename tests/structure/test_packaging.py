@@ -250,6 +250,9 @@ def test_the_conda_recipe_has_the_dependencies_of_the_package():
         for requirement in recipe["requirements"]["run"]
     }
     assert listed == {f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]}
+    # a wheel with compiled cores is for one platform, and needs a compiler
+    assert "noarch" not in recipe["build"] and "compiler" in str(recipe["requirements"]["build"])
+    assert not any("OS Independent" in classifier for classifier in PROJECT["classifiers"])
 
 
 def test_the_paper_cites_what_its_bibliography_has():

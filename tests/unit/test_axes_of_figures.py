@@ -15,6 +15,7 @@ from stickslip.core.state import empty_contacts
 from stickslip.experiments.gouge.measures import Curve
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear, watch
+from stickslip.figures.outlines import body_limits
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
 from stickslip.solve.spectrum import Spectrum
 from tests.unit.test_figures import holds, rising
@@ -360,6 +361,16 @@ def test_axes_do_not_zoom_into_noise(values, least, wide):
     figure.draw_without_rendering()
     for low, high in (axes.get_xlim(), axes.get_ylim()):
         assert wide[0] < high - low < wide[1] and low < values[0] and values[1] < high
+
+
+def test_grains_that_have_left_the_heap_do_not_shrink_it():
+    heap = np.random.default_rng(0).uniform(0, [30, 5], (1200, 2))
+    away = np.r_[heap, [[55.0, 0.5], [80.0, 0.5], [140.0, 0.5]]]
+    np.testing.assert_array_equal(body_limits(away, 3.0), [heap.min(axis=0), heap.max(axis=0)])
+    np.testing.assert_array_equal(body_limits(heap, 3.0), [heap.min(axis=0), heap.max(axis=0)])  # none of it is hidden
+    np.testing.assert_array_equal(body_limits(away, 3.0, 0.0), [away.min(axis=0), away.max(axis=0)])
+    halves = np.r_[heap[:600], heap[600:] + np.array([100.0, 0.0])]  # two heaps
+    np.testing.assert_array_equal(body_limits(halves, 3.0), [halves.min(axis=0), halves.max(axis=0)])
 
 
 def test_logarithmic_axes_of_a_decade_show_two_and_five():

@@ -72,9 +72,10 @@ MEANT = {
         VELOCITY: "max_velocity", FORCE: "moment",
     },
     "element-test": {
-        NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation "
+        NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation skempton "
         "largest_unbalanced rearranged_share strain_at_cone"),
-        STRESS: both("G0 E0 E50 p_critical"), "angle": both("phi_peak psi phi_residual phi_rowe cone_direction"),
+        STRESS: both("G0 E0 E50 p_critical u_at_peak"),
+        "angle": both("phi_peak psi phi_residual phi_rowe cone_direction"),
     },
     "cyclic-shear": {
         NUMBER: both("gamma_half gamma_elastic gamma_returns residual in_band") + " G_ratio damping",

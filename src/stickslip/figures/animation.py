@@ -21,7 +21,7 @@ from .style import OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
-PIXELS = 720  # width of the picture, up to half as much again for wide ones
+PIXELS = 900  # width of the picture, up to half as much again for wide ones
 BITS = 6  # per channel of the colours from which the palette of a GIF is made
 WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
 

@@ -21,6 +21,8 @@ MARKS = {  # colour, marker, filled: distinguishable without colours
 REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at the edge
 PITCH = 0.165  # height of a row [inch]
 MARGIN = 1.15  # height of title, axis and legend [inch]
+LEFT, WIDE = 2.1, 1.3  # left edge and width of the axes [inch]
+SIZE = 6  # of texts [points]
 SHORT = 34  # longest label [characters]
 
 
@@ -46,7 +48,7 @@ def claims_chart(rows: list[Row], title: str):
     height = PITCH * (len(rows) + 1) + MARGIN
     figure = OwnFigure(figsize=(PAGE, height))
     bottom = 0.75 * MARGIN / height
-    axes = figure.add_axes((0.25, bottom, 0.235, PITCH * (len(rows) + 1) / height))
+    axes = figure.add_axes((LEFT / PAGE, bottom, WIDE / PAGE, PITCH * (len(rows) + 1) / height))
     axes.axvspan(-1, 1, color="0.9", lw=0, zorder=0)
     axes.axvline(0, color=BLACK, lw=0.7, zorder=1)
     groups = [row.group for row in rows]
@@ -56,17 +58,17 @@ def claims_chart(rows: list[Row], title: str):
             axes.axhline(k - 0.5, color="0.75", lw=0.4, zorder=0)
     axes.set(xlim=(-1.15 * REACH, 1.15 * REACH), ylim=(len(rows) - 0.5, -0.5))
     axes.set_yticks(range(len(rows)), [_label(groups, k, row) for k, row in enumerate(rows)])
-    axes.tick_params(axis="y", length=0, labelsize=6.5)
-    axes.set_xticks(range(-int(REACH), int(REACH) + 1))
+    axes.tick_params(axis="y", length=0, labelsize=SIZE)
+    axes.set_xticks(range(-int(REACH), int(REACH) + 1, 2))
     axes.set_xlabel("(measured − paper) / tolerance", fontsize=7, labelpad=2)
     for x, heading in zip(COLUMNS, ("measured", "paper", "unit", "verdict"), strict=True):
-        axes.text(x, 1.0, heading, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
+        axes.text(x, 1.0, heading, transform=axes.transAxes, fontsize=SIZE, weight="bold", va="bottom")
     figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
     _draw_legend(figure, rows)
     return figure
 
 
-COLUMNS = (1.03, 1.62, 1.98, 2.56)  # left edges of the texts, in widths of the axes
+COLUMNS = (1.04, 1.75, 2.2, 3.04)  # left edges of the texts, in widths of the axes
 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
@@ -95,7 +97,7 @@ def _draw_row(axes, k: int, row: Row) -> None:
         box = {"facecolor": "white", "edgecolor": color, "lw": 0.5, "pad": 1.2}
         axes.text(0, k, row.instead, fontsize=6, ha="center", va="center", color=color, bbox=box, zorder=4)
     grey = {"color": "0.45", "style": "italic"} if row.beside_reference else {}
-    place = {"transform": axes.get_yaxis_transform(), "fontsize": 6.5, "va": "center"}
+    place = {"transform": axes.get_yaxis_transform(), "fontsize": SIZE, "va": "center"}
     axes.text(COLUMNS[0], k, row.measured, **place)
     axes.text(COLUMNS[1], k, row.paper, **place, **grey)
     axes.text(COLUMNS[2], k, row.unit, **place)

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from scipy.special import chdtrc
 
 from ..core.arguments import Requirement, Result, require_filled, require_index
 from ..solve.spectrum import Spectrum
@@ -39,7 +40,9 @@ _Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", 
 _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
 LOAD = r"push $F_x$"
 DIAMETER = "$2R$"  # unit of length
-MOVED = (r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$", DIAMETER)
+SPEED = r"$2R/\sqrt{m/(k_n\sqrt{2R})}$"
+STRAIGHT = 1e-3  # probability of so large a χ² below which a front has no single speed, and no line is drawn
+MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 
 
 @styled
@@ -127,38 +130,46 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
     return figure
 
 
-def _plot_front(axes, front, color, label, sign=1):
-    axes.errorbar(
-        sign * front.delay, front.distance, xerr=front.error, fmt="o", color=color, label=label, capsize=1.5, lw=0.7
-    )
-    reach = np.array([0, front.distance[-1]])
-    axes.plot(sign * reach / front.speed, reach, "--", color=color, lw=0.8)
+def _plot_front(axes, front, color, name: str) -> None:
+    """Plot the delays of a front, and the line of its speed unless χ² refuses one speed for all of it."""
+    known = front.error > 0
+    degrees = max(np.count_nonzero(known) - 1, 1)
+    squares = float((((front.distance / front.speed - front.delay)[known] / front.error[known]) ** 2).sum())
+    straight = chdtrc(degrees, squares) > STRAIGHT
+    about = rf"$\chi^2$ = {squares:.3g} for {degrees}"
+    speed = power_of_ten(front.speed, front.speed_error)
+    label = f"{name} = {speed}, {about}" if straight else f"{name}: no single speed, {about}"
+    axes.errorbar(front.delay, front.distance, xerr=front.error, fmt="o", color=color, label=label, capsize=1.5, lw=0.7)
+    if straight:
+        reach = np.array([0, front.distance[-1]])
+        axes.plot(reach / front.speed, reach, "--", color=color, lw=0.8)
 
 
 @styled
 def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | None, threshold: float):
-    """Mean times of breaching (forward) and of sliding (backward) with the fitted speeds (Fig 5).
+    """Mean times of breaching (forward) and of sliding (backward), with the fitted speeds if they fit (Fig 5).
+
+    χ² is that of the delays about the fitted line, for so many degrees of freedom.
 
     Parameters
     ----------
     forward : load -> Front; backward : Front or None
     """
-    figure, (top, bottom) = column_axes(2, 4.2)
+    figure, (top, bottom) = column_axes(2, 4.8)
     for color, (load, front) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
         if front:
-            label = f"$F_x$ = {load:.3f}: $V_1$ = {power_of_ten(front.speed, front.speed_error)}"
-            _plot_front(top, front, color, label)
-    label_axes(top, x=(r"mean delay of breaching $\tau_i-\tau_1$", TIME[1]), y=("distance from disk 1", DIAMETER))
+            _plot_front(top, front, color, f"$V_1$({load:.3f})")
+    label_axes(top, x=(r"mean delay of breaching $\tau_i-\tau_1$", TIME[1]), y=("distance\nfrom disk 1", DIAMETER))
     if backward:
-        label = f"$V_2$ = {power_of_ten(backward.speed, backward.speed_error)}"
-        _plot_front(bottom, backward, PURPLE, label)
+        _plot_front(bottom, backward, PURPLE, "$V_2$")
     label_axes(
         bottom, x=(rf"mean delay of sliding by {threshold:g} $\times 2R$", TIME[1]),
-        y=("distance from the last disk", DIAMETER),
+        y=("distance\nfrom last disk", DIAMETER),
     )  # fmt: skip
     for axes in (top, bottom):
         if axes.get_legend_handles_labels()[0]:
-            axes.plot([], [], "--", color=BLACK, lw=0.8, label="fitted speed $V$ [diameters/time]")
+            if len(axes.lines) > len(axes.containers):  # besides the points of each front
+                axes.plot([], [], "--", color=BLACK, lw=0.8, label=f"fitted speed $V(F_x)$ [{SPEED}]")
             legend_above(axes, ncol=1)
         else:
             axes.text(0.5, 0.5, "no front", ha="center", transform=axes.transAxes)
@@ -190,7 +201,7 @@ def mode_shape(spectrum: Spectrum, index: int):
 def center_of_mass(
     result: _WithSliding, load: float, line: _Line | None = None, printed: tuple[float, float] | None = None
 ):
-    """Centre of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
+    """Displacement of the centre of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
 
     Parameters
     ----------
@@ -201,7 +212,7 @@ def center_of_mass(
     if load not in result.free_runs:
         raise ValueError(f"load = {load} was given: there are runs at {', '.join(map(str, result.free_runs))}")
     rows = 2 + bool(result.sliding) + bool(line)
-    figure, panels = column_axes(rows, 0.4 + 1.5 * rows)
+    figure, panels = column_axes(rows, 0.4 + 1.7 * rows)
     free, left = result.free_runs[load], list(panels[2:])
     x, y = (free.center[:, k] - free.center[0, k] for k in (0, 1))
     panels[0].plot(free.time, x, color=BLUE)
@@ -222,7 +233,7 @@ def center_of_mass(
         axes.plot(ends, line.intercept + line.slope * ends, "-", color=RED, lw=0.7, label="fit")
         if printed:
             axes.plot(ends, printed[1] + printed[0] * ends, "--", color=BLACK, lw=0.7, label="paper")
-        label_axes(axes, x=LOAD, y=(r"$V^x_\mathrm{mass}$", "diameters/time"))
+        label_axes(axes, x=LOAD, y=("$V^x_\\mathrm{mass}$\n", SPEED))
         axes.legend(loc="upper left")
     return figure
 

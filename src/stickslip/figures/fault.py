@@ -62,6 +62,8 @@ def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     low, high = min(plates or np.inf, history.max_velocity.min()), max(threshold, history.max_velocity.max())
     axes.set_ylim(0.05 * low, 10 * high)
     label_axes(axes, x=("time", "years"), y=("maximum slip velocity", "m/s"))
+    if not len(history.events.start):
+        axes.set_title(f"no event in {history.time[-1] / YEAR:.3g} years")
     return figure
 
 

@@ -8,6 +8,7 @@ from matplotlib.lines import Line2D
 
 from ..core.arguments import Array, Result, Series
 from ..core.measure import wrapped
+from .outlines import APART, body_limits
 from .style import (
     BLACK,
     BLUE,
@@ -25,7 +26,6 @@ from .style import (
 
 PANELS = 6
 WALL = "0.25"
-HIDDEN = 0.002  # fraction of grains that may be out of view at either end: grains that roll away would shrink the rest
 
 
 @styled
@@ -39,7 +39,8 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     rows = -(-len(shown) // columns)
     tops = np.full(rows, high[1])
     if columns == 1:  # each panel is only as high as its grains
-        tops = np.array([np.quantile(p[:, 1], 1 - HIDDEN) for p in places]) + 4 * shown[0].grains.radius.max()
+        radius = shown[0].grains.radius.max()
+        tops = np.array([body_limits(p[:, 1:2], 2 * APART * radius)[1, 0] for p in places]) + 4 * radius
         tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
     shares = tops - low[1]
     height = min(float((PAGE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
@@ -87,8 +88,8 @@ def _select_frames(result) -> list:
 def _view_limits(result, shown, places):
     """Lower and upper corners of the drawing."""
     radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
-    low = np.min([np.quantile(p[:, :2], HIDDEN, axis=0) for p in places], axis=0) - 2 * radius
-    high = np.max([np.quantile(p[:, :2], 1 - HIDDEN, axis=0) for p in places], axis=0) + 2 * radius
+    corners = np.array([body_limits(p[:, :2], 2 * APART * radius) for p in places])
+    low, high = corners[:, 0].min(axis=0) - 2 * radius, corners[:, 1].max(axis=0) + 2 * radius
     for k in np.flatnonzero(periodic[:2]):
         low[k], high[k] = 0.0, result.frames[0].cell.vectors[k, k]
     return low, high

@@ -15,7 +15,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import cell_edges, unit_mode, view_basis, wall_edges
+from .outlines import APART, ASIDE, body_limits, cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import Mode, quantities
 from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, styled, subplots
 
@@ -25,7 +25,6 @@ SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front
 PIECES = 6  # most pieces of the line of a contact, each in its own slab
 SHINING = 2000  # grains up to which balls have a highlight: it would not be seen on smaller ones
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
-CROP = 0.002  # share of grains that may be out of view at each side of a movie: those that roll away
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
 THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
@@ -113,7 +112,7 @@ def bare_frame(state: State) -> Frame:
 
 def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None) -> Layout:
     """Common limits of the drawing and of the colours for all frames."""
-    corners = [_drawing_limits(frame, CROP if len(frames) > 1 else 0.0) for frame in frames]
+    corners = [_drawing_limits(frame, ASIDE if len(frames) > 1 else 0.0) for frame in frames]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
     forces = np.concatenate([_normal_forces(frame) for frame in frames])
     mean = float(forces.mean()) if len(forces) and forces.mean() > 0 else 1.0
@@ -355,11 +354,11 @@ def _projected(edges: np.ndarray, basis: np.ndarray) -> np.ndarray:
 def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the drawing: those of grains and cell, and walls as far as they are near.
 
-    A share `hidden` of the grains may be outside at each side.
+    A share `hidden` of the grains may be outside at each side if they have left the others.
     """
     basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
     place = (wrapped(frame.state) @ basis.T)[:, :2]
-    low, high = (np.quantile(place, share, axis=0) for share in (hidden, 1 - hidden))
+    low, high = body_limits(place, 2 * APART * frame.state.grains.radius.max(), hidden)
     low, high = low - radius.max(), high + radius.max()
     walls = np.clip(_projected(wall_edges(frame), basis).reshape(-1, 2), low - radius.max(), high + radius.max())
     lines = [*_projected(cell_edges(frame), basis).reshape(-1, 2), *walls]

@@ -58,7 +58,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
         color = COLORS[k % len(COLORS)]
         axes.plot(loads, found.probability[:, k], "o", color=color, ms=5, mfc="none")
         axes.plot(
-            loads, found.lasting_probability[:, k], "o", color=color, ms=3, label=f"kicks of {power_of_ten(kick)}"
+            loads, found.lasting_probability[:, k], "o", color=color, ms=3, label=f"kicked by {power_of_ten(kick)}"
         )
         below.plot(loads, found.lifetime[:, k], "o-", color=color, ms=3.5, lw=0.6)
         for at, interval, width, style in (
@@ -68,12 +68,16 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
             if np.isfinite(at):
                 axes.plot(x, expit((x - at) / width), style, color=color)
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
-    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="where half do: 95 % interval")
-    axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
-    axes.plot([], [], "o-", color=BLACK, ms=3, label="slid on")
+    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="half do so: 95 % interval")
+    axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g} in time")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="then slid on as long again")
     if len(found.arrest):
         axes.axvspan(
-            *np.clip(found.arrest_range, loads[0], top), color=BLACK, alpha=0.2, lw=0, label="stops when lowered"
+            *np.clip(found.arrest_range, loads[0], top),
+            color=BLACK,
+            alpha=0.2,
+            lw=0,
+            label="sliding stops when lowered",
         )
     static = (
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),

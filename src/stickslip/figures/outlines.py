@@ -7,6 +7,9 @@ from ..core.measure import wrapped
 from ..data.exchange.frame import Frame
 from .quantities import Mode
 
+ASIDE = 0.01  # largest share of the grains that may be out of view at each side of a movie or of snapshots
+APART = 3.0  # gap to the others, in largest diameters, beyond which they may
+
 
 def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
     """Translations of a mode, scaled so that the largest, divided by the grain's radius, is one."""
@@ -14,6 +17,19 @@ def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
     require_shape((len(radius), 3), translation=mode[0], rotation=mode[1])
     largest = (np.sqrt((np.abs(mode[0]) ** 2).sum(axis=1, keepdims=True)) / radius).max()
     return mode[0] / largest if largest > 0 else mode[0]
+
+
+def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
+    """(2, d) corners of positions (N, d), without grains that have left the others by more than a gap.
+
+    At each side this leaves out at most a share of the grains, as those that roll away would shrink the picture.
+    """
+    corners, most = [], int(share * len(place))
+    for x in np.sort(place, axis=0).T:
+        wide = np.flatnonzero(np.diff(x) > gap)
+        below, above = wide[wide < most], wide[wide >= len(x) - 1 - most]
+        corners.append((x[below[-1] + 1] if len(below) else x[0], x[above[0]] if len(above) else x[-1]))
+    return np.array(corners).T
 
 
 def cell_edges(frame: Frame) -> np.ndarray:

@@ -72,8 +72,14 @@ def _arranged(figure, look: Look):
             letter.remove()
 
 
+def _reach(axes) -> float:
+    """How far the numbers of the vertical axis reach to the left of it [pixels]; its words may be taller than it."""
+    boxes = [label.get_window_extent() for label in axes.get_yticklabels() if label.get_text() and label.get_visible()]
+    return max((axes.bbox.x0 - box.x0 for box in boxes), default=0.0)
+
+
 def _letter(figure) -> list:
-    """Write (a), (b) … above the labels at the left of each panel."""
+    """Write (a), (b) … above the numbers at the left of each panel."""
     seen: dict = {}
     for axes in figure.axes:
         if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>":
@@ -82,11 +88,10 @@ def _letter(figure) -> list:
         return []
     figure.draw_without_rendering()
     letters = [*ascii_lowercase, *map("".join, product(ascii_lowercase, repeat=2))]
-    beside = [(axes.bbox.x0, axes.yaxis.get_tightbbox()) for axes in seen.values()]
-    reach = [edge - min(edge, labels.x0) if labels else 0.0 for edge, labels in beside]  # of labels, to the left
+    reach = {axes: _reach(axes) for axes in seen.values()}
     out = []
-    for letter, axes, (edge, _) in zip(letters, seen.values(), beside, strict=False):
-        left = max(far for (other, _), far in zip(beside, reach, strict=True) if abs(other - edge) < 1)
+    for letter, axes in zip(letters, reach, strict=False):
+        left = max(far for other, far in reach.items() if abs(other.bbox.x0 - axes.bbox.x0) < 1)
         place = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "left", "va": "bottom"}
         out.append(axes.annotate(f"({letter})", (0, 1), (-left * 72 / figure.dpi, 4), **place, fontsize=8))
     return out

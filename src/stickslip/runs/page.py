@@ -306,11 +306,13 @@ def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[li
 
 
 def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
-    """Return the last, least and greatest values of each time series."""
-    rows = []
-    for name, values in series.items() if isinstance(series, dict) else ():
-        known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
-        if len(known) and name != "time":
+    """Return the last, least and greatest values of each time series, which has as many values as there are times."""
+    rows, series = [], series if isinstance(series, dict) else {}
+    shape = np.shape(series.get("time", next(iter(series.values()), ())))[:1]
+    for name, values in series.items():
+        varies = np.shape(values) == shape and values.dtype.kind == "f" and name != "time"
+        known = values[np.isfinite(values)] if varies else ()
+        if len(known):
             numbers, unit = in_readable_units((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
             rows.append([_readable(name), *(f"{v:.5g}" for v in numbers), unit])
     return rows
@@ -325,7 +327,8 @@ def _sweep_content(folder: Path) -> PageContent:
     data = open_sweep(folder)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
     kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
-    columns = []
+    columns, empty = [], [name for name in kept.columns if name != "member" and kept[name].isna().all()]
+    kept = kept.drop(columns=empty)
     for name in kept.columns:
         unit = data[name].attrs.get("units", "1")
         if unit == "s":
@@ -335,7 +338,10 @@ def _sweep_content(folder: Path) -> PageContent:
     text = page.table(columns, rows[:ROWS])
     if len(rows) > ROWS:
         text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
+    if empty:
+        text += page.paragraph(f"No member has {', '.join(map(_readable, empty))}.", kind="soft")
     without = f"A sweep has no packing: show that of a member with stickslip report {folder}/members/NAME."
+    text += page.paragraph(without, kind="soft")
     figures = (
         [("Cycles", page.pictures({"cycles": (folder / CYCLES).read_bytes()}))] if (folder / CYCLES).is_file() else []
     )
@@ -435,9 +441,8 @@ def _mode_table(modes: list) -> str:
 
 def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> None:
     """Write the page."""
-    if not shown.frames:
-        view = page.paragraph(shown.without, kind="absent")
-    else:
+    view = ""
+    if shown.frames:
         inside = scene.page_view(
             shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour
         )  # fmt: skip
@@ -448,7 +453,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
     if shown.verdict:
         view = page.paragraph(shown.verdict[:1].upper() + shown.verdict[1:] + ".", kind="verdict") + view
-    first = [] if not shown.frames and not shown.without else [("View", view)]
+    first = [("View", view)] if view else []
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     with staged_file(path) as part:
         part.write_bytes(text.encode())

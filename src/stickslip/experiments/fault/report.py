@@ -40,6 +40,14 @@ def files(result: FaultResult):
         yield name, partial(seas_files.write_profiles, history, quantity)
 
 
+def remarks(result: FaultResult) -> list[str]:
+    """Sentences on what did not happen, and on nucleation."""
+    run = result.scenario.run
+    (lasted,), unit = in_readable_units([result.history.time[-1]], "s")
+    nothing = f"There was no event in {lasted:.3g} {unit}: no slip velocity reached {run.threshold:g} m/s."
+    return [nothing] * (not len(result.history.events.start)) + [result.nucleation.sentence]
+
+
 def numbers(result: FaultResult) -> dict:
     """Return the contents of the archive, besides scenario and version."""
     h = result.history
@@ -65,7 +73,7 @@ def numbers(result: FaultResult) -> dict:
     return {
         **beside, "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
         "events": h.events, "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
-        "units": "SI",
+        "remarks": "\n".join(remarks(result)), "units": "SI",
     }  # fmt: skip
 
 
@@ -87,7 +95,8 @@ def show(result: FaultResult) -> None:
         show_table(table)
     if len(events.start) > SHOWN:
         console.print(f"  and {len(events.start) - SHOWN} more")
-    console.print(f"  {result.nucleation.sentence}", style=None if result.nucleation.possible else "yellow")
+    for sentence in remarks(result):
+        console.print(f"  {sentence}", style=None if result.nucleation.possible else "yellow")
     if np.isfinite(result.recurrence):
         console.print(f"  recurrence {result.recurrence / YEAR:.4g} years")
     if np.isfinite(result.crept_length):

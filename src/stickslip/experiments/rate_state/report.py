@@ -65,6 +65,8 @@ def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
     """Return {name: (value, unit)} for sweeps; stability is that of the last moving leg.
 
+    The critical stiffness is 0 if sliding is stable with any spring: no stiffness is negative.
+
     The recurrence time is given if there are at least three events.
     """
     h, surface = result.history, result.scenario.surface.rate_state
@@ -76,7 +78,7 @@ def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
         "least_friction": (h.friction.min(), "1"),
         "greatest_friction": (h.friction.max(), "1"),
         "steady_friction": (float(steady_friction(surface, velocity)), "1"),
-        "critical_stiffness": (result.sliding[-1].critical, "1/m"),
+        "critical_stiffness": (max(result.sliding[-1].critical, 0.0), "1/m"),
         "growth_rate": (result.sliding[-1].growth_rate, "1/s"),
         "stable": (result.sliding[-1].stable, "1"),
         "reached": (h.reached, "s"),

@@ -150,12 +150,15 @@ def show(swept: SweepResult) -> None:
     names = ("measure", "unit", "members", "least", "median", "greatest")
     title = f"Measures of {len(rows)} of {len(swept.names)} members"
     table = new_table(*names, title=title, left=("measure", "unit"))
-    for name, known in ranges(swept).items():
-        cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
-        cells, unit = in_readable_units(cells, known["unit"])
-        table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
+    found = ranges(swept)
+    for name, known in found.items():
+        if known["members"]:
+            cells, unit = in_readable_units([known[which] for which in ("least", "median", "greatest")], known["unit"])
+            table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
+    if empty := [name for name, known in found.items() if not known["members"]]:
+        console.print(f"No member has {', '.join(empty)}.", soft_wrap=True)
     failed = [(name, failure) for name, failure in zip(swept.names, swept.failures, strict=True) if failure]
     for name, failure in failed[:LISTED]:
         console.print(Text.assemble((name, "yellow"), f": {failure}"), soft_wrap=True)
