@@ -12,9 +12,8 @@ from typing import NamedTuple
 USED, HARMLESS, UNKNOWN = "used", "without influence on forces", "not understood"
 ACCELERATED = ("omp", "kk", "kk/host", "kk/device", "gpu", "intel", "opt")  # ends of the names of LAMMPS's styles
 FORCE_STYLES = tuple(f"{name}_style" for name in ("bond", "angle", "dihedral", "improper", "kspace"))
-BETWEEN = "forces between the ends of bonds, or on charges"
+BETWEEN = "it makes forces between bonded grains, or on charges"
 BONDED = "LAMMPS changes or leaves out the contact of grains that are bonded"
-HELD = "it binds, drives or damps grains"
 
 
 class Row(NamedTuple):
@@ -37,9 +36,9 @@ TABLE = (
         "rerun reset_* run_style set shell special_bonds suffix thermo thermo_modify thermo_style timer timestep "
         "uncompute undump velocity write_coeff dynamical_matrix third_order"),
     Row("command", UNKNOWN, "create_bonds", BONDED),
-    Row("line of a log", HARMLESS, "using set* prefer* extracting create reading special"),
-    *(Row(style, HARMLESS, "none zero") for style in FORCE_STYLES),
-    *(Row(style, UNKNOWN, "*", BETWEEN) for style in FORCE_STYLES),
+    Row("line of a log", HARMLESS, "using prefer"),
+    Row("style beside the pair style", HARMLESS, "none zero"),
+    Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
     Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "
         "NEIGH_HISTORY* neigh_history*"),
     Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt momentum* pour "

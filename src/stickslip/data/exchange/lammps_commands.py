@@ -190,7 +190,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
 
 def _take_style(run: Run, key: str, rest: list[str], place: str) -> None:
     """Note a style that makes forces beside those of the pair style, until another one replaces it."""
-    row = find_row(key, plain_style(rest[0]) if rest else "none")
+    row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
     run.acts.pop(key, None)
     if row.group == UNKNOWN:
         run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
