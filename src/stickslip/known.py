@@ -6,7 +6,7 @@ a way that is not read. Names are patterns of `fnmatch`.
 """
 
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 USED, HARMLESS, UNKNOWN = "used", "without influence on forces", "not understood"
@@ -69,7 +69,8 @@ TABLE = (
         "psi theta orientation* quat* q? rot* a b g info volume voronoi* area stress* sigma* pressure p energy ekin "
         "epot kinetic* potential* temperature temp displacement* disp* d?min* torque* contactforce* contacttorque* "
         "resultant* inertia* label cluster* edge rattler* dstn dstv* state status void* porosity packingfraction "
-        "localdensity reserved* vorticity* strain* angmom* angularmomentum* accel* a? alpha? ori*"),
+        "localdensity reserved* vorticity* strain* vel*mag* *mag *energy* "
+        "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* accel* a? alpha? ori*"),
     Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
     Row("column of a table", UNKNOWN, "f? force* load* external*", "it may be a force from outside"),
     Row("column of a table", UNKNOWN, "box cell l periodic pbc", "grains may touch across a periodic box"),
@@ -85,7 +86,7 @@ TABLE = (
 )  # fmt: skip
 
 
-@cache
+@lru_cache(4096)
 def find_row(kind: str, name: str) -> Row:
     """Row of the table for a name; one of what is not understood if it is in none."""
     rows = (row for row in TABLE if row.kind == kind)

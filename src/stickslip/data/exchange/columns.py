@@ -21,7 +21,20 @@ SINGLE = {
     "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }
-KINDS = ("type", "types", "material", "materials", "mat", "matid", "materialid", "species", "kind", "atomtype")
+KINDS = (
+    "type",
+    "types",
+    "material",
+    "materials",
+    "mat",
+    "matid",
+    "materialid",
+    "species",
+    "kind",
+    "atomtype",
+    "particletype",
+    "particlematerial",
+)
 TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns

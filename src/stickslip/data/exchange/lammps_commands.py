@@ -132,6 +132,11 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
     return _apply(run, [word.strip("\"'") for word in line.split()], f"{command.source}, line {command.number}")
 
 
+def numbers_in(words: Sequence[str]) -> list[float]:
+    """Numbers among words."""
+    return [float(word) for word in words if re.fullmatch(r"[-+]?\d*\.?\d+\.?([eE][-+]?\d+)?", word)]
+
+
 def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
     """Value of a variable that has one without running LAMMPS."""
     name, style, first = tokens[1], tokens[2], _substitute(tokens[3], values).strip('"')

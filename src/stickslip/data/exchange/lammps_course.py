@@ -16,7 +16,7 @@ from ...known import HARMLESS, UNKNOWN, USED, find_row, plain_style
 from ..sample import UNDECIDED, Absent, Assumption, NoTypes, Obstacle, PackingError
 from . import lammps_restart
 from .content import Packing
-from .lammps_commands import Run, group_members
+from .lammps_commands import Run, group_members, numbers_in
 from .lammps_laws import (
     HISTORY,
     SAME_UNITS,
@@ -206,7 +206,7 @@ def _take_pairs(course: Course) -> None:
         elif style.removeprefix("gran/") in HISTORY:
             contact, _ = contact_of(style.removeprefix("gran/"), arguments)
             course.contacts |= dict.fromkeys(everywhere, contact)
-            course.stored += _numbers(arguments[:5])
+            course.stored += numbers_in(arguments[:5])
         elif style == "granular":
             _take_coefficients(course)
         elif style.startswith("hybrid"):
@@ -217,10 +217,6 @@ def _take_pairs(course: Course) -> None:
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         place = course.run.places.get("pair_style", course.run.source)
         course.obstacle(f"pair_style {style} was not taken over: {problem} ({place})")
-
-
-def _numbers(words: Sequence[str]) -> list[float]:
-    return [float(word) for word in words if re.fullmatch(r"[-+]?\d*\.?\d+\.?([eE][-+]?\d+)?", word)]
 
 
 def _take_coefficients(course: Course) -> None:
@@ -234,7 +230,7 @@ def _take_coefficients(course: Course) -> None:
         ends = [(a, b) for a in _types(first, course.kinds) for b in _types(second, course.kinds)]
         given |= {(min(pair), max(pair)): (contact, arguments) for pair in ends}
     course.contacts |= {pair: contact for pair, (contact, _) in given.items()}
-    course.stored += [number for _, arguments in given.values() for number in _numbers(arguments)]
+    course.stored += [number for _, arguments in given.values() for number in numbers_in(arguments)]
     for a in range(course.kinds):
         for b in range(a + 1, course.kinds):
             if (a, b) not in course.contacts and {(a, a), (b, b)} <= set(course.contacts):
@@ -276,7 +272,7 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
 
 def _wall_law(arguments: list[str]) -> tuple[Contact, list[str]]:
     """Law of a wall, and the words that follow it."""
-    if _numbers(arguments[:1]):
+    if numbers_in(arguments[:1]):
         raise ValueError(
             "its arguments begin with numbers, not with the name of a style, as in LAMMPS before 2019, and are not read"
         )

@@ -9,7 +9,7 @@ from ...known import HARMLESS, UNKNOWN, USED, group_of
 from ..sample import UNDECIDED, Absent, Account, Assumption, Obstacle, PackingError
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
-from .lammps_commands import BEGINNING, FILING, Run, read_commands, read_lines_of, recognize_script
+from .lammps_commands import BEGINNING, FILING, Run, numbers_in, read_commands, read_lines_of, recognize_script
 from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
@@ -275,11 +275,18 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     elif run and not naming:
         notes.append(Assumption(f"{run.source} does not name {grains.name}, which is taken to be of its run"))
     runs = [read_commands(path, grains.name, _logs_before(path, files), packing.step) for path in naming]
+    runs = [other for other in runs if other.has_step(packing.step) and not _differs(grains, files, other)]
     laws = [(other.pair_style, other.pair_coeff, other.fixes) for other in runs]
     if any(law != laws[0] for law in laws):
-        several = " and ".join(path.name for path in naming[:3])
+        several = " and ".join(other.source for other in runs[:3])
         doubts.append(f"{several} name {grains.name} with different laws or fixes: keep one of them")
     return [*notes, *(Obstacle(f"{UNDECIDED}{doubt}") for doubt in doubts if doubt)]
+
+
+def _differs(path: Path, files: Files, run: Run) -> bool:
+    """Return True if a restart file lacks coefficients of the pair style of a run, which are not its own."""
+    given = numbers_in(run.pair_style[1:6])
+    return path in files.restarts and bool(lammps_restart.compare_pair_style(path, given)[1])
 
 
 def _mismatch(packing: Packing, run: Run) -> str:
@@ -310,13 +317,17 @@ def _contradictions(path: Path, run: Run, numbers: list[float]) -> list[str]:
 
 def _names(files: Files, path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:
     """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
-    return any(_means(word, name) for words in files.words[path] if words[0] in commands for word in words[1:])
+    lines = [words for words in files.words[path] if words[0] in commands]
+    return any(_means(word, name, series=words[0] == "restart") for words in lines for word in words[1:])
 
 
-def _means(word: str, name: str) -> bool:
-    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes."""
+def _means(word: str, name: str, *, series: bool = False) -> bool:
+    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes.
+
+    In a series, a time step follows the word.
+    """
     word = Path(word.strip("\"'")).name.replace("%", "*")
-    return bool(word.strip("*.")) and (fnmatchcase(name, word) or name.startswith(f"{word}."))
+    return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
 
 
 def _newest_commands(files: Files, grains: Path) -> Path | None:

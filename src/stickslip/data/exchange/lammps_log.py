@@ -52,13 +52,13 @@ def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Comm
     step: int | None = 0
     last: list[str] = []
     for source, text in texts:
-        lines = list(_logical_lines(text))
+        numbers, lines = zip(*_logical_lines(text), strict=True) if text else ((), ())
         k = 0
         while k < len(lines):
-            number, line = lines[k]
+            number, line = numbers[k], lines[k]
             k += 1
             if log and (BEGINS.match(line) or LOOP.match(line)):
-                block, k = _read_block([line for _, line in lines], k - 1, step, last)
+                block, k = _read_block(lines, k - 1, step, last)
                 yield block
                 step = None if block.end == ENDLESS or block.start is None else int(block.end)
                 continue
@@ -120,7 +120,7 @@ def _step_after(words: list[str], step: int | None) -> int | None:
     return None if words[0] in ("read_restart", "read_dump", "rerun") else step
 
 
-def _read_block(lines: list[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
+def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
     """A run from its first line, with the steps of its table if it has any, and the number of the line after it."""
     seen: list[int] = []
     column, width = None, 0
