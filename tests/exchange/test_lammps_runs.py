@@ -780,7 +780,9 @@ def test_two_logs_that_name_the_grains_with_other_laws(cases, tmp_path):
     log = (tmp_path / "log.lammps").read_text()
     (tmp_path / "log.old").write_text(log)
     assert not [note for note in ss.io.read_packing(tmp_path).notes if "keep one of them" in note]
-    (tmp_path / "log.old").write_text(log.replace(" 0.4 1", " 0.9 1"))
+    (tmp_path / "log.old").write_text(log.replace(" 0.4 1", " 0.9 1"))  # the restart file has the friction of the other
+    assert not [note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle)]
+    (tmp_path / "log.old").write_text(log.replace("gravity 1.0", "gravity 2.0"))
     notes = ss.io.read_packing(tmp_path).notes
     wanted = "log.lammps and log.old name poured.restart with different laws or fixes"
     assert [note for note in notes if isinstance(note, Obstacle) and wanted in note]

@@ -177,11 +177,9 @@ def _step_of(path: Path, files: Files) -> int:
 def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, Packing]:
     """File of the newest grains that can be read, the commands of its run, and the packing."""
     path = _newest_grains(files, frame)
-    source = _newest_commands(files, path)
-    before, run = [] if source is None else _logs_before(source, files), None
-    if source is not None:
-        step = int(frame) if frame and frame.isdecimal() else _step_of(path, files)
-        run = read_commands(source, path.name, before, step)
+    step = int(frame) if frame and frame.isdecimal() else _step_of(path, files)
+    source = _newest_commands(files, path, step)
+    run = None if source is None else read_commands(source, path.name, _logs_before(source, files), step)
     try:
         return path, run, _read_grains(path, files, frame, run)
     except PackingError as problem:
@@ -330,12 +328,16 @@ def _means(word: str, name: str, *, series: bool = False) -> bool:
     return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
 
 
-def _newest_commands(files: Files, grains: Path) -> Path | None:
-    """The log that names the file of the grains, or else the newest log, or else such a script."""
+def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:
+    """The log that names the file of the grains and agrees with it, or else the newest log, or else such a script."""
     for paths in (files.logs, files.scripts):
-        naming = [path for path in paths if _names(files, path, grains.name)]
-        if naming or paths:
-            return max(naming or paths, key=lambda path: path.stat().st_mtime)
+        some = [path for path in paths if _names(files, path, grains.name)] or paths
+        if len(some) > 1:
+            runs = {path: read_commands(path, grains.name, _logs_before(path, files), step) for path in some}
+            agree = [path for path in some if runs[path].has_step(step) and not _differs(grains, files, runs[path])]
+            some = agree or some
+        if some:
+            return max(some, key=lambda path: path.stat().st_mtime)
     return None
 
 
