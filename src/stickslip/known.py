@@ -105,3 +105,8 @@ def plain_style(style: str) -> str:
     """Name of a style of LAMMPS without the end that tells where it is computed: gran/hooke/history/omp is plain."""
     end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
     return style.removesuffix(end)
+
+
+def with_keys(groups: dict[str, list[str]]) -> dict[str, list[str]]:
+    """Names by their group, with the keys of JSON."""
+    return {group.replace(" ", "_"): names for group, names in groups.items()}

@@ -35,7 +35,8 @@ def _elsewhere(tmp_path, monkeypatch):
         ("fix m all mystery/style 1\nunfix m", ""),
         ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is not understood"),
         ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
-        ('print """\nfix a b c\n"""\nfix a b c', ""),
+        ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
+        ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
         ("package omp 0\nset 1 OpenMP thread(s)\nusing multi-threaded lists\n  fix style: X, fix ID: y", ""),
         ("fix p all print 100 'step $(step)'\nfix_modify p energy no\ndump_modify d sort id", ""),
         (

@@ -263,6 +263,8 @@ def convert(
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings, convert
+    from ..data.sample import account_of
+    from ..known import with_keys
     from ..reports import terminal
 
     (paths, notes), said = capture_warnings(
@@ -278,6 +280,7 @@ def convert(
     def answer() -> dict:
         from ..runs import json_output
 
-        return json_output.common_fields("convert", files=paths) | {"notes": notes}
+        met = with_keys(account_of(notes))
+        return json_output.common_fields("convert", files=paths) | {"notes": notes, "met": met}
 
     finish(answer, paths, show, output)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_lines
-from .lammps_log import Block, Command, read_events, recognize_log
+from .lammps_log import LATTICE, VERSION, Block, Command, read_events, recognize_log
 
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
@@ -152,10 +152,10 @@ def _substitute(line: str, values: dict[str, str]) -> str:
 def _apply(run: Run, tokens: list[str], place: str) -> Run:
     """Run after one more command."""
     key, rest = tokens[0], tokens[1:]
-    if key == "LAMMPS":  # another run, appended to the log
+    if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
-    if key == "spacing":
-        run.settings[key] = rest
+    if key == LATTICE:
+        run.settings["spacing"] = rest
         return run
     run.met[group_of("command", key)].add(key)
     if key in FORCE_STYLES:
